@@ -2,25 +2,24 @@
 
 use std::path::PathBuf;
 
-use alight_shared::transport::process::ProcessKind;
+use alight_computer::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
+use alight_computer::process::shell;
+use alight_computer::{drone, terminal, vessel};
+#[cfg(feature = "lab")]
+use alight_lab as lab;
+use alight_people::status::command as status;
+use alight_people::tools::replay::Laboratory;
+use alight_people::tools::{
+    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag,
+    view,
+};
+use alight_shared::process::ProcessKind;
 use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
-
-use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
-use crate::exit::{CliError, Doing, Exit};
-#[cfg(feature = "lab")]
-use crate::lab;
-use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
-use crate::process::shell;
-use crate::status::command as status;
-use crate::tools::replay::Laboratory;
-use crate::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag,
-    view,
-};
-use crate::{drone, terminal, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
@@ -121,6 +120,8 @@ impl Cli {
     /// The command line with its commands in groups, which clap has for options alone.
     fn grouped() -> Clap {
         let cli = Cli::command();
+        #[cfg(not(feature = "lab"))]
+        let cli = cli.mut_subcommand("replay", |replay| replay.mut_arg("plot", |plot| plot.hide(true)));
         let line = |name: &&str| {
             let about = cli.find_subcommand(name)?.get_about()?;
             Some(format!("  {name:<11} {about}\n"))
@@ -154,7 +155,7 @@ fn is_process(about: &StyledStr) -> bool {
 /// What to do.
 #[derive(Subcommand, Debug)]
 pub enum Command {
-    /// What flies nothing.
+    /// Simulation and experiments.
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
@@ -258,7 +259,7 @@ impl Command {
     pub fn run(&self) -> Result<Exit, CliError> {
         match self {
             #[cfg(feature = "lab")]
-            Command::Lab(c) => c.run(),
+            Command::Lab(c) => c.run(&view::start_viewer),
             Command::Init(a) => init::run(a),
             Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),

@@ -1,34 +1,14 @@
 //! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
-//! What a vessel and a drone install, in layers, each of which uses only those before it: [`exit`] and
-//! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`];
-//! [`status`]; [`view`], [`ros2`] and [`signalk`]; [`tools`]. [`lab`] is simulation and experiments, and is no part of the packages; [`cli`] names every command.
+//! The command line ([`cli`]) over three libraries: `alight-computer` (the processes of vessel and drone), `alight-people`
+//! (what people see and do), and `alight-lab` (simulation and experiments), which is no part of the packages.
 
-// Some of what only the laboratory uses is unused without it.
-#![cfg_attr(not(feature = "lab"), allow(dead_code))]
-
-mod certificates;
 mod cli;
-mod config;
-mod drone;
-mod exit;
-mod io;
-#[cfg(feature = "lab")]
-mod lab;
-mod process;
-mod record;
-mod ros2;
-mod signalk;
-mod status;
-mod table;
-mod terminal;
-mod tools;
-mod vessel;
-mod view;
 
 use std::process::ExitCode;
 
-use exit::Exit;
+use alight_computer::exit::Exit;
+use alight_computer::{process, terminal};
 
 fn main() -> ExitCode {
     let lines = process::journal::init();

@@ -1,6 +1,6 @@
 //! Types and models that vessel and drone share, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`node`], [`config`],
+//! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`plain`], [`node`], [`config`],
 //! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`], [`apparent_slope`] and [`estimation`].
 
 pub mod admission;
@@ -17,15 +17,16 @@ pub mod landing;
 pub mod lines;
 #[cfg(feature = "mavlink")]
 pub mod mavlink;
+pub mod metrics;
 pub mod motion_model;
 pub mod msg;
 pub mod node;
+pub mod plain;
+pub mod process;
 pub mod schema;
 pub mod surroundings;
 pub mod tags;
 pub mod time;
 pub mod topics;
-#[cfg(feature = "transport")]
-pub mod transport;
 pub mod vessel_model;
 pub mod wire;

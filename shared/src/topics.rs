@@ -27,22 +27,19 @@ impl Medium {
     }
 }
 
-/// What the processes report about themselves; declared beside the table because its type belongs to
-/// the transport.
-#[cfg(feature = "transport")]
+/// What the processes report about themselves; apart from the table, because no node reads it.
 pub const PROCESS: Topic = Topic {
     name: "process/state",
     message: "ProcessState",
     medium: Medium::Memory,
     rate_hz: 2.0,
-    bytes: size_of::<crate::transport::process::ProcessState>(),
+    bytes: size_of::<crate::process::ProcessState>(),
     stale_after: Span::from_millis(2000),
     buffer: 16,
-    schema: schema::of::<crate::transport::process::ProcessState>,
+    schema: schema::of::<crate::process::ProcessState>,
 };
 
 /// The same of the vessel's process, which it broadcasts for its drones, under its own name.
-#[cfg(feature = "transport")]
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "status",
     medium: Medium::Radio,
@@ -463,7 +460,6 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "transport")]
     #[test]
     fn vessel_report_on_the_radio() {
         let (radio, memory) = (VESSEL_PROCESS.described(), PROCESS.described());

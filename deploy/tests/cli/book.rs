@@ -80,7 +80,8 @@ fn troubleshooting_reasons_and_topics() {
             "{code:?}: run deploy/scripts/troubleshooting"
         );
     }
-    let sources = ["deploy/src/tools/check", "deploy/src/status"].map(|d| files(&root().join(d), &[".rs"]));
+    let sources = ["deploy/people/src/tools/check", "deploy/people/src/status"]
+        .map(|d| files(&root().join(d), &[".rs"]));
     for source in sources.concat() {
         let text = read(&source);
         // The tests' own are none, and what is always fine is no trouble.

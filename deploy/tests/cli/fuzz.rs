@@ -14,8 +14,8 @@ use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel, f16,
 };
+use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, VesselClock};
-use alight_shared::transport::process::ProcessState;
 use alight_shared::wire::{self, MAX_WIRE_BYTES};
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::settings::DroneSettings;

@@ -3,25 +3,47 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Modules of the program, lowest first: each imports only those before it.
-const LAYERS: [&str; 17] = [
-    "exit",
-    "terminal",
-    "table",
-    "config",
-    "certificates",
-    "io",
-    "record",
-    "process",
-    "vessel",
-    "drone",
-    "status",
-    "view",
-    "ros2",
-    "signalk",
-    "tools",
-    "lab",
-    "cli",
+/// Modules of each library of the program, lowest first: each imports only those before it.
+const LAYERS: [(&str, &[&str]); 2] = [
+    (
+        "deploy/computer",
+        &[
+            "exit",
+            "terminal",
+            "table",
+            "config",
+            "certificates",
+            "io",
+            "record",
+            "process",
+            "vessel",
+            "drone",
+            "subject",
+            "situation",
+            "playback",
+        ],
+    ),
+    ("deploy/people", &["status", "view", "ros2", "signalk", "tools"]),
+];
+
+/// Every package of ours.
+const PACKAGES: [&str; 10] = [
+    "shared",
+    "shared/transport",
+    "usv-side",
+    "bridge",
+    "uav-side",
+    "tests",
+    "deploy/computer",
+    "deploy/people",
+    "deploy/lab",
+    "deploy",
+];
+
+/// Packages of ours that a package must not depend on, not even through others.
+const APART: [(&str, &[&str]); 2] = [
+    ("deploy/people", &["alight-lab", "alight-sim"]),
+    ("deploy/lab", &["alight-people"]),
 ];
 
 /// What each file of a package imports: its module, and the modules of the others.
@@ -150,7 +172,7 @@ fn package(name: &str) -> Imports {
 #[test]
 fn import_loops() {
     let mut looped = Vec::new();
-    for name in ["shared", "usv-side", "bridge", "uav-side", "tests", "deploy"] {
+    for name in PACKAGES {
         let all = package(name);
         let own = all.keys().filter(|m| reached(m, &all).contains(*m));
         looped.extend(own.map(|m| format!("{name}: {m}")));
@@ -163,17 +185,42 @@ fn import_loops() {
 
 #[test]
 fn module_layers() {
-    let rank = |module: &str| {
-        let top = module.split("::").next().unwrap_or_default();
-        let at = LAYERS.iter().position(|l| *l == top);
-        at.unwrap_or_else(|| panic!("{top} is in no layer"))
-    };
     let mut upward = Vec::new();
-    for (own, imported) in package("deploy").iter().filter(|(m, _)| !m.is_empty()) {
-        let higher = imported.iter().filter(|to| rank(to) > rank(own));
-        upward.extend(higher.map(|to| format!("{own} imports {to}")));
+    for (name, layers) in LAYERS {
+        let rank = |module: &str| {
+            let top = module.split("::").next().unwrap_or_default();
+            let at = layers.iter().position(|l| *l == top);
+            at.unwrap_or_else(|| panic!("{name}: {top} is in no layer"))
+        };
+        for (own, imported) in package(name).iter().filter(|(m, _)| !m.is_empty()) {
+            let higher = imported.iter().filter(|to| rank(to) > rank(own));
+            upward.extend(higher.map(|to| format!("{name}: {own} imports {to}")));
+        }
     }
     assert!(upward.is_empty(), "{upward:#?}");
+}
+
+/// What a package depends on, by its manifest, without what only its tests need.
+fn dependencies(name: &str) -> String {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .join(name)
+        .join("Cargo.toml");
+    let text = std::fs::read_to_string(manifest).unwrap();
+    let (_, rest) = text.split_once("\n[dependencies]\n").unwrap();
+    rest.split("\n[").next().unwrap_or_default().to_owned()
+}
+
+#[test]
+fn packages_that_must_not_know_each_other() {
+    for (name, others) in APART {
+        // Each of ours reaches others through the computer's processes alone.
+        let text = dependencies(name) + &dependencies("deploy/computer");
+        assert!(text.contains("alight-shared"), "{name}: {text}");
+        for other in others {
+            assert!(!text.contains(other), "{name} depends on {other}");
+        }
+    }
 }
 
 /// Rooms of a package that are nodes: what two of them share is a room of its own.

@@ -4,8 +4,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::transport::radio::{Radio, RadioConfig};
-use alight_shared::transport::rejections::{self, AccessRejection};
+use alight_shared::admission::AccessRejection;
+use alight_transport::radio::{Radio, RadioConfig};
+use alight_transport::rejections;
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::Wait;
 

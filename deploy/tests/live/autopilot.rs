@@ -9,11 +9,11 @@ use alight_shared::msg::{
     AutopilotMode, AutopilotState, DroneState, Header, MissionState, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::transport::clock::ProcessClock;
-use alight_shared::transport::memory;
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
+use alight_transport::clock::ProcessClock;
+use alight_transport::memory;
 use alight_uav::autopilot::modes::Firmware;
 
 use nalgebra::Vector3;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
 
-use alight_shared::transport::radio::{Publication, TlsConfig, Urgency};
+use alight_transport::radio::{Publication, TlsConfig, Urgency};
 
 /// Threads of tests that use this computer, and whether one has it alone.
 static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());

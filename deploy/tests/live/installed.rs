@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use alight_shared::transport::clock::steady_ns;
+use alight_transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
 

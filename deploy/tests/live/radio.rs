@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use alight_shared::admission::Sender;
 use alight_shared::config;
-use alight_shared::transport::radio::{Radio, RadioConfig};
+use alight_transport::radio::{Radio, RadioConfig};
 
 use crate::common::{self, publication};
 

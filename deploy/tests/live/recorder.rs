@@ -6,8 +6,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use alight_shared::msg::{Header, SensorReadings};
-use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::wire;
+use alight_transport::memory::{Instance, Memory};
 use alight_usv::ComputerIn;
 use alight_usv::sensors::Readings;
 use serde_json::Value;

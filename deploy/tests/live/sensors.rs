@@ -8,7 +8,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use alight_shared::msg::{SensorReadings, SourceReport, SourceStatus};
-use alight_shared::transport::memory::{Instance, Memory, Services};
+use alight_transport::memory::{Instance, Memory, Services};
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 

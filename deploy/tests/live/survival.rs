@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use alight_shared::msg::{DroneStatus, Header, LandedState, State};
 use alight_shared::time::Time;
-use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
 use alight_shared::wire;
+use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use alight_shared::admission::Sender;
 use alight_shared::topics;
-use alight_shared::transport::Received;
-use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
+use alight_transport::Received;
+use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
 use zenoh::Wait;
 use zenoh::sample::Sample;
 

@@ -1,6 +1,7 @@
 //! Admission of inputs, the same for every node: counted reasons of rejection, latest value, periods,
 //! sender, precedence of commands.
 
+mod access;
 pub mod command;
 mod latest;
 mod periodic;
@@ -8,6 +9,7 @@ mod rejection;
 mod retransmission;
 mod sender;
 
+pub use access::AccessRejection;
 pub use command::CommandAdmission;
 pub use latest::{Latest, Rule};
 pub use periodic::Periodic;

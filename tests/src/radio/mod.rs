@@ -69,7 +69,7 @@ impl Transport {
         }
     }
     /// An attempt to open a session that takes longer has failed, s
-    /// (`alight_shared::transport::radio`).
+    /// (`alight_transport::radio`).
     const fn open_timeout_s(self) -> f64 {
         match self {
             Transport::Udp => 1.0,
@@ -125,10 +125,10 @@ config! {
         pub congestion: Congestion = Congestion::Bbr;
         /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
         /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
-        /// `alight_shared::transport::radio`: 46 segments of 290 B.
+        /// `alight_transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
         /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
-        /// Source: `alight_shared::transport::radio`.
+        /// Source: `alight_transport::radio`.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// The same of a session over a stream, s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;

@@ -1,0 +1,241 @@
+//! A private certificate authority and the certificates of vessels, drones and operators.
+//!
+//! One authority signs both sides; each side's certificate carries its name, which the radio's rules
+//! check. ECDSA P-256 with SHA-256; validity as asked.
+
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use alight_transport::radio::TlsConfig;
+use rcgen::{
+    BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
+    KeyPair, KeyUsagePurpose, PublicKeyData,
+};
+use serde::Serialize;
+use time::{Duration, OffsetDateTime};
+use x509_parser::extensions::ParsedExtension;
+use x509_parser::pem::parse_x509_pem;
+
+use crate::exit::{CliError, Doing};
+
+/// The authority's name: its certificate and every signature carry it.
+const AUTHORITY: &str = "Alight private authority";
+/// Whom a side trusts, in every directory.
+pub const AUTHORITY_FILE: &str = "authority.pem";
+/// The authority's own key, only beside the authority.
+pub const AUTHORITY_KEY: &str = "authority-key.pem";
+/// A side's own certificate.
+pub const CERTIFICATE_FILE: &str = "certificate.pem";
+/// The key of that.
+pub const KEY_FILE: &str = "key.pem";
+/// Less than this left, days, is worth a warning.
+pub const RENEWAL_DAYS: i64 = 30;
+/// Addresses of one certificate at most.
+const MAX_ADDRESSES: usize = 16;
+
+/// The name in a side's certificate.
+pub fn common_name(kind: &str, number: u32) -> String {
+    format!("{kind}-{number}")
+}
+
+fn params(name: &str, days: u32) -> CertificateParams {
+    let mut params = CertificateParams::default();
+    let mut subject = DistinguishedName::new();
+    subject.push(DnType::CommonName, name);
+    params.distinguished_name = subject;
+    // Computers without a battery-backed clock start in the past.
+    let now = OffsetDateTime::now_utc();
+    params.not_before = now - Duration::days(1);
+    params.not_after = now + Duration::days(i64::from(days));
+    params
+}
+
+/// Makes the authority in `dir`; one that is there is left alone.
+pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
+    let doing = format_args!("making an authority in {}", dir.display());
+    fs::create_dir_all(dir).doing(doing)?;
+    let mut params = params(AUTHORITY, days);
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
+    let key = KeyPair::generate().doing(doing)?;
+    let certificate = params.self_signed(&key).doing(doing)?;
+    write(&dir.join(AUTHORITY_KEY), &key.serialize_pem())?;
+    write(&dir.join(AUTHORITY_FILE), &certificate.pem())
+}
+
+/// Makes one side's key and certificate, signed by the authority in `dir`; the directory they are in.
+pub fn issue(
+    dir: &Path,
+    kind: &str,
+    number: u32,
+    addresses: &[String],
+    days: u32,
+) -> Result<PathBuf, CliError> {
+    let name = common_name(kind, number);
+    let doing = format_args!("making the certificate of {name}");
+    if addresses.len() > MAX_ADDRESSES {
+        return Err(CliError(format!(
+            "{} addresses for {name}: a certificate names at most {MAX_ADDRESSES}",
+            addresses.len()
+        )));
+    }
+    let authority = read(
+        &dir.join(AUTHORITY_FILE),
+        "make an authority first: alight keys init",
+    )?;
+    let key = read(&dir.join(AUTHORITY_KEY), "it is needed to sign")?;
+    let key = KeyPair::from_pem(&key).doing(doing)?;
+    let until = expiry(&authority, &dir.join(AUTHORITY_FILE))?;
+    let mut params = params(&name, days);
+    if params.not_after > until {
+        params.not_after = until;
+    }
+    let own: Vec<String> = if addresses.is_empty() {
+        vec!["127.0.0.1".into(), "localhost".into()]
+    } else {
+        addresses.to_vec()
+    };
+    params.subject_alt_names = CertificateParams::new(own).doing(doing)?.subject_alt_names;
+    // Either side may listen: both are server and client.
+    params.extended_key_usages = vec![
+        ExtendedKeyUsagePurpose::ServerAuth,
+        ExtendedKeyUsagePurpose::ClientAuth,
+    ];
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    params.use_authority_key_identifier_extension = true;
+    // The signature needs the authority's name and key only, both are known.
+    let signer = self::params(AUTHORITY, 1);
+    let issuer = Issuer::from_params(&signer, &key);
+    let own_key = KeyPair::generate().doing(doing)?;
+    let certificate = params.signed_by(&own_key, &issuer).doing(doing)?;
+    let directory = dir.join(&name);
+    fs::create_dir_all(&directory).doing(doing)?;
+    write(&directory.join(KEY_FILE), &own_key.serialize_pem())?;
+    write(&directory.join(CERTIFICATE_FILE), &certificate.pem())?;
+    write(&directory.join(AUTHORITY_FILE), &authority)?;
+    Ok(directory)
+}
+
+/// The files of one side, as the radio's configuration names them; it admits `peers`.
+pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
+    let file = |name: &str| {
+        let path = directory.join(name);
+        match path.canonicalize() {
+            Ok(whole) => Ok(whole.display().to_string()),
+            Err(e) => Err(CliError::because(
+                format!("looking for {} (alight keys makes it)", path.display()),
+                e,
+            )),
+        }
+    };
+    Ok(TlsConfig {
+        authority: file(AUTHORITY_FILE)?,
+        certificate: file(CERTIFICATE_FILE)?,
+        key: file(KEY_FILE)?,
+        peers,
+        ..TlsConfig::default()
+    })
+}
+
+/// Writes a new file that only its owner reads.
+fn write(path: &Path, text: &str) -> Result<(), CliError> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true).mode(0o600);
+    let written = options
+        .open(path)
+        .and_then(|mut file| file.write_all(text.as_bytes()));
+    written.doing(format_args!(
+        "writing {} (a file that is there is never replaced)",
+        path.display()
+    ))
+}
+
+/// The text of a file; an error ends with the hint.
+pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
+    fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
+}
+
+/// A certificate's file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Certificate {
+    /// Where.
+    pub path: PathBuf,
+    /// Days until it expires, negative when it has.
+    pub days_left: i64,
+    /// It holds from a time that the computer's clock has not reached.
+    pub in_future: bool,
+    /// The name in it.
+    pub name: String,
+}
+
+/// A certificate that was read.
+pub struct CertificateDetails {
+    /// What a person reads of it.
+    pub certificate: Certificate,
+    /// Its public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
+    public_key: Vec<u8>,
+    /// The identifier of its key, an authority's.
+    key_id: Option<Vec<u8>>,
+    /// The identifier of the key that it was signed with.
+    signed_with: Option<Vec<u8>>,
+}
+
+/// Reads a certificate's file.
+pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
+    let pem = read(path, "alight keys makes it")?;
+    let doing = format_args!("{} is not a certificate", path.display());
+    let (_rest, found) = parse_x509_pem(pem.as_bytes()).doing(doing)?;
+    let certificate = found.parse_x509().doing(doing)?;
+    let (mut key_id, mut signed_with) = (None, None);
+    for extension in certificate.extensions() {
+        match extension.parsed_extension() {
+            ParsedExtension::SubjectKeyIdentifier(id) => key_id = Some(id.0.to_vec()),
+            ParsedExtension::AuthorityKeyIdentifier(id) => {
+                signed_with = id.key_identifier.as_ref().map(|id| id.0.to_vec());
+            }
+            _ => {}
+        }
+    }
+    let (now, validity) = (OffsetDateTime::now_utc(), certificate.validity());
+    let name = certificate.subject().iter_common_name().next();
+    Ok(CertificateDetails {
+        certificate: Certificate {
+            path: path.into(),
+            days_left: (validity.not_after.to_datetime() - now)
+                .whole_seconds()
+                .div_euclid(86_400),
+            in_future: validity.not_before.to_datetime() > now,
+            name: name.and_then(|n| n.as_str().ok()).unwrap_or("nobody").to_owned(),
+        },
+        public_key: certificate.public_key().raw.to_vec(),
+        key_id,
+        signed_with,
+    })
+}
+
+/// Whether the key in `pem` is the certificate's.
+pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
+    KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
+}
+
+/// Whether `own` says that it was signed with the key of `authority`; None when one of them is silent.
+pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
+    Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
+}
+
+/// The system's clock, s since 1970.
+pub fn today_s() -> i64 {
+    OffsetDateTime::now_utc().unix_timestamp()
+}
+
+/// When a certificate expires.
+pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, CliError> {
+    let (_rest, found) =
+        parse_x509_pem(pem.as_bytes()).doing(format_args!("{} is not a certificate", path.display()))?;
+    let certificate = found
+        .parse_x509()
+        .doing(format_args!("{} is not a certificate", path.display()))?;
+    Ok(certificate.validity().not_after.to_datetime())
+}

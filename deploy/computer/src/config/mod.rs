@@ -1,0 +1,227 @@
+//! One configuration file per computer: the vessel's and the drone's.
+
+pub mod camera;
+pub mod link_url;
+pub mod recorder;
+pub mod supervision;
+pub mod view;
+
+use alight_bridge::BridgeConfig;
+use alight_shared::config;
+use alight_transport::clock::ProcessClock;
+use alight_transport::radio::{RadioConfig, TlsConfig};
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::camera::motion_blur::longest_exposure_s;
+use alight_uav::settings::DroneSettings;
+use alight_usv::helm::HelmOutput;
+use alight_usv::sensors::SourcesConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
+
+use crate::config::camera::{CameraSource, UltravioletSource};
+use crate::config::link_url::LinkUrl;
+use crate::config::recorder::RecorderConfig;
+use crate::config::supervision::Supervision;
+use crate::config::view::ViewConfig;
+
+config! {
+    /// The vessel's computer.
+    pub struct VesselComputer {
+        /// Number of this vessel.
+        pub vessel_id: u32 = 1;
+        /// Name of the set of processes that share memory.
+        pub instance: String = "vessel".into();
+        /// Its real sensors.
+        pub sensor: SourcesConfig;
+        /// Its clock.
+        pub clock: ProcessClock;
+        /// Its radio; it listens.
+        /// Source: Zenoh's usual port.
+        pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
+        /// How the deck is reserved for drones.
+        pub deck: DeckConfig;
+        /// Where it records its flights.
+        pub recorder: RecorderConfig;
+        /// What people see of it in a browser.
+        pub view: ViewConfig;
+        /// Its node.
+        pub vessel: VesselNodeConfig;
+    }
+    check |this, at| {
+        let helm = &this.vessel.helm;
+        let taken = this.sensor.sources.iter().find(|s| s.connect == helm.connect);
+        if helm.output != HelmOutput::None {
+            let vessel = at.table("vessel");
+            let at = vessel.table("helm");
+            if let Err(why) = LinkUrl::of_autopilot(&helm.connect) {
+                at.require(false, "connect", &helm.connect, &why)?;
+            }
+            let own = "a link of its own: that of a sensor is read by another process (docs/helm.md)";
+            at.require(taken.is_none(), "connect", &helm.connect, own)?;
+        }
+    }
+}
+
+impl VesselComputer {
+    /// Its nodes, for a start with this boot id.
+    pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
+        alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
+    }
+    /// Its real sensors, each in its place on board.
+    pub fn placed_sensors(&self) -> SourcesConfig {
+        self.sensor.placed(&self.vessel.imu, &self.vessel.gnss)
+    }
+}
+
+config! {
+    /// The drone's file: `[bridge]` and `[drone.*]`.
+    pub struct DroneFile {
+        /// The bridge.
+        pub bridge: BridgeConfig;
+        /// Predictor, mission, planner, pilot and what they know of drone and deck.
+        pub drone: DroneSettings;
+    }
+}
+
+config! {
+    /// The drone's computer. Its own number and its vessel's are the bridge's.
+    pub struct DroneComputer {
+        /// Name of the set of processes that share memory.
+        pub instance: String = "drone".into();
+        /// Its clock.
+        pub clock: ProcessClock;
+        /// Its radio; it connects.
+        /// Source: Ours, the vessel's address on its own network.
+        pub radio: RadioConfig = RadioConfig::dialling("udp/192.168.7.1:7447", TlsConfig::default()), table;
+        /// Its link to a real autopilot.
+        pub autopilot: AutopilotLinkConfig;
+        /// Its bridge.
+        pub bridge: BridgeConfig;
+        /// Source of its camera's images.
+        pub camera: CameraSource;
+        /// Source of its ultraviolet camera's images.
+        pub uvdar: UltravioletSource;
+        /// How its processes are run.
+        pub supervision: Supervision;
+        /// Where it records its flights.
+        pub recorder: RecorderConfig;
+        /// What people see of it in a browser and in Foxglove.
+        pub view: ViewConfig;
+        /// Its other nodes.
+        pub drone: DroneSettings;
+    }
+    check |this, at| {
+        if this.supervision.autopilot && let Err(why) = LinkUrl::of_autopilot(&this.autopilot.connect) {
+            at.table("autopilot").require(false, "connect", &this.autopilot.connect, &why)?;
+        }
+        if !this.autopilot.ais.is_empty() && let Err(why) = LinkUrl::of_sentences(&this.autopilot.ais) {
+            at.table("autopilot").require(false, "ais", &this.autopilot.ais, &why)?;
+        }
+        let own = &this.drone;
+        let [fx, fy] = own.camera.lens.focal_px;
+        let longest_s = longest_exposure_s(
+            fx.max(fy),
+            own.deck.largest_tag_m(),
+            own.mission.tracking_height_m,
+            own.planner.limits.rates_rps,
+        );
+        if this.camera.is_there() && !this.camera.is_simulation() {
+            let longest_s = (1e4 * longest_s).floor() / 1e4;
+            at.table("camera").range("exposure_s", this.camera.exposure_s, 0.0, longest_s)?;
+        }
+    }
+}
+
+impl DroneComputer {
+    /// Where the ultraviolet camera's images come from, at the rate of the markers' bits.
+    pub fn ultraviolet(&self) -> CameraSource {
+        self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config::{Check, Keys, commented};
+
+    #[test]
+    fn computer_configuration_toml_round_trip() {
+        let text = commented(&VesselComputer::default()).unwrap();
+        assert_eq!(
+            config::parse::<VesselComputer>(&text, "vessel").unwrap(),
+            VesselComputer::default()
+        );
+        let text = commented(&DroneComputer::default()).unwrap();
+        assert_eq!(
+            config::parse::<DroneComputer>(&text, "drone").unwrap(),
+            DroneComputer::default()
+        );
+    }
+
+    #[test]
+    fn helm_on_the_link_of_a_sensor() {
+        let source = "[[sensor.sources]]\nname = \"pixhawk\"\nconnect = \"serial:///dev/ttyACM0:57600\"\nformat = \"mavlink\"\n";
+        let helm = |connect: &str| {
+            let text = format!("{source}[vessel.helm]\noutput = \"mavlink\"\nconnect = \"{connect}\"\n");
+            config::parse::<VesselComputer>(&text, "vessel")
+                .map(drop)
+                .map_err(|e| e.to_string())
+        };
+        let shared = helm("serial:///dev/ttyACM0:57600").unwrap_err();
+        assert!(
+            shared.contains("`vessel.helm.connect`") && shared.contains("a link of its own"),
+            "{shared}"
+        );
+        assert!(helm("udpin://0.0.0.0:14560").unwrap_err().contains("?from=IP"));
+        assert_eq!(helm("udpin://127.0.0.1:14560"), Ok(()));
+    }
+
+    #[test]
+    fn exposure_beyond_motion_blur_limit() {
+        let check = |exposure_s: f64, focal: f64| {
+            let mut config = DroneComputer::default();
+            config.camera.source = "/dev/video0".into();
+            config.camera.exposure_s = exposure_s;
+            config.drone.camera.lens.focal_px = [focal; 2];
+            config.drone.deck.tag_side_m = Some(1.0);
+            config.check(&Keys::ROOT).map_err(|e| e.to_string())
+        };
+        assert_eq!(check(0.017, 320.0), Ok(()));
+        let e = check(0.018, 320.0).unwrap_err();
+        assert!(e.contains("`camera.exposure_s` is 0.018"), "{e}");
+        // The default with any usual lens.
+        assert!(
+            [200.0, 600.0, 1500.0, 4000.0]
+                .iter()
+                .all(|focal| check(0.004, *focal).is_ok())
+        );
+    }
+
+    #[test]
+    fn autopilot_address_of_a_former_version() {
+        let check = |connect: &str, autopilot| {
+            let mut config = DroneComputer::default();
+            config.autopilot.connect = connect.into();
+            config.supervision.autopilot = autopilot;
+            config.check(&Keys::ROOT).map_err(|e| e.to_string())
+        };
+        let e = check("udpin://0.0.0.0:14540", true).unwrap_err();
+        assert!(e.contains("`autopilot.connect` is udpin://0.0.0.0:14540"), "{e}");
+        assert!(
+            e.contains("udpin://127.0.0.1:PORT") && e.contains("?from=IP"),
+            "{e}"
+        );
+        assert_eq!(check("udpin://127.0.0.1:14540", true), Ok(()));
+        // Another program has the link.
+        assert_eq!(check("udpin://0.0.0.0:14540", false), Ok(()));
+    }
+
+    #[test]
+    fn radio_without_endpoints() {
+        let config = DroneComputer {
+            radio: RadioConfig::default(),
+            ..DroneComputer::default()
+        };
+        let e = config.check(&Keys::ROOT).unwrap_err().to_string();
+        assert!(e.contains("radio.listen, connect"), "{e}");
+    }
+}

@@ -1,0 +1,296 @@
+//! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
+//! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
+//! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver come by a link of their own, and
+//! are frames without a sender to the node. Its metrics: uncertainty of the autopilot's
+//! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
+//! reopened, datagrams of others than the autopilot, frames by their signatures.
+
+use std::future::pending;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::mavlink::{Signatures, Signing};
+use alight_shared::metrics::MetricName;
+use alight_shared::msg::{
+    AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample,
+    Seq, SetPoint, SettingsOrder,
+};
+use alight_shared::process::ProcessKind;
+use alight_transport::memory::{Instance, Memory};
+use alight_transport::readiness::watched;
+use alight_uav::autopilot::ais::AisDecoder;
+use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, Frame, Message};
+use alight_uav::autopilot::wire::{Decoder, Encoder};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
+use alight_uav::pilot::Output;
+use tokio::io::Interest;
+use tokio::time::{MissedTickBehavior, interval};
+use tracing::info;
+
+use crate::config::DroneComputer;
+use crate::config::link_url::LinkUrl;
+use crate::exit::{CliError, Doing, Exit};
+use crate::io::byte_link::ByteLink;
+use crate::io::peer::Speaks;
+use crate::io::{mavlink_key, runtime};
+use crate::process::args::AutopilotArgs;
+use crate::process::keeper::OwnCheckpoint;
+use crate::process::life::Process;
+
+/// A step is due after this long without input.
+const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
+
+/// The node of this computer, for a start with this boot id.
+pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
+    let drone = &computer.drone;
+    AutopilotLink::new(
+        &computer.autopilot,
+        &drone.odometry,
+        &drone.airframe,
+        drone.pilot.output == Output::Attitude,
+        computer.bridge.drone_id,
+        boot,
+    )
+}
+
+/// Who speaks as the autopilot over UDP, and the signatures of those who do not.
+pub struct Speakers {
+    signing: Option<Signing>,
+    rejected: Arc<Mutex<Signatures>>,
+}
+
+impl Speakers {
+    /// With this key, if there is one.
+    pub fn new(signing: Option<&Signing>) -> Speakers {
+        // At whatever time: an autopilot without GNSS learns the time from our answers.
+        Speakers {
+            signing: signing.map(Signing::at_any_time),
+            rejected: Arc::default(),
+        }
+    }
+    /// Datagrams of the autopilot with this system number, 0: of any. Whoever sends them is flown.
+    pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
+        let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
+        Arc::new(move |datagram| {
+            let mut decoder = Decoder::signed(signing.clone());
+            decoder.push(datagram);
+            let frames: Vec<_> = core::iter::from_fn(|| decoder.next_frame())
+                .take(MAX_FRAMES)
+                .collect();
+            if let Ok(mut all) = rejected.lock() {
+                let signatures = decoder.signatures();
+                *all = all.plus(Signatures {
+                    unchecked: 0,
+                    ..signatures
+                });
+            }
+            let from_autopilot = |from: Address| {
+                from.component == AUTOPILOT_COMPONENT && (vehicle == 0 || vehicle == from.system)
+            };
+            frames.into_iter().any(|frame| from_autopilot(frame.from))
+        })
+    }
+    /// Frames of others by their signatures.
+    pub fn rejected(&self) -> Signatures {
+        self.rejected
+            .lock()
+            .map_or_else(|_| Signatures::default(), |all| *all)
+    }
+}
+
+/// A receiver of AIS, where there is one.
+struct AisReceiver {
+    link: Option<ByteLink>,
+    decoder: AisDecoder,
+}
+
+impl AisReceiver {
+    /// At this address; empty: none.
+    async fn at(address: &str) -> Result<AisReceiver, CliError> {
+        let link = match address {
+            "" => None,
+            some => Some(ByteLink::of_several(LinkUrl::of_sentences(some).map_err(CliError)?, None).await?),
+        };
+        Ok(AisReceiver {
+            link,
+            decoder: AisDecoder::default(),
+        })
+    }
+    /// Waits for bytes; for ever without a receiver.
+    async fn read(&mut self) {
+        match &mut self.link {
+            Some(link) => link.read(|bytes| self.decoder.push(bytes)).await,
+            None => pending().await,
+        }
+    }
+    /// The next report, from no system of the autopilot's link.
+    fn next_frame(&mut self) -> Option<Frame> {
+        let message = Message::Ais(self.decoder.next_report()?);
+        let from = Address::new(0, 0);
+        Some(Frame { from, message })
+    }
+    fn last_error(&mut self) -> Option<String> {
+        self.link.as_mut()?.last_error()
+    }
+}
+
+/// Runs until it is asked to end.
+pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
+    runtime::block_on(fly(args))
+}
+
+async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.process.config)?;
+    let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
+    let url = LinkUrl::of_autopilot(name).map_err(CliError)?;
+    let signing = mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
+    let speakers = Speakers::new(signing.as_ref());
+    let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
+    let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
+    let mut ais = AisReceiver::at(&computer.autopilot.ais).await?;
+    let make = |boot| node(&computer, boot);
+    let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
+    let mut set_points = memory.subscriber::<SetPoint>()?;
+    let mut missions = memory.subscriber::<MissionState>()?;
+    let mut forecasts = memory.subscriber::<DeckForecast>()?;
+    let mut checkpoint: OwnCheckpoint<LinkCheckpoint> = OwnCheckpoint::join(&memory)?;
+    let mut odometry = memory.publisher::<DroneState>()?;
+    let mut states = memory.publisher::<AutopilotState>()?;
+    let mut ranges = memory.publisher::<RangeSample>()?;
+    let mut commands = memory.publisher::<Command>()?;
+    let mut settings = memory.publisher::<SettingsOrder>()?;
+    let mut beacons = memory.publisher::<DeckBeacon>()?;
+    let mut reports = memory.publisher()?;
+    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
+    let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
+    let wakes = wakes.doing("waiting for set-points")?;
+    let mut steps = interval(MAX_STEP_PERIOD);
+    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut more = false;
+    info!("autopilot: {url}");
+
+    while !process.ended() {
+        let mut due = more;
+        if !more {
+            tokio::select! {
+                () = link.read(|bytes| decoder.push(bytes)) => {}
+                () = ais.read() => {}
+                woken = wakes.readable() => {
+                    let mut woken = woken.doing("waiting for set-points")?;
+                    woken.get_inner().drain();
+                    woken.clear_ready();
+                }
+                _ = steps.tick() => due = true,
+            }
+        }
+        let mut input = AutopilotIn::default();
+        while input.received.len() < MAX_FRAMES
+            && let Some(frame) = decoder.next_frame().or_else(|| ais.next_frame())
+        {
+            input.received.push(frame);
+        }
+        more = input.received.len() == MAX_FRAMES;
+        let t = process.now().nanos();
+        input.set_point = set_points.newest(t);
+        input.mission = missions.newest(t);
+        input.forecast = forecasts.newest(t);
+        input.checkpoint = checkpoint.predecessor(t);
+        let nothing = input.received.is_empty() && input.set_point.is_none() && input.checkpoint.is_none();
+        if nothing && !due {
+            continue;
+        }
+        steps.reset();
+        // Read after the messages: a step is never earlier than a message that it consumes.
+        let now = process.now();
+        let out = process.step(now, &input, |out| {
+            // The link first: set-points wait for nothing.
+            for message in &out.messages {
+                if let Some(bytes) = encoder.frame(out.from, message) {
+                    link.write(&bytes);
+                }
+            }
+            checkpoint.publish(out.checkpoint.as_ref());
+            commands.send_any(out.command.as_ref());
+            settings.send_any(out.settings.as_ref());
+            beacons.send_any(out.beacon.as_ref());
+            out.ranges.iter().for_each(|m| ranges.send(m));
+            states.send_any(out.state.as_ref());
+            // Odometry last, because it wakes the other processes.
+            out.odometry.iter().for_each(|m| odometry.send(m));
+            !input.received.is_empty()
+        });
+        let errors = [link.last_error(), ais.last_error()];
+        for text in out.texts.iter().chain(errors.iter().flatten()) {
+            info!("autopilot: {text}");
+        }
+        let f = process.node().metrics(now);
+        let own = [
+            MetricName::ClockUncertainty.seconds(f.clock_uncertainty_s),
+            MetricName::SamplesRejected.count(f.rejected),
+            MetricName::ClockRestarts.count(f.restarts),
+            MetricName::HoverThrust.fraction(f.hover_thrust),
+            MetricName::SetPointsSent.count(f.set_points),
+            MetricName::LinkReopened.count(link.opened()),
+            // Datagrams of others than the autopilot.
+            MetricName::PacketsDropped.count(link.foreign()),
+        ];
+        let signatures = mavlink_key::metrics(decoder.signatures().plus(speakers.rejected()));
+        process.life.metrics = Seq::filled(own.into_iter().chain(signatures));
+        let inputs = || {
+            vec![
+                set_points.statistics().state(t),
+                missions.statistics().state(t),
+                forecasts.statistics().state(t),
+            ]
+        };
+        let unsent = link.unsent()
+            + checkpoint.unsent()
+            + odometry.unsent()
+            + states.unsent()
+            + ranges.unsent()
+            + commands.unsent()
+            + settings.unsent()
+            + beacons.unsent();
+        let report = process.state(inputs, unsent);
+        reports.send_any(report.as_ref());
+    }
+    Ok(Exit::Success)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_uav::autopilot::message::COMPANION_COMPONENT;
+
+    #[test]
+    fn datagram_that_makes_its_sender_the_peer() {
+        let of = |signing: Option<&Signing>, system, component| {
+            let address = Address::new(system, component);
+            let mut encoder = Encoder::signed(signing.cloned());
+            encoder
+                .frame(address, &Message::Origin(Default::default()))
+                .unwrap()
+        };
+        let from = |system, component| of(None, system, component);
+        let autopilot = from(3, AUTOPILOT_COMPONENT);
+        let unsigned = Speakers::new(None);
+        let any = unsigned.of_vehicle(0);
+        assert!(any(&autopilot) && unsigned.of_vehicle(3)(&autopilot));
+        assert!(!unsigned.of_vehicle(4)(&autopilot), "another system");
+        assert!(!any(&from(255, 190)), "a ground station");
+        assert!(!any(&from(3, COMPANION_COMPONENT)), "another companion");
+        let mut damaged = autopilot.clone();
+        damaged[12] ^= 1;
+        assert!(!any(&damaged) && !any(b"") && !any(b"GET / HTTP/1.1"));
+        assert_eq!(unsigned.rejected(), Signatures::default());
+        let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
+        let signed = |by| of(Some(by), 3, AUTOPILOT_COMPONENT);
+        let speakers = Speakers::new(Some(&ours));
+        let speaks = speakers.of_vehicle(3);
+        assert!(speaks(&signed(&ours)) && !speaks(&autopilot) && !speaks(&signed(&other)));
+        let rejected = speakers.rejected();
+        assert_eq!((rejected.unsigned, rejected.other_key), (1, 1));
+    }
+}

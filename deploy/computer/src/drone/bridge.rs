@@ -1,0 +1,216 @@
+//! The drone's bridge as a process: zenoh in, shared memory out.
+
+use std::time::Duration;
+
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
+use alight_shared::admission::{Rejections, Sender};
+use alight_shared::metrics::{Metric, MetricName, Metrics};
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, Seq};
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::time::Stamped;
+use alight_shared::topics::{self, Topic};
+use alight_shared::{config, wire};
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::radio::{Publication, Radio, Subscription, Urgency};
+use alight_uav::autopilot::still_armed_s;
+use tokio::time::timeout;
+use tracing::{info, warn};
+
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::io::runtime;
+use crate::process::args::ProcessArgs;
+use crate::process::life::Process;
+use crate::process::radio_keys::{STATUS, drone_key, vessel_key};
+use crate::process::radio_rates::RadioRates;
+
+/// A process without packets wakes this often.
+const MAX_WAIT: Duration = Duration::from_millis(5);
+/// What arrives on each subscription; the one after them is the report of the vessel's process.
+const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
+    (PacketKind::Estimate, &topics::ESTIMATE),
+    (PacketKind::Wave, &topics::WAVE),
+    (PacketKind::Prediction, &topics::PREDICTION),
+    (PacketKind::TimeReply, &topics::TIME_REPLY),
+    (PacketKind::Deck, &topics::DECK),
+    (PacketKind::Surroundings, &topics::SURROUNDINGS),
+    (PacketKind::Command, &topics::OPERATOR),
+];
+/// What is asked of the vessel once it is there: it comes seldom.
+const ASKED: [PacketKind; 2] = [PacketKind::Wave, PacketKind::Surroundings];
+
+/// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    runtime::block_on_with_radio(relay(args))
+}
+
+async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config)?;
+    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
+        Bridge::new(&computer.bridge, boot)
+    })?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    let mut estimate = memory.publisher()?;
+    let mut wave = memory.publisher()?;
+    let mut prediction = memory.publisher()?;
+    let mut grant = memory.publisher()?;
+    let mut surroundings = memory.publisher()?;
+    let mut command = memory.publisher()?;
+    let mut link = memory.publisher()?;
+    let mut state: Publisher<ProcessState> = memory.publisher()?;
+    let mut mission = memory.subscriber::<MissionState>()?;
+    let mut odometry = memory.subscriber::<DroneState>()?;
+    let mut forecasts = memory.subscriber::<DeckForecast>()?;
+
+    let mut autopilot = memory.subscriber::<AutopilotState>()?;
+    let (mut decided, mut flight) = (None::<MissionState>, None::<AutopilotState>);
+    let mut second_sender = None;
+    let mut age_s = f64::INFINITY;
+    let (mut received_bytes, mut rejected, mut sequence) = (0_u64, 0_u64, 0_u32);
+
+    let publication =
+        |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
+    let publications = vec![
+        publication(&topics::TIME_REQUEST, Urgency::State),
+        publication(&topics::DRONE_STATUS, Urgency::Status),
+    ];
+    let mut keys: Vec<Subscription> = SUBSCRIPTIONS
+        .iter()
+        .map(|(kind, topic)| (ASKED.contains(kind), vessel_key(vessel, topic.name)))
+        .map(|(asked, key)| {
+            if asked {
+                Subscription::asked(key)
+            } else {
+                key.into()
+            }
+        })
+        .collect();
+    keys.push(vessel_key(vessel, STATUS).into());
+    let mut radio = Radio::open(&computer.radio, publications, keys)?;
+
+    let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
+    while !process.ended() {
+        let _late = timeout(MAX_WAIT, radio.arrival()).await;
+        let mut packets = Vec::new();
+        let mut received = radio.receive(Duration::ZERO);
+        while let Some(packet) = received {
+            received_bytes += packet.bytes.len() as u64;
+            let bytes = packet.bytes;
+            match SUBSCRIPTIONS.get(packet.subscription) {
+                Some((kind, _)) => {
+                    let packet_in = Packet {
+                        kind: *kind,
+                        sender: packet.sender,
+                        bytes,
+                    };
+                    packets.push((packet.at_ns, packet_in));
+                }
+                None => rejected += u64::from(!show_vessel(&mut state, &bytes)),
+            }
+            received = radio.receive(Duration::ZERO);
+        }
+        let now = process.now();
+        let packets = packets
+            .into_iter()
+            .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
+            .collect();
+        let out = process.step(now, &BridgeIn { packets }, |out| out.estimate.is_some());
+        // Before the clocks agree an answer could not be dated.
+        if process.node().offset(now).is_some() {
+            radio.ask();
+        }
+        estimate.send_any(out.estimate.as_ref());
+        wave.send_any(out.wave.as_ref());
+        prediction.send_any(out.prediction.as_ref());
+        grant.send_any(out.deck.as_ref());
+        surroundings.send_any(out.surroundings.as_ref());
+        out.commands.iter().for_each(|c| command.send(c));
+        link.send_any(out.link.as_ref());
+        age_s = out.link.map_or(age_s, |l| l.age_s);
+        if let Some(link) = out.link.filter(|l| l.second_sender != second_sender) {
+            second_sender = link.second_sender;
+            match second_sender {
+                Some(boot) => warn!(
+                    "a second computer speaks as vessel {vessel} with her certificate (boot {boot:08x}), and nothing of it \
+                     is used: switch one of the two off"
+                ),
+                None => info!("one computer speaks as vessel {vessel} again"),
+            }
+        }
+        if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
+            radio.send(0, bytes);
+        }
+        decided = mission.newest(now.nanos()).or(decided);
+        flight = autopilot.newest(now.nanos()).or(flight);
+        let counts = radio.counts();
+        let sessions = radio.count_present(|s| *s == Sender::Vessel(vessel)) as u64;
+        let own = [
+            MetricName::BytesReceived.count(received_bytes),
+            MetricName::PacketsDropped.count(counts.dropped),
+            MetricName::SessionsReopened.count(counts.reopened),
+            MetricName::VesselStatusRejected.count(rejected),
+            MetricName::NewestAsked.count(counts.asked),
+            MetricName::VesselSession.count(sessions),
+        ];
+        process.life.metrics = metrics(own, process.node().rejections());
+        if let Some(report) = process.state(Vec::new, counts.unsent) {
+            let flows = flows.since(&radio, report.at_ns);
+            state.send(&ProcessState { flows, ..report });
+            radio.watch(age_s);
+            sequence = sequence.wrapping_add(1);
+            let now = process.now();
+            let own = odometry.newest(now.nanos());
+            let forecast = forecasts.newest(now.nanos());
+            // Until the mission decides, the vessel knows better than a state that nobody is in: it would free the deck.
+            let Some(deck) = decided else { continue };
+            let header = Header::new(
+                vessel,
+                computer.bridge.drone_id,
+                process.life.boot(),
+                sequence,
+                now,
+            );
+            let armed = flight.is_some_and(|f| f.armed);
+            let still_armed_s = still_armed_s(now, &deck, armed, &computer.autopilot.disarm);
+            let distance_m = DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref());
+            let status = DroneStatus {
+                still_armed_s: still_armed_s.map(|s| s as f32),
+                ..DroneStatus::of(header, &deck, flight.as_ref(), distance_m)
+            };
+            if let Ok(bytes) = wire::encode(&status) {
+                radio.send(1, bytes);
+            }
+        }
+    }
+    Ok(Exit::Success)
+}
+
+/// The bridge's own metrics, and why it rejected what.
+fn metrics(own: impl IntoIterator<Item = Metric>, rejections: &Rejections) -> Metrics {
+    let reasons = rejections
+        .iter()
+        .filter(|(_, n)| *n > 0)
+        .map(|(reason, n)| MetricName::Rejected(reason).count(n));
+    Seq::filled(own.into_iter().chain(reasons))
+}
+
+/// Passes the report of the vessel's process on to observers; false when it is no such report.
+fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
+    let Ok(report) = wire::decode::<ProcessState>(bytes) else {
+        return false;
+    };
+    if report.kind != ProcessKind::Vessel {
+        return false;
+    }
+    // Its times are the other computer's; their difference is the same here.
+    let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
+    let began_ns = at_ns.saturating_sub(up_ns);
+    state.send(&ProcessState {
+        at_ns,
+        began_ns,
+        ..report
+    });
+    true
+}

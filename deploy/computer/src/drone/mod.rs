@@ -1,0 +1,99 @@
+//! `alight drone`: the processes of the drone's computer, as its service runs them.
+
+pub mod autopilot;
+pub mod bridge;
+pub mod camera;
+pub mod camera_source;
+pub mod exposure;
+pub mod mission;
+pub mod pilot;
+pub mod planner;
+pub mod predictor;
+
+use alight_shared::process::ProcessKind;
+
+use crate::config::DroneComputer;
+use crate::config::supervision::Supervision;
+use crate::exit::{CliError, Exit};
+use crate::io::mavlink_key;
+use crate::process::args::{Scheduling, ServiceArgs};
+use crate::process::sealed::SealedConfig;
+use crate::process::service::{self, Service};
+
+impl Supervision {
+    /// The scheduling of `kind`.
+    fn scheduling(&self, kind: ProcessKind) -> Scheduling {
+        let priority = match kind {
+            ProcessKind::Pilot | ProcessKind::Autopilot => self.pilot_priority,
+            ProcessKind::Planner => self.planner_priority,
+            ProcessKind::World
+            | ProcessKind::Vessel
+            | ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Camera
+            | ProcessKind::Uvdar
+            | ProcessKind::Link
+            | ProcessKind::Sensors
+            | ProcessKind::View => return Scheduling::default(),
+        };
+        Scheduling {
+            realtime: (priority > 0).then_some(priority),
+            processors: self.processors.clone(),
+        }
+    }
+}
+
+/// Runs the drone's processes until it is asked to end.
+pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
+    let (computer, sealed) = SealedConfig::begin::<DroneComputer>(&args.process.config)?;
+    let supervision = &computer.supervision;
+    if supervision.autopilot {
+        // Rejected here, not in a process that is started again and again.
+        mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
+    }
+    computer.radio.check_zenoh()?;
+    let more = [
+        (ProcessKind::Autopilot, supervision.autopilot),
+        (ProcessKind::Camera, computer.camera.is_there()),
+        (ProcessKind::Uvdar, computer.ultraviolet().is_there()),
+    ];
+    let more = more.into_iter().filter(|(_, runs)| *runs);
+    let kinds = ProcessKind::DRONE.into_iter().chain(more.map(|(kind, _)| kind));
+    let service = Service {
+        instance: &computer.instance,
+        computer: format!("drone-{}", computer.bridge.drone_id),
+        recorder: &computer.recorder,
+        silence_timeout_s: supervision.silent_s,
+        nodes: kinds.map(|kind| (kind, supervision.scheduling(kind))).collect(),
+        view: args.view.over(&computer.view),
+        checkpoints: Some(computer.clock),
+    };
+    service::run(&args.process, service, sealed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn real_time_priority_of_pilot_and_planner() {
+        let supervision = Supervision {
+            processors: vec![2, 3],
+            planner_priority: 0,
+            ..Supervision::default()
+        };
+        let flags = |kind, permitted| {
+            let scheduling = supervision.scheduling(kind).where_permitted(permitted);
+            scheduling.flags().join(" ")
+        };
+        assert_eq!(flags(ProcessKind::Pilot, true), "--realtime 30 --processors 2,3");
+        assert_eq!(flags(ProcessKind::Pilot, false), "--processors 2,3");
+        assert_eq!(flags(ProcessKind::Planner, true), "--processors 2,3");
+        assert_eq!(flags(ProcessKind::Bridge, true), "");
+        let usual = Supervision::default()
+            .scheduling(ProcessKind::Pilot)
+            .where_permitted(false);
+        assert_eq!(usual, Scheduling::default());
+    }
+}

@@ -1,0 +1,67 @@
+//! Exit codes of commands, and errors for people.
+
+use std::fmt;
+
+use alight_shared::config::ConfigError;
+use alight_transport::TransportError;
+
+/// How a command ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Exit code 0.
+    Success,
+    /// Exit code 1: it ran, and the landing (or one of them) failed.
+    Failed,
+    /// Exit code 2: a check found something that does not work.
+    Broken,
+    /// Exit code 3: this computer did not keep up with real time, and what was seen counts for nothing.
+    TooSlow,
+}
+
+impl Exit {
+    /// Success, or that something failed.
+    pub const fn of(success: bool) -> Exit {
+        if success { Exit::Success } else { Exit::Failed }
+    }
+}
+
+/// Bad input, or an output that cannot be written: exit code 2. The message says what to do.
+#[derive(Debug)]
+pub struct CliError(pub String);
+
+impl fmt::Display for CliError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl CliError {
+    /// Wraps any error with what was being done.
+    pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
+        CliError(format!("{doing}: {error}"))
+    }
+}
+
+/// Says what was being done when something failed.
+pub trait Doing<T> {
+    /// The error with what was being done.
+    fn doing(self, what: impl fmt::Display) -> Result<T, CliError>;
+}
+
+impl<T, E: fmt::Display> Doing<T> for Result<T, E> {
+    fn doing(self, what: impl fmt::Display) -> Result<T, CliError> {
+        self.map_err(|e| CliError::because(what, e))
+    }
+}
+
+impl From<TransportError> for CliError {
+    fn from(e: TransportError) -> Self {
+        CliError(e.to_string())
+    }
+}
+
+impl From<ConfigError> for CliError {
+    fn from(e: ConfigError) -> Self {
+        CliError(e.to_string())
+    }
+}

@@ -1,0 +1,299 @@
+//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A broken link is reopened after a pause that
+//! doubles up to a bound, in a task of its own: neither a name that is looked up nor a peer that does not answer holds up
+//! who reads and writes.
+
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use alight_transport::readiness::watched;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep_until};
+
+use crate::config::link_url::LinkUrl;
+use crate::exit::{CliError, Doing};
+use crate::io::link_end::{BOTH, Open, Received, open, resolve};
+use crate::io::peer::Speaks;
+
+/// First pause before a link is opened again; doubles with each failure.
+const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
+/// Longest pause.
+const MAX_BACKOFF: Duration = Duration::from_secs(2);
+/// Most reads at once: a flood must not delay the set-points.
+const MAX_READS: usize = 16;
+/// Longest datagram, or part of a stream, bytes.
+const MAX_READ_BYTES: usize = 2048;
+/// Most bytes that a link gives at once.
+pub const MAX_AT_ONCE: usize = MAX_READS * MAX_READ_BYTES;
+
+/// A link to an autopilot or a sensor.
+pub struct ByteLink {
+    url: LinkUrl,
+    /// Who may be the peer of a UDP link.
+    speaks: Option<Speaks>,
+    open: Option<Open>,
+    /// Opening is under way.
+    opening: Option<JoinHandle<io::Result<Open>>>,
+    next_try: Instant,
+    backoff: Duration,
+    opened: u32,
+    unsent: u64,
+    /// The rest of a message of which the line took a part: nothing is sent before it.
+    rest: Vec<u8>,
+    last_error: Option<String>,
+}
+
+/// What ended a wait.
+enum Event {
+    Received(io::Result<Received>),
+    Drained(io::Result<usize>),
+}
+
+impl ByteLink {
+    /// A link with anybody.
+    #[cfg(test)]
+    pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
+        ByteLink::with_peer(url, None).await
+    }
+    /// A link to `url`; over UDP its peer is the first that `speaks`. What can be known to be wrong at once is refused: a
+    /// port that is taken, a host that has no address; a peer that is not there yet is waited for.
+    pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
+        let doing = || format!("opening {url}");
+        let open = match &url {
+            LinkUrl::UdpIn(..) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(..) => {
+                Some(open(url.clone(), speaks.clone()).await.doing(doing())?)
+            }
+            LinkUrl::TcpOut(host) | LinkUrl::SignalK(host, _) => {
+                resolve(host).await.doing(doing())?;
+                None
+            }
+            LinkUrl::Serial(..) | LinkUrl::Can(_) => None,
+        };
+        Ok(ByteLink::begun(url, speaks, open))
+    }
+    /// The same as one of several: the others do not end because another computer's name is not known yet. It is looked
+    /// up until it is.
+    pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
+        match &url {
+            LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
+                Ok(ByteLink::begun(url, speaks, None))
+            }
+            LinkUrl::UdpIn(..) | LinkUrl::TcpIn(..) | LinkUrl::Serial(..) | LinkUrl::Can(_) => {
+                ByteLink::with_peer(url, speaks).await
+            }
+        }
+    }
+    fn begun(url: LinkUrl, speaks: Option<Speaks>, open: Option<Open>) -> ByteLink {
+        ByteLink {
+            url,
+            speaks,
+            open,
+            opening: None,
+            next_try: Instant::now(),
+            backoff: INITIAL_BACKOFF,
+            opened: 0,
+            unsent: 0,
+            rest: Vec::new(),
+            last_error: None,
+        }
+    }
+    /// What is sent goes to somebody, as far as the system knows: a port that is open, a connection that stands.
+    pub fn is_open(&self) -> bool {
+        match &self.open {
+            Some(Open::Udp { .. } | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..)) => {
+                true
+            }
+            Some(Open::Listening(_)) | None => false,
+        }
+    }
+    /// Times that the link was opened again.
+    pub fn opened(&self) -> u32 {
+        self.opened
+    }
+    /// Datagrams that were left out because another than the peer sent them.
+    pub fn foreign(&self) -> u64 {
+        match &self.open {
+            Some(Open::Udp { peer, .. }) => peer.foreign(),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..))
+            | None => 0,
+        }
+    }
+    /// The same, and who sent the newest; None without any.
+    pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
+        match &self.open {
+            Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_stranger()?)),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..))
+            | None => None,
+        }
+    }
+    /// Messages that could not be sent.
+    pub fn unsent(&self) -> u64 {
+        self.unsent
+    }
+    /// Why it could not be opened, once for each new reason.
+    pub fn last_error(&mut self) -> Option<String> {
+        self.last_error.take()
+    }
+
+    /// Waits for bytes and gives all that are there to `take`. Returns without any after a connection, an end or a
+    /// failure. A wait that is given up loses nothing.
+    pub async fn read(&mut self, mut take: impl FnMut(&[u8])) {
+        let Some(open) = &self.open else {
+            return self.reopen().await;
+        };
+        let mut buffer = [0_u8; MAX_READ_BYTES];
+        let event = tokio::select! {
+            biased;
+            drained = open.drain(&self.rest), if !self.rest.is_empty() => Event::Drained(drained),
+            received = open.receive(&mut buffer) => Event::Received(received),
+        };
+        match event {
+            Event::Drained(Ok(n)) => drop(self.rest.drain(..n.min(self.rest.len()))),
+            Event::Drained(Err(e)) => self.failed(&e),
+            Event::Received(received) => {
+                let mut more = self.received(received, &buffer, &mut take);
+                for _ in 1..MAX_READS {
+                    let Some(open) = self.open.as_ref().filter(|_| more) else {
+                        break;
+                    };
+                    let Some(received) = open.received_already(&mut buffer) else {
+                        break;
+                    };
+                    more = self.received(received, &buffer, &mut take);
+                }
+            }
+        }
+    }
+    /// Takes what came; false when the open end has changed.
+    fn received(
+        &mut self,
+        received: io::Result<Received>,
+        buffer: &[u8],
+        take: &mut impl FnMut(&[u8]),
+    ) -> bool {
+        match received {
+            Ok(Received::Bytes(n, from)) => {
+                // One that opens and breaks at once is no more there than one that does not open.
+                self.backoff = INITIAL_BACKOFF;
+                let bytes = buffer.get(..n).unwrap_or_default();
+                if from.is_none_or(|from| self.is_from_peer(from, bytes)) {
+                    take(bytes);
+                }
+                true
+            }
+            Ok(Received::Peer(stream)) => {
+                let ready = stream
+                    .set_nonblocking(true)
+                    .and_then(|()| stream.set_nodelay(true))
+                    .and_then(|()| watched(stream, BOTH));
+                if let (Ok(stream), Some(Open::Listening(listener))) = (ready, self.open.take()) {
+                    self.open = Some(Open::Tcp(stream, Some(listener)));
+                    self.opened += 1;
+                }
+                false
+            }
+            Ok(Received::Foreign(by)) => {
+                self.last_error = Some(format!("{}: a connection of {by} is refused", self.url));
+                false
+            }
+            // An answer to what we sent: no listener there yet.
+            Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
+            Err(e) => {
+                self.failed(&e);
+                false
+            }
+        }
+    }
+    fn is_from_peer(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
+        match &mut self.open {
+            Some(Open::Udp { peer, .. }) => peer.takes(Instant::now(), from, datagram),
+            Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..))
+            | None => true,
+        }
+    }
+
+    /// Opens the link when it is due.
+    async fn reopen(&mut self) {
+        if self.opening.is_none() {
+            sleep_until(self.next_try).await;
+        }
+        let opening = self
+            .opening
+            .get_or_insert_with(|| tokio::spawn(open(self.url.clone(), self.speaks.clone())));
+        let opened = opening.await.map_err(io::Error::other).flatten();
+        self.opening = None;
+        match opened {
+            Ok(open) => {
+                self.open = Some(open);
+                self.opened += 1;
+            }
+            Err(e) => self.wait(&e),
+        }
+    }
+    fn wait(&mut self, why: &io::Error) {
+        self.last_error = Some(format!("{}: {why}; trying again", self.url));
+        self.next_try = Instant::now() + self.backoff;
+        self.backoff = (2 * self.backoff).min(MAX_BACKOFF);
+    }
+    /// The link broke: a listener stays open, the rest is reopened.
+    fn failed(&mut self, why: &io::Error) {
+        self.rest.clear();
+        self.open = match self.open.take() {
+            Some(Open::Tcp(_, Some(listener))) => Some(Open::Listening(listener)),
+            Some(
+                Open::Udp { .. }
+                | Open::Listening(_)
+                | Open::Tcp(_, None)
+                | Open::Serial(_)
+                | Open::Can(..)
+                | Open::Lines(..),
+            )
+            | None => None,
+        };
+        if self.open.is_none() {
+            self.wait(why);
+        }
+    }
+
+    /// Sends one message, whole or not at all. What the line does not take now is lost and counted: a set-point must not be
+    /// late. A line that took a part gets the rest before anything else.
+    pub fn write(&mut self, message: &[u8]) {
+        if !self.rest.is_empty() {
+            let rest = core::mem::take(&mut self.rest);
+            match self.put(&rest) {
+                Ok(n) => self.rest = rest.get(n..).unwrap_or_default().to_vec(),
+                Err(e) if e.kind() == ErrorKind::WouldBlock => self.rest = rest,
+                Err(e) => self.not_sent(&e),
+            }
+        }
+        if !self.rest.is_empty() {
+            self.unsent += 1;
+            return;
+        }
+        match self.put(message) {
+            Ok(n) => self.rest = message.get(n..).unwrap_or_default().to_vec(),
+            Err(e) => {
+                self.unsent += 1;
+                self.not_sent(&e);
+            }
+        }
+    }
+    /// Writes what the line takes now: all where there is nobody, nothing where it is full.
+    fn put(&self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
+        written.unwrap_or(Ok(bytes.len()))
+    }
+    /// A full buffer or an absent peer passes; a broken stream does not.
+    fn not_sent(&mut self, why: &io::Error) {
+        let harmless = matches!(
+            why.kind(),
+            ErrorKind::WouldBlock | ErrorKind::ConnectionRefused | ErrorKind::NetworkUnreachable
+        );
+        if !harmless {
+            self.failed(why);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,252 @@
+//! The open end of a byte link: a socket, a serial port, a boat's bus; and how each is opened.
+
+use core::task::{Context, Poll, Waker};
+use std::fs::{File, OpenOptions};
+use std::future::Future;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+use std::time::Duration;
+
+use alight_transport::readiness::watched;
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
+use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+use tokio::time::timeout;
+
+use crate::config::link_url::LinkUrl;
+use crate::io::can;
+use crate::io::peer::{Peer, Speaks};
+use crate::io::web_socket::{self, Ending};
+
+/// A TCP connection has this long to come about, its name included.
+const CONNECT: Duration = Duration::from_millis(300);
+/// Reads and writes are waited for.
+pub const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
+
+/// An open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
+pub enum Open {
+    /// UDP, and with whom.
+    Udp {
+        /// Bound.
+        socket: AsyncFd<UdpSocket>,
+        /// With whom.
+        peer: Peer,
+    },
+    /// TCP, without a connection yet.
+    Listening(Listener),
+    /// TCP, and the listener that accepted it.
+    Tcp(AsyncFd<TcpStream>, Option<Listener>),
+    /// A serial port.
+    Serial(AsyncFd<File>),
+    /// A CAN interface and its name: a line a frame. Nothing is sent.
+    Can(AsyncFd<File>, String),
+    /// A Signal K server: a line a message, and why it ended. Nothing is sent.
+    Lines(AsyncFd<File>, Ending),
+}
+
+/// Accepts one connection, where an address is named from there only.
+pub struct Listener {
+    /// It waits here.
+    pub socket: AsyncFd<TcpListener>,
+    from: Option<IpAddr>,
+}
+
+/// What an open end receives.
+pub enum Received {
+    /// Bytes in the buffer, and who sent a datagram.
+    Bytes(usize, Option<SocketAddr>),
+    /// A connection.
+    Peer(TcpStream),
+    /// One from another address than it may come from; it is closed.
+    Foreign(SocketAddr),
+}
+
+/// Tries `io` at once, and again whenever the descriptor may be ready.
+async fn when_ready<T: AsRawFd, R>(
+    fd: &AsyncFd<T>,
+    interest: Interest,
+    mut io: impl FnMut(&T) -> io::Result<R>,
+) -> io::Result<R> {
+    match io(fd.get_ref()) {
+        Err(e) if e.kind() == ErrorKind::WouldBlock => fd.async_io(interest, io).await,
+        done => done,
+    }
+}
+
+impl Open {
+    /// Waits for what comes next.
+    pub async fn receive(&self, buffer: &mut [u8]) -> io::Result<Received> {
+        match self {
+            Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
+                .await
+                .map(|(n, from)| Received::Bytes(n, Some(from))),
+            Open::Listening(l) => when_ready(&l.socket, Interest::READABLE, TcpListener::accept)
+                .await
+                .map(|(stream, by)| {
+                    let foreign = l.from.is_some_and(|from| from != by.ip().to_canonical());
+                    if foreign {
+                        Received::Foreign(by)
+                    } else {
+                        Received::Peer(stream)
+                    }
+                }),
+            Open::Tcp(stream, _) => when_ready(stream, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                .await
+                .map(|n| Received::Bytes(n, None)),
+            Open::Serial(port) => when_ready(port, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                .await
+                .map(|n| Received::Bytes(n, None)),
+            Open::Can(socket, interface) => {
+                let mut frame = [0; can::FRAME];
+                let read = when_ready(socket, Interest::READABLE, |mut s| ended(s.read(&mut frame))).await;
+                read.map_err(|e| can::broken(interface, e))?;
+                let line = can::line(interface, &frame);
+                let room = buffer.get_mut(..line.len()).unwrap_or_default();
+                room.copy_from_slice(line.as_bytes().get(..room.len()).unwrap_or_default());
+                Ok(Received::Bytes(room.len(), None))
+            }
+            Open::Lines(lines, ending) => {
+                when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
+                    .await
+                    .map(|n| Received::Bytes(n, None))
+                    .map_err(|e| ending.reason(e))
+            }
+        }
+    }
+    /// What has come already.
+    pub fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<Received>> {
+        let mut context = Context::from_waker(Waker::noop());
+        match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
+            Poll::Ready(received) => Some(received),
+            Poll::Pending => None,
+        }
+    }
+    /// Writes a part of a stream's bytes as soon as the line takes some.
+    pub async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
+            Open::Serial(port) => when_ready(port, Interest::WRITABLE, |mut s| s.write(bytes)).await,
+            Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(..) => Ok(bytes.len()),
+        }
+    }
+    /// Writes what can be written now; None while there is nobody to write to.
+    pub fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
+        match self {
+            Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),
+            Open::Tcp(stream, _) => Some(stream.get_ref().write(bytes)),
+            Open::Serial(port) => Some(port.get_ref().write(bytes)),
+            Open::Listening(_) | Open::Can(..) | Open::Lines(..) => None,
+        }
+    }
+}
+
+/// Opens one end.
+pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
+    match &url {
+        LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, Peer::listening(*from, speaks)),
+        LinkUrl::UdpOut(host) => {
+            let to = resolve(host).await?;
+            let any: SocketAddr = if to.is_ipv4() {
+                ([0; 4], 0).into()
+            } else {
+                ([0_u16; 8], 0).into()
+            };
+            udp(any, Peer::fixed(to))
+        }
+        LinkUrl::TcpIn(host, from) => {
+            let listener = TcpListener::bind(resolve(host).await?)?;
+            listener.set_nonblocking(true)?;
+            Ok(Open::Listening(Listener {
+                socket: watched(listener, Interest::READABLE)?,
+                from: *from,
+            }))
+        }
+        LinkUrl::TcpOut(host) => {
+            let connect = async { tokio::net::TcpStream::connect(resolve(host).await?).await };
+            let stream = timeout(CONNECT, connect).await??.into_std()?;
+            stream.set_nodelay(true)?;
+            Ok(Open::Tcp(watched(stream, BOTH)?, None))
+        }
+        LinkUrl::Serial(path, baud) => serial(path, *baud)
+            .and_then(|port| watched(port, BOTH))
+            .map(Open::Serial),
+        LinkUrl::Can(interface) => {
+            let socket = watched(can::open(interface)?, Interest::READABLE)?;
+            Ok(Open::Can(socket, interface.clone()))
+        }
+        LinkUrl::SignalK(host, token) => {
+            let (lines, ending) = web_socket::lines(host, token.as_deref()).await?;
+            Ok(Open::Lines(watched(lines, Interest::READABLE)?, ending))
+        }
+    }
+}
+
+fn udp(at: SocketAddr, peer: Peer) -> io::Result<Open> {
+    let socket = UdpSocket::bind(at)?;
+    socket.set_nonblocking(true)?;
+    Ok(Open::Udp {
+        socket: watched(socket, BOTH)?,
+        peer,
+    })
+}
+
+/// A read of nothing is the end of a stream.
+fn ended(read: io::Result<usize>) -> io::Result<usize> {
+    match read {
+        Ok(0) => Err(io::Error::new(
+            ErrorKind::UnexpectedEof,
+            "the other end closed the link",
+        )),
+        other => other,
+    }
+}
+
+/// The first address of a host and its port.
+pub async fn resolve(host: &str) -> io::Result<SocketAddr> {
+    tokio::net::lookup_host(host)
+        .await?
+        .next()
+        .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
+}
+
+/// Opens a serial port for bytes as they are, and for this program alone: two readers of one line would each
+/// receive a part of every message.
+pub fn serial(path: &Path, baud: u32) -> io::Result<File> {
+    // Reads do not wait, and the port does not become this process's terminal.
+    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
+    let port = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .custom_flags(flags.bits().cast_signed())
+        .open(path)
+        // What TIOCEXCL below answers to everybody but root.
+        .map_err(|e| match e.kind() {
+            ErrorKind::ResourceBusy => in_use(),
+            _ => e,
+        })?;
+    // Between our own programs, root's included; then against any other that opens it later.
+    flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
+        Errno::WOULDBLOCK => in_use(),
+        e => e.into(),
+    })?;
+    ioctl_tiocexcl(&port)?;
+    let mut line = tcgetattr(&port)?;
+    line.make_raw();
+    line.set_speed(baud)?;
+    line.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+    line.control_modes -= ControlModes::CRTSCTS | ControlModes::HUPCL;
+    tcsetattr(&port, OptionalActions::Now, &line)?;
+    Ok(port)
+}
+
+fn in_use() -> io::Error {
+    io::Error::new(
+        ErrorKind::ResourceBusy,
+        "another program has this port open: end it, or give each its own port",
+    )
+}

@@ -1,0 +1,17 @@
+//! The processes of a vessel's and of a drone's computer, in layers, each of which uses only those before it: [`exit`] and
+//! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`]; [`subject`],
+//! [`situation`] and [`playback`].
+
+pub mod certificates;
+pub mod config;
+pub mod drone;
+pub mod exit;
+pub mod io;
+pub mod playback;
+pub mod process;
+pub mod record;
+pub mod situation;
+pub mod subject;
+pub mod table;
+pub mod terminal;
+pub mod vessel;

@@ -1,0 +1,304 @@
+//! A log computed again: recorded inputs through new nodes, outputs compared bit for bit, each step shown.
+
+use alight_bridge::Bridge;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::node::Node;
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::wire::{self, WireError};
+use alight_uav::mission::Mission;
+use alight_uav::planner::Planner;
+use alight_uav::planner::law::Law;
+use alight_uav::predictor::Predictor;
+use alight_uav::settings::DroneSettings;
+use serde::Serialize;
+
+use crate::config::view::ViewConfig;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::drone::autopilot;
+use crate::drone::mission::MissionShell;
+use crate::drone::pilot::PilotShell;
+use crate::drone::planner::PlannerShell;
+use crate::drone::predictor::PredictorShell;
+use crate::exit::{CliError, Doing};
+use crate::process::shell::Shell;
+use crate::process::supervision::{Observed, SupervisorNode};
+use crate::process::supervisor::SUPERVISOR;
+use crate::record::entry::{Computed, Entry, Input, PartHeader};
+use crate::record::log::{Log, Order, Start};
+use crate::record::observer::{NodeStep, StepObserver};
+use crate::record::reading::Step;
+use crate::record::{BASELINE_FILE, NODES, WORLD};
+use crate::situation::Known;
+use crate::terminal::note;
+
+/// The tick of a recording's times, as in lock-step, ns.
+const TICK_NS: i64 = 10_000_000;
+
+/// Draws a flight that is computed again.
+pub trait Plot: StepObserver {
+    /// Writes what it was shown to its file.
+    fn write(&self) -> Result<(), CliError>;
+}
+
+/// Shows a flight to people while it is computed, held back to real time.
+pub trait Viewer: StepObserver {
+    /// The flight has ended: whoever looks on sees its last picture for a little longer.
+    fn linger(&self);
+}
+
+/// Deck and drone, where they are known.
+pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
+
+/// Starts the view of a flight that is computed, under a name; also gives the lines that say where it is served.
+pub type StartViewer<'a> =
+    &'a dyn Fn(&ViewConfig, &str, Known, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
+
+/// How one node's replay went.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NodeReplay {
+    /// The node.
+    pub node: String,
+    /// Steps replayed.
+    pub steps: u64,
+    /// A recording's time of the first step whose output differs, s.
+    pub differs_at_s: Option<f64>,
+    /// The number of that step, from 0 on.
+    pub differs_at_step: Option<u64>,
+}
+
+/// The law of a recorded planner that is none of the drone's, from what a recording has of it.
+pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
+
+/// The starts of a log that observers are shown, of each node the first; and what of others people are to know.
+pub fn shown(log: &Log) -> (Vec<PartHeader>, Vec<String>) {
+    let (mut headers, mut lines) = (Vec::new(), Vec::new());
+    for node in NODES {
+        let mut own = log.starts.iter().filter(|s| s.header.process == node);
+        headers.extend(own.next().map(|s| s.header.clone()));
+        if own.next().is_some() {
+            lines.push(format!("the recording of the {node} ends at its first exit"));
+        }
+    }
+    (headers, lines)
+}
+
+/// Replays the log before the eyes of who looks on, to whom its times are moved by `shift`.
+pub fn replay(
+    log: &Log,
+    law: ForeignLaw<'_>,
+    shift: Span,
+    mut observers: Vec<&mut dyn StepObserver>,
+) -> Result<Vec<NodeReplay>, CliError> {
+    let order = if observers.is_empty() {
+        Order::ByStart
+    } else {
+        Order::ByTime
+    };
+    let (shown, _) = shown(log);
+    let player = |start| Player::of(log, start, law, &shown);
+    let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
+    let mut computed = Computed::default();
+    log.steps(order, |at, t, step| {
+        // What a person looks at is thinned out on ticks; the node's own time is in the step.
+        let t = t + shift;
+        let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
+        match &mut players[at] {
+            _ if step.header.process == WORLD => observers.world(t, step.bytes),
+            Some(player) => player.step(t, step, &mut computed, &mut observers),
+            None => Ok(()),
+        }
+    })?;
+    let replayed: Vec<NodeReplay> = players.into_iter().flatten().map(|p| p.replayed).collect();
+    if replayed.is_empty() || (log.is_recording() && replayed.iter().all(|r| r.steps == 0)) {
+        return Err(CliError(format!(
+            "{}: no process is recorded from its beginning, and none can be computed again; name the flight's directory",
+            log.path().display()
+        )));
+    }
+    Ok(replayed)
+}
+
+/// A start of a process that is computed again.
+struct Player {
+    /// None: not any further.
+    node: Option<Box<dyn Replayed>>,
+    replayed: NodeReplay,
+    has_time: bool,
+}
+
+impl Player {
+    /// None of the world, and of a start whose beginning is gone.
+    fn of(
+        log: &Log,
+        start: &Start,
+        law: ForeignLaw<'_>,
+        shown: &[PartHeader],
+    ) -> Result<Option<Player>, CliError> {
+        let (header, name) = (&start.header, start.name());
+        if header.process == WORLD {
+            return Ok(None);
+        }
+        if header.first_step > 0 {
+            let first = header.first_step;
+            note(
+                true,
+                format!("{name}: begins at step {first}, and is not computed again"),
+            );
+            return Ok(None);
+        }
+        let has_time = log.is_recording();
+        Ok(Some(Player {
+            node: Some(node(log, start, law, shown.contains(header))?),
+            replayed: NodeReplay {
+                node: if has_time { header.process.clone() } else { name },
+                steps: 0,
+                differs_at_s: None,
+                differs_at_step: None,
+            },
+            has_time,
+        }))
+    }
+    /// A step: up to the first that is missing, without which the node's state is not known.
+    fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        step: &Step<'_>,
+        computed: &mut Computed,
+        observers: &mut dyn StepObserver,
+    ) -> Result<(), WireError> {
+        let (replayed, Some(node)) = (&mut self.replayed, &mut self.node) else {
+            return Ok(());
+        };
+        if step.number != replayed.steps {
+            let (first, last) = (replayed.steps, step.number.saturating_sub(1));
+            note(
+                true,
+                format!(
+                    "{}: steps {first} to {last} are missing, and what follows is not computed again",
+                    replayed.node
+                ),
+            );
+            self.node = None;
+            return Ok(());
+        }
+        if !node.step(t, step.bytes, computed, observers)? && replayed.differs_at_step.is_none() {
+            replayed.differs_at_step = Some(step.number);
+            replayed.differs_at_s = self.has_time.then(|| t.secs());
+        }
+        replayed.steps += 1;
+        Ok(())
+    }
+}
+
+/// The node of a start as it began.
+fn node(log: &Log, start: &Start, law: ForeignLaw<'_>, shown: bool) -> Result<Box<dyn Replayed>, CliError> {
+    let (boot, live) = (start.header.boot, log.is_live());
+    let drone = || start.config::<DroneComputer>();
+    Ok(match start.header.process.as_str() {
+        "vessel" => {
+            let node = start.config::<VesselComputer>()?.node(boot);
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Vessel(now, i, o))
+        }
+        "bridge" => {
+            let node = Bridge::new(&drone()?.bridge, boot);
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Bridge(now, i, o))
+        }
+        "predictor" => {
+            let node = match (live, drone()?) {
+                (true, drone) => PredictorShell::node(&drone, boot),
+                (false, drone) => Predictor::new(&drone.drone.predictor(), boot),
+            };
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Predictor(now, i, o))
+        }
+        "mission" => {
+            let drone = drone()?;
+            let (own, id) = (&drone.drone, drone.bridge.drone_id);
+            let node = match live {
+                true => MissionShell::node(&drone, boot),
+                false => Mission::new(&own.mission(), &own.airframe, &own.deck, id, boot),
+            };
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Mission(now, i, o))
+        }
+        "planner" => {
+            let drone = drone()?;
+            let own = &drone.drone;
+            let node = match law(log.text(BASELINE_FILE), own)? {
+                None => PlannerShell::node(&drone, boot),
+                Some(law) => Planner::with_law(law, &own.planner, &own.airframe, &own.deck, boot),
+            };
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Planner(now, i, o))
+        }
+        "pilot" => {
+            let node = PilotShell::node(&drone()?, boot);
+            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Pilot(now, i, o))
+        }
+        "autopilot" => Box::new(ReplayedNode {
+            node: autopilot::node(&drone()?, boot),
+            show: None,
+        }),
+        SUPERVISOR => Box::new(ReplayedNode {
+            node: SupervisorNode::new(toml::from_str(&start.header.config).doing(start.name())?),
+            show: None,
+        }),
+        other => {
+            return Err(CliError(format!(
+                "{}: steps of a process {other:?}, which this program does not have",
+                log.path().display()
+            )));
+        }
+    })
+}
+
+impl Input for Vec<Observed> {}
+
+/// A node that is computed again.
+trait Replayed {
+    /// One recorded step; whether its output is the same. An input that names a forecast or plan that the replay has
+    /// not computed is a difference.
+    fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        entry: &[u8],
+        computed: &mut Computed,
+        observers: &mut dyn StepObserver,
+    ) -> Result<bool, WireError>;
+}
+
+/// How a node's step is shown.
+type Show<N> =
+    for<'a> fn(Time<<N as Node>::Clock>, &'a <N as Node>::In, &'a <N as Node>::Out) -> NodeStep<'a>;
+
+struct ReplayedNode<N: Node> {
+    node: N,
+    show: Option<Show<N>>,
+}
+
+impl<N: Node<In: Input, Out: Serialize> + 'static> ReplayedNode<N> {
+    fn of(node: N, shown: bool, show: Show<N>) -> Box<dyn Replayed> {
+        let show = shown.then_some(show);
+        Box::new(ReplayedNode { node, show })
+    }
+}
+
+impl<N: Node<In: Input, Out: Serialize>> Replayed for ReplayedNode<N> {
+    fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        entry: &[u8],
+        computed: &mut Computed,
+        observers: &mut dyn StepObserver,
+    ) -> Result<bool, WireError> {
+        let mut entry: Entry<N::In> = wire::decode_record(entry)?;
+        if computed.fill(&mut entry.input, entry.references).is_err() {
+            return Ok(false);
+        }
+        let now = Time::from_nanos(entry.now_ns);
+        let output = self.node.step(now, &entry.input);
+        if let Some(show) = self.show {
+            let step = show(now, &entry.input, &output);
+            computed.keep(&step);
+            observers.step(t, step);
+        }
+        Ok(wire::hash_record(&output)? == entry.output)
+    }
+}

@@ -1,0 +1,221 @@
+//! Instance: a set of processes on this computer, its files and its lock.
+
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+
+use alight_transport::memory::Instance;
+
+use crate::exit::{CliError, Doing};
+use crate::process::supervisor::pause;
+
+/// The lock file's name in the instance's directory.
+const LOCK_FILE: &str = "lock";
+/// Where a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
+pub const CHECKPOINTS_FILE: &str = "checkpoints";
+/// What people are to know of a configuration that was edited since the start.
+pub const EDITED_FILE: &str = "edited";
+/// This file exists once all services are there: observers may join. It holds the owner's process number,
+/// because the file of a killed owner stays.
+const READY_FILE: &str = "ready";
+/// A name that is in use is tried this often ...
+const MAX_TRIES: u32 = 20;
+/// ... with this pause.
+const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
+
+/// An instance of our own: no other runs under its name while this lives.
+pub struct OwnedInstance {
+    instance: Instance,
+    _lock: File,
+}
+
+impl OwnedInstance {
+    /// Takes the name and starts from a clean slate.
+    pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
+        let instance = Instance::new(name)?;
+        let directory = instance.directory();
+        let doing = format_args!("preparing {}", directory.display());
+        std::fs::create_dir_all(&directory).doing(doing)?;
+        // Its files are going to be removed, and not those that a link leads to.
+        if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
+            return Err(CliError(format!(
+                "{}: a link leads elsewhere; remove it",
+                directory.display()
+            )));
+        }
+        let lock = File::create(directory.join(LOCK_FILE)).doing(doing)?;
+        // A former owner's child that is just being born holds the lock for some milliseconds more.
+        let mut tries = 0;
+        let taken = loop {
+            match lock.try_lock() {
+                Err(TryLockError::WouldBlock) if tries < MAX_TRIES => {
+                    tries += 1;
+                    pause(RETRY_PAUSE);
+                }
+                other => break other,
+            }
+        };
+        match taken {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(CliError(format!(
+                    "an instance named {name} runs already; stop it, or choose another --instance"
+                )));
+            }
+            Err(TryLockError::Error(e)) => return Err(CliError::because(doing, e)),
+        }
+        // A former owner that was killed left its files: this one first, so that no observer joins.
+        let _none = std::fs::remove_file(directory.join(READY_FILE));
+        remove_contents(&directory).doing(doing)?;
+        instance.wipe().doing(doing)?;
+        Ok(OwnedInstance {
+            instance,
+            _lock: lock,
+        })
+    }
+    /// Its name and place.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+    /// All services are there.
+    pub fn ready(&self) -> Result<(), CliError> {
+        let path = self.file(READY_FILE);
+        std::fs::write(&path, std::process::id().to_string())
+            .doing(format_args!("writing {}", path.display()))
+    }
+    /// Says something in a file of this name, or nothing any more.
+    pub fn say(&self, name: &str, text: Option<String>) {
+        let path = self.file(name);
+        // For people beside it only: what cannot be written is in the journal.
+        let _unsaid = match text {
+            Some(text) if !path.exists() => std::fs::write(path, text),
+            None if path.exists() => std::fs::remove_file(path),
+            Some(_) | None => Ok(()),
+        };
+    }
+    /// A file of the instance.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.instance.directory().join(name)
+    }
+}
+
+impl Drop for OwnedInstance {
+    fn drop(&mut self) {
+        // This one first: no observer joins what is being removed.
+        let _none = std::fs::remove_file(self.file(READY_FILE));
+        // All processes have ended by now. What cannot be removed is removed at the next start.
+        let _left = self.instance.wipe();
+        let directory = self.instance.directory();
+        let _left = remove_contents(&directory);
+        let _left = std::fs::remove_file(self.file(LOCK_FILE));
+        // It stays with the checkpoints of a supervisor that nobody asked to end.
+        let _left = std::fs::remove_dir(directory);
+    }
+}
+
+/// Removes what is in a former owner's directory, but not the lock that we hold, and not the checkpoints.
+fn remove_contents(directory: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(directory)? {
+        let entry = entry?;
+        if [LOCK_FILE, CHECKPOINTS_FILE]
+            .iter()
+            .any(|kept| entry.file_name() == *kept)
+        {
+            continue;
+        }
+        // A link is removed and not what it leads to.
+        if entry.file_type()?.is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        } else {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// What an instance says in its file of this name.
+pub fn said(instance: &Instance, name: &str) -> Option<String> {
+    std::fs::read_to_string(instance.directory().join(name)).ok()
+}
+
+/// Process number of the owner whose services are there, while it lives.
+pub fn owner(instance: &Instance) -> Option<u32> {
+    let owner = std::fs::read_to_string(instance.directory().join(READY_FILE));
+    let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
+    owner.filter(|pid| Path::new("/proc").join(pid.to_string()).exists())
+}
+
+/// Whether an instance of this name runs and is ready.
+pub fn is_running(instance: &Instance) -> bool {
+    // The lock alone is not enough: a next owner holds it before it has removed the file of a killed one.
+    if owner(instance).is_none() {
+        return false;
+    }
+    File::open(instance.directory().join(LOCK_FILE))
+        .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_ownership() {
+        let name = format!("test-{}", std::process::id());
+        let owned = OwnedInstance::take(&name).unwrap();
+        let instance = owned.instance().clone();
+        assert!(!is_running(&instance));
+        owned.ready().unwrap();
+        assert!(is_running(&instance));
+        let Err(rejected) = OwnedInstance::take(&name) else {
+            panic!("taken twice")
+        };
+        assert!(rejected.0.contains("runs already"), "{rejected}");
+        drop(owned);
+        assert!(!instance.directory().exists() && !is_running(&instance));
+        assert!(Instance::new("No/such name").is_err());
+    }
+
+    #[test]
+    fn instance_with_files_of_a_killed_owner() {
+        let name = format!("test-left-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
+        std::fs::create_dir_all(directory.join("log/old")).unwrap();
+        std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
+        std::fs::write(directory.join(READY_FILE), std::process::id().to_string()).unwrap();
+        std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
+        std::fs::write(directory.join(CHECKPOINTS_FILE), "a crashed supervisor's").unwrap();
+        std::fs::write(&elsewhere, "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
+        let owned = OwnedInstance::take(&name).unwrap();
+        let left = || {
+            let entries = std::fs::read_dir(&directory).unwrap();
+            let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        assert_eq!(left(), [CHECKPOINTS_FILE, LOCK_FILE]);
+        assert!(elsewhere.exists() && !is_running(owned.instance()));
+        drop(owned);
+        assert_eq!(left(), [CHECKPOINTS_FILE]);
+        std::fs::remove_dir_all(directory).unwrap();
+        std::fs::remove_file(elsewhere).unwrap();
+    }
+
+    #[test]
+    fn instance_behind_a_symbolic_link() {
+        let name = format!("test-link-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = directory.with_extension("elsewhere");
+        std::fs::create_dir_all(&elsewhere).unwrap();
+        std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
+        let Err(rejected) = OwnedInstance::take(&name) else {
+            panic!("taken through a link")
+        };
+        assert!(rejected.0.contains("a link leads elsewhere"), "{rejected}");
+        assert!(elsewhere.join("file").exists());
+        std::fs::remove_file(&directory).unwrap();
+        std::fs::remove_dir_all(elsewhere).unwrap();
+    }
+}

@@ -1,0 +1,86 @@
+//! Journal of a process: lines on standard error, which systemd keeps. A thread of its own writes them: no process
+//! waits for a journal that is slow or a terminal that is stopped. What a queue of lines cannot hold is lost.
+
+use core::fmt;
+use std::io::stderr;
+
+use alight_transport::rejections;
+use rustix::fs::fstat;
+use tracing::level_filters::LevelFilter;
+use tracing::{Event, Level, Subscriber};
+use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::fmt::format::{Format, Full, Writer};
+use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::registry::LookupSpan;
+use tracing_subscriber::util::SubscriberInitExt;
+
+/// Lines that wait.
+const MAX_LINES: usize = 1000;
+
+/// Reports go there until the value is dropped, which writes what waits; rejected peers of the radio are counted
+/// besides.
+pub fn init() -> WorkerGuard {
+    let (lines, guard) = NonBlockingBuilder::default()
+        .lossy(true)
+        .buffered_lines_limit(MAX_LINES)
+        .finish(stderr());
+    let lines = tracing_subscriber::fmt::layer()
+        .with_writer(lines)
+        .with_ansi(false)
+        // Where standard error cannot be written, the report of that cannot either, and would end the process.
+        .log_internal_errors(false)
+        .event_format(Line {
+            with_priority: is_journal(),
+            text: tracing_subscriber::fmt::format()
+                .with_ansi(false)
+                .with_level(false)
+                .with_target(false)
+                .without_time(),
+        });
+    let own = Targets::new().with_target("alight", LevelFilter::INFO);
+    let all = tracing_subscriber::registry()
+        .with(rejections::layer())
+        .with(lines.with_filter(own));
+    // A test may have set another before.
+    let _another = all.try_init();
+    guard
+}
+
+/// Whether standard error is systemd's journal: it names the stream's device and inode (systemd.exec(5)).
+fn is_journal() -> bool {
+    let named = std::env::var("JOURNAL_STREAM").unwrap_or_default();
+    fstat(stderr()).is_ok_and(|stream| named == format!("{}:{}", stream.st_dev, stream.st_ino))
+}
+
+/// A line, for the journal with its priority before it (sd-daemon(3)).
+struct Line {
+    with_priority: bool,
+    text: Format<Full, ()>,
+}
+
+impl<S, N> FormatEvent<S, N> for Line
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    N: for<'a> FormatFields<'a> + 'static,
+{
+    fn format_event(
+        &self,
+        context: &FmtContext<'_, S, N>,
+        mut to: Writer<'_>,
+        event: &Event<'_>,
+    ) -> fmt::Result {
+        if self.with_priority {
+            let priority = match *event.metadata().level() {
+                Level::ERROR => 3,
+                Level::WARN => 4,
+                Level::INFO => 6,
+                Level::DEBUG | Level::TRACE => 7,
+            };
+            write!(to, "<{priority}>")?;
+        }
+        self.text.format_event(context, to, event)
+    }
+}

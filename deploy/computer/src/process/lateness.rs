@@ -1,0 +1,120 @@
+//! Missed deadlines: steps of a process that came later than the readers of its output wait for.
+
+use alight_shared::metrics::{Metric, MetricName};
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::time::Span;
+use alight_shared::topics;
+
+use super::snapshot::time;
+
+/// Late steps are reported for one to two of these, ns.
+const WINDOW_NS: i64 = 60_000_000_000;
+
+/// For how long the readers of this process's output take the last one for the newest. None: it waits for images, orders or
+/// another world, and steps when they come.
+fn limit(kind: ProcessKind) -> Option<Span> {
+    match kind {
+        ProcessKind::Vessel => Some(topics::ESTIMATE.stale_after),
+        ProcessKind::Bridge => Some(topics::LINK.stale_after),
+        ProcessKind::Predictor => Some(topics::FORECAST.stale_after),
+        ProcessKind::Mission => Some(topics::MISSION.stale_after),
+        ProcessKind::Planner => Some(topics::PLAN.stale_after),
+        ProcessKind::Pilot => Some(topics::SET_POINT.stale_after),
+        ProcessKind::Autopilot => Some(topics::DRONE_STATE.stale_after),
+        ProcessKind::World
+        | ProcessKind::Link
+        | ProcessKind::Sensors
+        | ProcessKind::Camera
+        | ProcessKind::Uvdar
+        | ProcessKind::View => None,
+    }
+}
+
+/// The times of a process's steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Lateness {
+    limit_s: f64,
+    last_ns: Option<i64>,
+    turned_ns: i64,
+    /// The longest time between two steps beyond the limit, s, and how many there were: in this window and the one before.
+    windows: [(f64, u64); 2],
+}
+
+impl Lateness {
+    /// Of a process that begins at `now_ns` (steady clock).
+    pub fn of(kind: ProcessKind, now_ns: i64) -> Lateness {
+        Lateness {
+            limit_s: limit(kind).map_or(f64::INFINITY, |s| s.secs()),
+            last_ns: None,
+            turned_ns: now_ns,
+            windows: [(0.0, 0); 2],
+        }
+    }
+    /// It steps.
+    pub fn step(&mut self, now_ns: i64) {
+        if now_ns - self.turned_ns >= WINDOW_NS {
+            self.turned_ns = now_ns;
+            self.windows = [(0.0, 0), self.windows[0]];
+        }
+        let since_s = self.last_ns.map_or(0.0, |last| (now_ns - last) as f64 * 1e-9);
+        if since_s > self.limit_s {
+            let (longest, count) = &mut self.windows[0];
+            (*longest, *count) = (longest.max(since_s), *count + 1);
+        }
+        self.last_ns = Some(now_ns);
+    }
+    /// What is reported of it: nothing while no step was late.
+    pub fn metrics(&self) -> Vec<Metric> {
+        let [(a, m), (b, n)] = self.windows;
+        if m + n == 0 {
+            return Vec::new();
+        }
+        vec![
+            MetricName::LongestStep.seconds(a.max(b)),
+            MetricName::LateSteps.count(m + n),
+        ]
+    }
+}
+
+/// What to do about it.
+pub const REMEDY: &str = "end other work on this computer, or take a faster one";
+
+/// What is to be said of a process whose steps were late.
+pub fn finding(p: &ProcessState) -> Option<String> {
+    let late = p.count(MetricName::LateSteps);
+    let limit = limit(p.kind).filter(|_| late > 0)?;
+    Some(format!(
+        "{} missed its deadline (steps late in the last two minutes: {late}): up to {} between two steps, {} is permitted",
+        p.kind.name(),
+        time(p.seconds(MetricName::LongestStep)),
+        time(limit.secs())
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn late_steps_for_two_minutes() {
+        let ns = |s: f64| (s * 1e9) as i64;
+        let mut l = Lateness::of(ProcessKind::Pilot, 0);
+        (0..100).for_each(|k| l.step(ns(0.01 * f64::from(k))));
+        assert!(l.metrics().is_empty());
+        l.step(ns(1.4));
+        let state = |l: &Lateness| ProcessState {
+            kind: ProcessKind::Pilot,
+            metrics: alight_shared::msg::Seq::filled(l.metrics()),
+            ..ProcessState::default()
+        };
+        let text = finding(&state(&l)).unwrap();
+        assert!(
+            text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),
+            "{text}"
+        );
+        for k in 0..14_000 {
+            l.step(ns(1.4 + 0.01 * f64::from(k)));
+        }
+        assert_eq!(finding(&state(&l)), None);
+    }
+}

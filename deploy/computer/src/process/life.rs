@@ -1,0 +1,250 @@
+//! Life of a process beside its node: a clock that never goes back, the time each step takes, a record
+//! of what was consumed, a report about itself twice a second, and an end when it is asked to.
+
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use alight_shared::metrics::{MetricName, Metrics};
+use alight_shared::msg::Seq;
+use alight_shared::node::Node;
+use alight_shared::process::{InputState, ProcessKind, ProcessState};
+use alight_shared::time::Time;
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::statistics::Quantiles;
+use alight_transport::wake::end_requested;
+use serde::Serialize;
+
+use crate::exit::{CliError, Doing};
+use crate::process::args::ProcessArgs;
+use crate::process::lateness::Lateness;
+use crate::record::flight::recorder::{NodeRecorder, PartHeader};
+
+/// Time between two reports, ns.
+const STATE_PERIOD_NS: i64 = 500_000_000;
+
+/// Reports of a process about itself, and whether it is to end.
+pub struct Life {
+    kind: ProcessKind,
+    boot: u32,
+    step_times: Quantiles,
+    lateness: Lateness,
+    steps: u64,
+    began_ns: i64,
+    next_state_ns: i64,
+    end: Arc<AtomicBool>,
+    /// Metrics of the process's own, shown by `alight status`.
+    pub metrics: Metrics,
+}
+
+impl Life {
+    /// A process of `kind` begins.
+    pub fn begin(kind: ProcessKind, boot: u32, supervised: bool) -> Life {
+        let began_ns = steady_ns();
+        Life {
+            kind,
+            boot,
+            step_times: Quantiles::default(),
+            lateness: Lateness::of(kind, began_ns),
+            steps: 0,
+            began_ns,
+            next_state_ns: began_ns,
+            end: end_with_supervisor(supervised),
+            metrics: Metrics::default(),
+        }
+    }
+    /// Drawn anew at each start.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
+    /// One step was done, in this time if it counts.
+    pub fn stepped(&mut self, time_s: Option<f64>) {
+        if let Some(time_s) = time_s {
+            self.step_times.add(time_s);
+        }
+        self.steps += 1;
+        self.lateness.step(steady_ns());
+    }
+    /// Whether the process was asked to end.
+    pub fn ended(&self) -> bool {
+        self.end.load(Ordering::Relaxed) || end_requested()
+    }
+    /// The next report, when it is due.
+    pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
+        let now = steady_ns();
+        if now < self.next_state_ns {
+            return None;
+        }
+        self.next_state_ns = now + STATE_PERIOD_NS;
+        let (cpu_s, resident_bytes) = usage();
+        let mut metrics = self.metrics;
+        for late in self.lateness.metrics() {
+            // A process has fewer metrics than there is place for.
+            let _full = metrics.push(late);
+        }
+        Some(ProcessState {
+            kind: self.kind,
+            pid: std::process::id(),
+            boot: self.boot,
+            at_ns: now,
+            began_ns: self.began_ns,
+            steps: self.steps,
+            cpu_s,
+            resident_bytes,
+            step_p50_s: self.step_times.quantile(0.5),
+            step_p99_s: self.step_times.quantile(0.99),
+            unsent,
+            metrics,
+            inputs: Seq::filled(inputs()),
+            flows: Seq::new(),
+        })
+    }
+}
+
+/// A node as a process; its steps are recorded where its flight is.
+pub struct Process<N: Node> {
+    node: N,
+    recorder: Option<NodeRecorder>,
+    clock: ProcessClock,
+    last: Time<N::Clock>,
+    /// Its reports.
+    pub life: Life,
+}
+
+/// A boot id: differs from the last start's.
+pub fn draw_boot() -> u32 {
+    // The steady clock in units of 65 us turns over after three days; the process id tells two
+    // starts within one unit apart.
+    ((steady_ns() >> 16) as u32).wrapping_mul(0x9e37_79b1) ^ std::process::id()
+}
+
+/// True once standard input has closed, for a supervised process.
+pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
+    let end = Arc::new(AtomicBool::new(false));
+    if supervised {
+        let flag = Arc::clone(&end);
+        std::thread::spawn(move || {
+            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the
+            // SIGCONT after a SIGSTOP, may interrupt it before, and is not the end.
+            while std::io::stdin()
+                .read(&mut [0_u8; 1])
+                .map_or_else(|e| e.kind() == ErrorKind::Interrupted, |read| read > 0)
+            {}
+            flag.store(true, Ordering::Relaxed);
+        });
+    }
+    end
+}
+
+impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
+    /// Starts a process of `kind` around the node that `make` makes for a boot id.
+    pub fn start(
+        kind: ProcessKind,
+        args: &ProcessArgs,
+        clock: ProcessClock,
+        make: impl FnOnce(u32) -> N,
+    ) -> Result<Process<N>, CliError> {
+        let boot = draw_boot();
+        let flight = args.flight.as_ref();
+        let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
+        let recorder = recorder.transpose()?;
+        // After the recorder, whose thread has no priority.
+        args.scheduling.apply();
+        Ok(Process {
+            node: make(boot),
+            recorder,
+            clock,
+            last: Time::from_nanos(i64::MIN),
+            life: Life::begin(kind, boot, args.supervised),
+        })
+    }
+
+    /// The computer's clock now; never goes back.
+    pub fn now(&mut self) -> Time<N::Clock> {
+        self.last = self.last.max(self.clock.now());
+        self.last
+    }
+    /// What the computer's clock read when the steady clock read `steady_ns`.
+    pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
+        self.clock.read(steady_ns)
+    }
+    /// One step of the node, its output sent, then recorded; timed where `send` says that it had work to do.
+    pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
+        let before = steady_ns();
+        let out = self.node.step(now, input);
+        let time_s = (steady_ns() - before) as f64 * 1e-9;
+        // Steps without work do not count in the time that its work takes.
+        self.life.stepped(send(&out).then_some(time_s));
+        if let Some(recorder) = &mut self.recorder {
+            recorder.step(steady_ns(), now.nanos(), input, &out);
+        }
+        out
+    }
+    /// The node.
+    pub fn node(&self) -> &N {
+        &self.node
+    }
+    /// Whether the process was asked to end.
+    pub fn ended(&self) -> bool {
+        self.life.ended()
+    }
+    /// The next report, when it is due.
+    pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
+        let mut state = self.life.state(inputs, unsent)?;
+        if let Some(recorder) = &self.recorder {
+            // A process has fewer metrics than there is place for.
+            let _full = state
+                .metrics
+                .push(MetricName::StepsUnrecorded.count(recorder.missing()));
+        }
+        Some(state)
+    }
+}
+
+/// The recorder of the process `name` in the directory of its flight.
+pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeRecorder, CliError> {
+    let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
+    let header = PartHeader {
+        process: name.into(),
+        boot,
+        began_ns: steady_ns(),
+        first_step: 0,
+        config,
+    };
+    Ok(NodeRecorder::begin(flight, header))
+}
+
+/// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).
+pub fn usage() -> (f64, u64) {
+    // Linux counts processor time in hundredths of a second for user space, and pages of 4 kB.
+    const TICKS_PER_S: f64 = 100.0;
+    const PAGE: u64 = 4096;
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // Fields are counted after the command's name, which is in parentheses and may hold blanks.
+    let after = stat.rsplit(')').next().unwrap_or_default();
+    let ticks: f64 = after
+        .split_whitespace()
+        .skip(11)
+        .take(2)
+        .filter_map(|f| f.parse::<f64>().ok())
+        .sum();
+    let memory = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let pages: u64 = memory
+        .split_whitespace()
+        .nth(1)
+        .and_then(|f| f.parse().ok())
+        .unwrap_or(0);
+    (ticks / TICKS_PER_S, pages * PAGE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processor_time_and_memory_of_a_process() {
+        let (cpu_s, bytes) = usage();
+        assert!(cpu_s >= 0.0 && bytes > 100_000, "{cpu_s} s, {bytes} bytes");
+    }
+}

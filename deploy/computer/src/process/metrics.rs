@@ -1,0 +1,55 @@
+//! Names and units of the processes' metrics.
+
+use alight_shared::metrics::MetricValue;
+use alight_shared::process::ProcessState;
+
+use crate::process::snapshot::time;
+
+/// The metrics of a process in words, without counts of zero; empty for one without.
+pub fn text(p: &ProcessState) -> String {
+    let shown: Vec<String> = p
+        .metrics
+        .iter()
+        .filter_map(|m| {
+            let value = match m.value {
+                MetricValue::Count(0) | MetricValue::AccessRejection(None) => return None,
+                MetricValue::Count(n) => n.to_string(),
+                MetricValue::Seconds(s) => time(s),
+                MetricValue::Fraction(f) => format!("{:.0} %", 100.0 * f),
+                MetricValue::AccessRejection(Some(why)) => why.name().into(),
+                MetricValue::State(state) => state.map_or("-", |s| s.name()).into(),
+            };
+            Some(format!("{} {value}", m.name.text()))
+        })
+        .collect();
+    shown.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::admission::AccessRejection;
+    use alight_shared::metrics::MetricName as M;
+    use alight_shared::msg::{Seq, State};
+
+    #[test]
+    fn metric_names_and_units() {
+        let vessel = ProcessState {
+            metrics: Seq::filled([
+                M::SensorReadingsMissed.count(0_u32),
+                M::BytesSent.count(1200_u32),
+                M::DroneMessageAge.seconds(0.25),
+                M::DroneState.with(MetricValue::State(Some(State::Tracking))),
+                M::DroneBattery.fraction(0.8),
+                M::LastPeerRejection.with(MetricValue::AccessRejection(Some(AccessRejection::Expired))),
+                M::MeasurementToEstimateP50.seconds(0.01),
+            ]),
+            ..ProcessState::default()
+        };
+        assert_eq!(
+            text(&vessel),
+            "bytes sent 1200, age of drone message 250 ms, drone state Tracking, drone battery 80 %, \
+             last peer rejected for an expired certificate, measurement to estimate p50 10.0 ms"
+        );
+    }
+}

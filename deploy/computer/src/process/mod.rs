@@ -1,0 +1,25 @@
+//! Processes: the shell around a node (wake with messages, step, publish, record, report twice a second, end
+//! when asked to), and the supervisor that starts and restarts them.
+
+pub mod args;
+pub mod flight;
+pub mod instance;
+pub mod journal;
+pub mod keeper;
+pub mod lateness;
+pub mod life;
+pub mod local_command;
+pub mod metrics;
+pub mod notify;
+pub mod observer;
+pub mod radio_keys;
+pub mod radio_rates;
+pub mod scheduling;
+pub mod sealed;
+pub mod service;
+pub mod shell;
+pub mod snapshot;
+pub mod supervision;
+pub mod supervisor;
+mod tables;
+pub mod wall;

@@ -1,0 +1,166 @@
+//! Observer of the reports of an instance's processes.
+
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, SetPoint,
+    SourceReport, VesselStatus, WaveModel,
+};
+use alight_shared::process::ProcessState;
+use alight_shared::time::DroneClock;
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Subscriber};
+
+use crate::exit::CliError;
+use crate::process::instance::{EDITED_FILE, is_running, owner, said};
+use crate::process::snapshot::Snapshot;
+
+/// Receives the reports of an instance's processes.
+pub struct Observer {
+    processes: Subscriber<ProcessState>,
+    mission: Subscriber<MissionState>,
+    autopilot: Subscriber<AutopilotState>,
+    drone: Subscriber<DroneState>,
+    forecast: Subscriber<DeckForecast>,
+    link: Subscriber<LinkState>,
+    plan: Subscriber<Plan>,
+    grant: Subscriber<DeckGrant<DroneClock>>,
+    wave: Subscriber<WaveModel<DroneClock>>,
+    set_point: Subscriber<SetPoint>,
+    vessel: Subscriber<VesselStatus>,
+    sources: Subscriber<SourceReport>,
+    /// What was seen.
+    pub snapshot: Snapshot,
+    /// Ages of the vessel's newest state since they were taken last, s.
+    pub ages_s: Vec<f64>,
+}
+
+impl Observer {
+    /// Looks on.
+    pub fn join(memory: &Memory) -> Result<Observer, CliError> {
+        Ok(Observer {
+            processes: memory.subscriber()?,
+            mission: memory.subscriber()?,
+            autopilot: memory.subscriber()?,
+            drone: memory.subscriber()?,
+            forecast: memory.subscriber()?,
+            link: memory.subscriber()?,
+            plan: memory.subscriber()?,
+            grant: memory.subscriber()?,
+            wave: memory.subscriber()?,
+            set_point: memory.subscriber()?,
+            vessel: memory.subscriber()?,
+            sources: memory.subscriber()?,
+            snapshot: Snapshot::default(),
+            ages_s: Vec::new(),
+        })
+    }
+    /// Takes in what is new.
+    pub fn poll(&mut self) {
+        let (now, seen) = (steady_ns(), &mut self.snapshot);
+        for state in self.processes.all(now) {
+            seen.processes.insert(state.kind, state);
+        }
+        seen.vessel.set(now, self.vessel.newest(now));
+        seen.sources
+            .extend(self.sources.all(now).into_iter().map(|s| (s.number, s)));
+        seen.mission.set(now, self.mission.newest(now));
+        seen.autopilot.set(now, self.autopilot.newest(now));
+        seen.drone.set(now, self.drone.newest(now));
+        seen.forecast.set(now, self.forecast.newest(now));
+        seen.plan.set(now, self.plan.newest(now));
+        seen.grant.set(now, self.grant.newest(now));
+        seen.wave.set(now, self.wave.newest(now));
+        let newest = self.set_point.newest(now).map(|s| s.response);
+        seen.response = newest.or(seen.response);
+        let links = self.link.all(now);
+        // Who does not take them does not keep them.
+        self.ages_s.truncate(64);
+        self.ages_s.extend(links.iter().map(|l| l.age_s));
+        seen.link.set(now, links.last().copied());
+    }
+}
+
+/// An instance's memory as somebody outside uses it: another one once its service was started anew.
+pub struct Rejoined<T> {
+    instance: Instance,
+    owner: Option<u32>,
+    looked_ns: i64,
+    joins: u64,
+    /// What was joined last.
+    pub ports: Option<T>,
+}
+
+/// Whether a service was started anew is looked for this often, ns.
+const LOOK_NS: i64 = 100_000_000;
+
+impl<T> Rejoined<T> {
+    /// Not joined yet.
+    pub fn of(instance: &str) -> Result<Rejoined<T>, CliError> {
+        Ok(Rejoined {
+            instance: Instance::new(instance)?,
+            owner: None,
+            looked_ns: 0,
+            joins: 0,
+            ports: None,
+        })
+    }
+    /// Joins it.
+    pub fn join(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> Result<(), CliError> {
+        self.owner = owner(&self.instance);
+        let new = join(&self.instance)?;
+        // Its names are the new memory's by now: what is dropped would be removed under them.
+        core::mem::forget(self.ports.replace(new));
+        self.joins += 1;
+        Ok(())
+    }
+    /// Joins it where it is another; true while it runs.
+    pub fn poll(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> bool {
+        let now = steady_ns();
+        if now - self.looked_ns >= LOOK_NS {
+            self.looked_ns = now;
+            let owner = owner(&self.instance).filter(|_| is_running(&self.instance));
+            let another = owner.is_some() && (self.ports.is_none() || self.owner != owner);
+            self.owner = owner;
+            if another && self.join(join).is_err() {
+                // One that is just being made is tried again.
+                self.owner = None;
+            }
+        }
+        self.owner.is_some()
+    }
+}
+
+/// Observes an instance whenever it runs.
+pub struct Follower {
+    joined: Rejoined<(Memory, Observer)>,
+    name: &'static str,
+}
+
+impl Follower {
+    /// Of the instance of this name, as the process `name`.
+    pub fn of(instance: &str, name: &'static str) -> Result<Follower, CliError> {
+        let joined = Rejoined::of(instance)?;
+        Ok(Follower { joined, name })
+    }
+    /// Looks on no longer, before the memory is removed.
+    pub fn leave(&mut self) {
+        self.joined.ports = None;
+    }
+    /// Sets of processes that were looked at so far: one more since the last look is another, perhaps by another configuration.
+    pub fn joins(&self) -> u64 {
+        self.joined.joins
+    }
+    /// What was seen by now, with the memory that it lies in; None while nothing runs.
+    pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {
+        let name = self.name;
+        let join = |instance: &Instance| {
+            let memory = Memory::join(instance, name)?;
+            let observer = Observer::join(&memory)?;
+            Ok((memory, observer))
+        };
+        let ports = self.joined.poll(join).then_some(self.joined.ports.as_mut());
+        let (memory, observer) = ports.flatten()?;
+        observer.poll();
+        observer.snapshot.edited = said(&self.joined.instance, EDITED_FILE);
+        Some((memory, &observer.snapshot))
+    }
+}

@@ -1,0 +1,281 @@
+//! The configuration of a flight is the one that it began with. A supervisor reads its file once and gives its processes a
+//! copy of what it read, so that one which is started again in flight does not take up what somebody has edited meanwhile.
+//! The file of Zenoh's own configuration is part of it: its text stands in the copy in the place of its name.
+//! The copy is kept fresh while the supervisor lives and is removed when it ends as asked; a successor that finds a fresh
+//! one goes on with it, for its predecessor was killed. An edited file is said, and counts from the next start on.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use alight_shared::config::{self, Check};
+use alight_shared::wire;
+use alight_transport::radio::zenoh_text;
+use serde::de::DeserializeOwned;
+use tracing::warn;
+
+use crate::exit::{CliError, Doing};
+
+/// The copy is of a flight that goes on if its supervisor lived so lately: a hundred times what the service manager waits
+/// for before it starts a successor.
+const MAX_AGE: Duration = Duration::from_secs(10);
+/// The file is compared with the copy this often, ns.
+const LOOK_PERIOD_NS: i64 = 1_000_000_000;
+/// Longest file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The configuration that a supervisor began with.
+pub struct SealedConfig {
+    origin: PathBuf,
+    copy: PathBuf,
+    text: String,
+    edited: bool,
+    next_look_ns: i64,
+    /// The copy is ours alone so far: nothing has run by it.
+    unused: bool,
+}
+
+impl SealedConfig {
+    /// Reads and checks the file of a computer.
+    pub fn begin<T: DeserializeOwned + Check>(origin: &Path) -> Result<(T, SealedConfig), CliError> {
+        SealedConfig::begin_in(&std::env::temp_dir(), origin)
+    }
+    fn begin_in<T: DeserializeOwned + Check>(
+        directory: &Path,
+        origin: &Path,
+    ) -> Result<(T, SealedConfig), CliError> {
+        let copy = copy_of(directory, origin)?;
+        if let Some(text) = fresh(&copy) {
+            match config::parse(&text, &copy.display().to_string()) {
+                Ok(computer) => {
+                    let mut sealed = SealedConfig::of(origin, copy, text, false);
+                    sealed.look();
+                    return Ok((computer, sealed));
+                }
+                Err(e) => warn!("{e}: the configuration of the supervisor before does not count"),
+            }
+        }
+        let text = read(origin).doing(format_args!("reading {}", origin.display()))?;
+        let computer = config::parse(&text, &origin.display().to_string())?;
+        let text = whole(text)?;
+        write(&copy, &text).doing(format_args!("writing {}", copy.display()))?;
+        Ok((computer, SealedConfig::of(origin, copy, text, true)))
+    }
+    fn of(origin: &Path, copy: PathBuf, text: String, unused: bool) -> SealedConfig {
+        SealedConfig {
+            origin: origin.to_owned(),
+            copy,
+            text,
+            edited: false,
+            next_look_ns: i64::MIN,
+            unused,
+        }
+    }
+    /// The copy, for processes.
+    pub fn path(&self) -> &Path {
+        &self.copy
+    }
+    /// What is to be said of the file, if it is another than what is flown by.
+    pub fn edited(&self) -> Option<String> {
+        let said = || {
+            format!(
+                "{} was edited since the start: what runs keeps to what it began with, until it is restarted",
+                self.origin.display()
+            )
+        };
+        self.edited.then(said)
+    }
+    /// Keeps the copy fresh and looks whether the file was edited; true when that has changed.
+    pub fn poll(&mut self, now_ns: i64) -> bool {
+        if now_ns < self.next_look_ns {
+            return false;
+        }
+        self.next_look_ns = now_ns.saturating_add(LOOK_PERIOD_NS);
+        self.unused = false;
+        let touched = touch(&self.copy);
+        // One that was removed: the next process that starts needs it.
+        if touched.is_err() {
+            let _unwritten = write(&self.copy, &self.text);
+        }
+        self.look()
+    }
+    fn look(&mut self) -> bool {
+        let now = read(&self.origin).ok().and_then(|text| whole(text).ok());
+        let edited = now.is_none_or(|text| text != self.text);
+        let changed = edited != self.edited;
+        self.edited = edited;
+        if let Some(said) = self.edited().filter(|_| changed) {
+            warn!("{said}");
+        }
+        changed
+    }
+    /// The supervisor ends as it was asked to.
+    pub fn end(mut self) {
+        self.unused = true;
+    }
+}
+
+impl Drop for SealedConfig {
+    fn drop(&mut self) {
+        // A start that failed is no flight, nor is one that is over. What cannot be removed is old soon.
+        if self.unused {
+            let _left = fs::remove_file(&self.copy);
+        }
+    }
+}
+
+/// What a service that was started with the file `origin` runs by now, as text; None where none was, and for another user's.
+pub fn running(origin: &Path) -> Option<String> {
+    fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
+}
+
+/// The text of a configuration with that of Zenoh's own in the place of its file's name, where it names one.
+fn whole(text: String) -> Result<String, CliError> {
+    // What is no TOML is rejected with its line where it is parsed.
+    let mut table: toml::Table = toml::from_str(&text).unwrap_or_default();
+    let Some(toml::Value::String(zenoh)) = table.get_mut("radio").and_then(|radio| radio.get_mut("zenoh"))
+    else {
+        return Ok(text);
+    };
+    let Some(own) = zenoh_text(zenoh)? else {
+        return Ok(text);
+    };
+    *zenoh = own;
+    toml::to_string(&table).doing("writing Zenoh's own configuration (radio.zenoh) into a copy")
+}
+
+/// Where the copy of a file is.
+fn copy_of(directory: &Path, origin: &Path) -> Result<PathBuf, CliError> {
+    let named = fs::canonicalize(origin).unwrap_or_else(|_| origin.to_owned());
+    let hash = wire::hash_record(&named.display().to_string()).doing("naming a copy")?;
+    Ok(directory.join(format!("alight-config-{hash:016x}.toml")))
+}
+
+/// What is in a copy of ours that was fresh lately.
+fn fresh(copy: &Path) -> Option<String> {
+    let found = fs::symlink_metadata(copy).ok()?;
+    let own = found.is_file() && found.uid() == rustix::process::geteuid().as_raw();
+    let age = found.modified().ok()?.elapsed().unwrap_or_default();
+    (own && age <= MAX_AGE).then(|| read(copy).ok())?
+}
+
+/// Makes the copy one of now. Its age counts across processes, so that it is the file system's clock.
+#[allow(clippy::disallowed_methods)]
+fn touch(copy: &Path) -> io::Result<()> {
+    File::options()
+        .append(true)
+        .open(copy)?
+        .set_modified(SystemTime::now())
+}
+
+fn read(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    File::open(path)?.take(MAX_BYTES).read_to_string(&mut text)?;
+    Ok(text)
+}
+
+/// Replaces the copy as a whole.
+fn write(copy: &Path, text: &str) -> io::Result<()> {
+    let new = copy.with_extension(format!("{}.new", std::process::id()));
+    // Neither a file nor a link that another user has put there.
+    let _none = fs::remove_file(&new);
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(&new)?;
+    file.write_all(text.as_bytes())?;
+    fs::rename(&new, copy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DroneComputer;
+
+    fn number(path: &Path) -> u32 {
+        let computer: DroneComputer = config::load(path).unwrap();
+        computer.bridge.drone_id
+    }
+
+    #[test]
+    fn configuration_edited_in_flight() {
+        let directory = std::env::temp_dir().join(format!("alight-sealed-{}", std::process::id()));
+        fs::create_dir_all(&directory).unwrap();
+        let origin = directory.join("drone.toml");
+        let edit = |text: &str| fs::write(&origin, text).unwrap();
+        let begin = || SealedConfig::begin_in::<DroneComputer>(&directory, &origin).unwrap();
+        edit("[bridge]\ndrone_id = 2\n");
+        let (computer, mut sealed) = begin();
+        assert_eq!((computer.bridge.drone_id, number(sealed.path())), (2, 2));
+        assert!(!sealed.poll(0) && sealed.edited().is_none());
+        // A process that is started now keeps to what was read, and it is said once.
+        edit("[bridge]\ndrone_id = 3\n");
+        assert!(!sealed.poll(LOOK_PERIOD_NS / 2), "not yet looked");
+        assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));
+        assert!(sealed.edited().unwrap().contains("drone.toml was edited"));
+        assert_eq!(number(sealed.path()), 2);
+        // So does a successor of a supervisor that was killed, also where the file is no configuration any more.
+        edit("half a fi");
+        let (computer, successor) = begin();
+        assert!(computer.bridge.drone_id == 2 && successor.edited().is_some());
+        sealed.poll(3 * LOOK_PERIOD_NS);
+        // Where no supervisor lived lately, and after one that ended as it was asked to, the file counts.
+        edit("[bridge]\ndrone_id = 4\n");
+        let copy = File::options().append(true).open(successor.path()).unwrap();
+        copy.set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        let (computer, sealed) = begin();
+        assert_eq!(computer.bridge.drone_id, 4);
+        edit("[bridge]\ndrone_id = 5\n");
+        sealed.end();
+        assert_eq!(begin().0.bridge.drone_id, 5);
+        // So it does after a start that failed. A removed copy is written again.
+        edit("[bridge]\ndrone_id = 6\n");
+        let (computer, mut sealed) = begin();
+        assert_eq!(computer.bridge.drone_id, 6);
+        fs::remove_file(sealed.path()).unwrap();
+        sealed.poll(0);
+        assert_eq!(number(sealed.path()), 6);
+        fs::remove_dir_all(directory).unwrap();
+    }
+
+    #[test]
+    fn zenoh_file_edited_in_flight() {
+        let directory = std::env::temp_dir().join(format!("alight-sealed-zenoh-{}", std::process::id()));
+        fs::create_dir_all(&directory).unwrap();
+        let (origin, zenoh) = (directory.join("drone.toml"), directory.join("zenoh.json5"));
+        let text = format!(
+            "[radio]\nconnect = [\"udp/192.168.7.1:7447\"]\nzenoh = {:?}\n",
+            zenoh.display().to_string()
+        );
+        fs::write(&origin, &text).unwrap();
+        let begin = || SealedConfig::begin_in::<DroneComputer>(&directory, &origin);
+        assert!(begin().err().unwrap().to_string().contains("zenoh.json5"));
+        let original = "{\n  metadata: { boat: \"Ida\" }, // a comment\n}\n";
+        fs::write(&zenoh, original).unwrap();
+        let (_, mut sealed) = begin().unwrap();
+        let flown = |sealed: &SealedConfig| {
+            let computer: DroneComputer = config::load(sealed.path()).unwrap();
+            computer.radio.check_zenoh().unwrap();
+            computer.radio.zenoh
+        };
+        assert_eq!(flown(&sealed), original);
+        assert!(!sealed.poll(0));
+        // A process that is started now keeps to what was read, and so does a successor of a supervisor that was killed.
+        fs::write(&zenoh, "{ mode: ").unwrap();
+        assert!(sealed.poll(LOOK_PERIOD_NS) && sealed.edited().is_some());
+        fs::remove_file(&zenoh).unwrap();
+        assert!(!sealed.poll(2 * LOOK_PERIOD_NS) && sealed.edited().is_some());
+        let (computer, successor) = begin().unwrap();
+        assert_eq!(
+            (&*computer.radio.zenoh, flown(&successor)),
+            (original, original.into())
+        );
+        // As it was before, nothing is edited.
+        fs::write(&zenoh, original).unwrap();
+        assert!(sealed.poll(3 * LOOK_PERIOD_NS) && sealed.edited().is_none());
+        fs::remove_dir_all(directory).unwrap();
+    }
+}

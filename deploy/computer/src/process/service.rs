@@ -1,0 +1,147 @@
+//! The service of a computer: its processes over one shared memory, under one supervisor.
+//!
+//! One service and not one per process: the services of shared memory have to be created by one
+//! process before any other opens them, and what a killed process left has to be cleaned up while none
+//! lives. The supervisor restarts a process that ended, at once after a long run, and kills one that reports
+//! nothing for too long, so that it is restarted too; systemd watches the supervisor.
+
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use alight_shared::process::ProcessKind;
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::memory::{Memory, Services};
+use alight_transport::wake::end_requested;
+use tracing::{info, warn};
+
+use crate::config::recorder::RecorderConfig;
+use crate::config::view::ViewConfig;
+use crate::exit::{CliError, Exit};
+use crate::process::args::{ProcessArgs, Scheduling};
+use crate::process::flight::Flight;
+use crate::process::instance::{CHECKPOINTS_FILE, EDITED_FILE, OwnedInstance};
+use crate::process::keeper::CheckpointKeeper;
+use crate::process::life::end_with_supervisor;
+use crate::process::notify::Notify;
+use crate::process::observer::Observer;
+use crate::process::scheduling;
+use crate::process::sealed::SealedConfig;
+use crate::process::supervision::Limits;
+use crate::process::supervisor::{self, Event, Supervisor};
+
+/// Time between two looks of the supervisor.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+
+/// What a computer runs.
+pub struct Service<'a> {
+    /// Name of the set of processes.
+    pub instance: &'a str,
+    /// The computer's name in its flights.
+    pub computer: String,
+    /// Where it records them.
+    pub recorder: &'a RecorderConfig,
+    /// A process that reports nothing for this long is killed and restarted, s.
+    pub silence_timeout_s: f64,
+    /// Its processes in the order of their start, with the scheduling that the system may not permit.
+    pub nodes: Vec<(ProcessKind, Scheduling)>,
+    /// Where people look on, if they do.
+    pub view: Option<ViewConfig>,
+    /// The clock of checkpoints that the supervisor keeps; None: each process keeps its own.
+    pub checkpoints: Option<ProcessClock>,
+}
+
+/// Runs it until it is asked to end.
+pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -> Result<Exit, CliError> {
+    // Everything is checked before anything starts. The first call installs the signal handler.
+    let told_to_end = end_with_supervisor(args.supervised);
+    if end_requested() {
+        return Ok(Exit::Success);
+    }
+    scheduling::raise();
+    let owned = OwnedInstance::take(service.instance)?;
+    let memory = Memory::join(owned.instance(), "supervisor")?;
+    let services = Services::create(&memory)?;
+    owned.ready()?;
+    let mut observer = Observer::join(&memory)?;
+    let mut keeper = match service.checkpoints {
+        Some(clock) => {
+            let kept = CheckpointKeeper::join(&memory)?;
+            Some((clock, kept.in_file(owned.file(CHECKPOINTS_FILE), clock.now())))
+        }
+        None => None,
+    };
+    let mut flight = Flight::begin(service.recorder, args, &service.computer, steady_ns());
+    let recorded = args.flight.clone().or(flight.as_ref().map(Flight::path));
+    let mut supervisor = start(&service, &owned, recorded, &sealed)?;
+    let mut notify = Notify::default();
+    while memory.wait(POLL_PERIOD) && !told_to_end.load(Ordering::Relaxed) {
+        observer.poll();
+        sealed.poll(steady_ns());
+        owned.say(EDITED_FILE, sealed.edited());
+        // Before what a dead process left is cleaned up.
+        if let Some((clock, keeper)) = &mut keeper {
+            keeper.poll(clock.now());
+        }
+        for line in supervisor.output_lines() {
+            info!("{line}");
+        }
+        let reports = &observer.snapshot.processes;
+        for event in supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
+            if matches!(event, Event::Ended(..)) {
+                memory.reap();
+            }
+            warn!("{event}");
+        }
+        let reported = |(kind, _): &(ProcessKind, _)| observer.snapshot.processes.contains_key(kind);
+        if service.nodes.iter().all(reported) {
+            notify.ready();
+        }
+        if let Some(flight) = &mut flight {
+            let restarts = supervisor.restarts();
+            flight.log().observe(steady_ns(), &observer.snapshot, restarts);
+            flight.poll(steady_ns());
+        }
+        notify.alive(steady_ns(), || observer.snapshot.line(steady_ns()));
+    }
+    notify.stopping();
+    supervisor.stop();
+    if let Some(flight) = flight {
+        flight.end(steady_ns());
+    }
+    if let Some((_, keeper)) = keeper {
+        keeper.forget();
+    }
+    sealed.end();
+    drop(services);
+    drop(memory);
+    drop(owned);
+    Ok(Exit::Success)
+}
+
+/// Starts its processes, which record into this flight.
+fn start(
+    service: &Service<'_>,
+    owned: &OwnedInstance,
+    flight: Option<std::path::PathBuf>,
+    sealed: &SealedConfig,
+) -> Result<Supervisor, CliError> {
+    let limits = Limits {
+        silence_timeout_s: Some(service.silence_timeout_s),
+        max_failures: None,
+    };
+    let directory = owned.instance().directory();
+    let mut supervisor = Supervisor::new(directory, flight, limits)?.inheriting_stderr();
+    let permitted = scheduling::real_time_permitted();
+    for (kind, scheduling) in &service.nodes {
+        let mut arguments = supervisor::arguments(*kind, sealed.path());
+        arguments.extend(scheduling.where_permitted(permitted).flags());
+        supervisor.start(*kind, arguments, Vec::new())?;
+    }
+    if let Some(view) = &service.view {
+        supervisor.start_view(sealed.path(), view)?;
+    }
+    if !permitted && service.nodes.iter().any(|(_, s)| s.realtime.is_some()) {
+        warn!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");
+    }
+    Ok(supervisor)
+}

@@ -1,0 +1,211 @@
+//! Snapshot of an instance: the newest message of each of its topics.
+
+use core::ops::Deref;
+use std::collections::BTreeMap;
+
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{
+    AttitudeResponse, AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
+    SourceReport, VesselStatus, WaveModel,
+};
+use alight_shared::plain::Plain;
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::time::DroneClock;
+use nalgebra::Vector3;
+
+/// Times from microseconds to seconds in three digits.
+pub fn time(s: f64) -> String {
+    if !s.is_finite() {
+        "-".into()
+    } else if s.abs() < 1e-3 {
+        format!("{:.0} us", s * 1e6)
+    } else if s.abs() < 0.1 {
+        format!("{:.1} ms", s * 1e3)
+    } else if s.abs() < 1.0 {
+        format!("{:.0} ms", s * 1e3)
+    } else {
+        format!("{s:.1} s")
+    }
+}
+
+/// A time from seconds to hours in whole numbers.
+pub fn minutes(s: f64) -> String {
+    if !(s >= 90.0) {
+        format!("{s:.0} s")
+    } else if s < 5400.0 {
+        format!("{:.0} min", s / 60.0)
+    } else {
+        format!("{:.0} h", s / 3600.0)
+    }
+}
+
+/// People look a few times a second: nothing fresher than this counts as old, s.
+const MIN_STALE_S: f64 = 1.0;
+
+/// The newest message of a topic, and when it came on the observer's clock.
+#[derive(Clone, Copy, Debug)]
+pub struct Newest<T> {
+    value: Option<T>,
+    at_ns: i64,
+}
+
+impl<T> Default for Newest<T> {
+    fn default() -> Self {
+        Newest {
+            value: None,
+            at_ns: 0,
+        }
+    }
+}
+
+/// One of any age: what a test states.
+impl<T> From<T> for Newest<T> {
+    fn from(value: T) -> Self {
+        Newest {
+            value: Some(value),
+            at_ns: 0,
+        }
+    }
+}
+
+impl<T> Deref for Newest<T> {
+    type Target = Option<T>;
+    fn deref(&self) -> &Option<T> {
+        &self.value
+    }
+}
+
+impl<T: Plain> Newest<T> {
+    /// One that came by `now_ns`, if any did.
+    pub fn set(&mut self, now_ns: i64, value: Option<T>) {
+        if value.is_some() {
+            *self = Newest { value, at_ns: now_ns };
+        }
+    }
+    /// Since it came, s; infinite before the first.
+    pub fn age_s(&self, now_ns: i64) -> f64 {
+        let age_s = now_ns.saturating_sub(self.at_ns).max(0) as f64 * 1e-9;
+        if self.value.is_some() {
+            age_s
+        } else {
+            f64::INFINITY
+        }
+    }
+    /// Whether it is older than its topic allows.
+    pub fn is_old(&self, now_ns: i64) -> bool {
+        self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
+    }
+    /// The value while it is not old.
+    pub fn fresh(&self, now_ns: i64) -> Option<&T> {
+        self.value.as_ref().filter(|_| !self.is_old(now_ns))
+    }
+}
+
+/// The newest that was received of everything.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// Processes by kind.
+    pub processes: BTreeMap<ProcessKind, ProcessState>,
+    /// Mission.
+    pub mission: Newest<MissionState>,
+    /// The autopilot's state.
+    pub autopilot: Newest<AutopilotState>,
+    /// Odometry.
+    pub drone: Newest<DroneState>,
+    /// The deck's forecast.
+    pub forecast: Newest<DeckForecast>,
+    /// Link.
+    pub link: Newest<LinkState>,
+    /// Plan.
+    pub plan: Newest<Plan>,
+    /// Whose the vessel's deck is.
+    pub grant: Newest<DeckGrant<DroneClock>>,
+    /// The vessel's wave model.
+    pub wave: Newest<WaveModel<DroneClock>>,
+    /// How the drone's attitude answers set-points, by the pilot.
+    pub response: Option<AttitudeResponse>,
+    /// What the vessel's process knows.
+    pub vessel: Newest<VesselStatus>,
+    /// The vessel's real sensors by their places in its configuration.
+    pub sources: BTreeMap<u32, SourceReport>,
+    /// The warning of a configuration that was edited since the start.
+    pub edited: Option<String>,
+}
+
+impl Snapshot {
+    /// Where the drone's frame begins, and how far away the deck is by the newest forecast, m.
+    pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
+        let drone = (*self.drone)?;
+        let deck = self.forecast.and_then(|f| f.stages.first().copied());
+        let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
+        Some((drone.datum, apart))
+    }
+    /// Age of the newest plan by the mission's newest stamp, which is of the same clock, s; infinite before the first.
+    pub fn plan_age_s(&self, now_ns: i64) -> f64 {
+        let since_s = self.plan.age_s(now_ns);
+        match (*self.plan, *self.mission) {
+            (Some(plan), Some(mission)) => {
+                let made_s = (mission.header.at - plan.header.at).secs() + self.mission.age_s(now_ns);
+                since_s.max(made_s)
+            }
+            _ => since_s,
+        }
+    }
+    /// One line of at most 100 columns at `now_ns` of the observer's clock.
+    pub fn line(&self, now_ns: i64) -> String {
+        if let (Some(vessel), None) = (&*self.vessel, &*self.mission) {
+            let estimate = vessel.estimator.estimate_age_s.map_or("no estimate".into(), time);
+            return format!("estimate {estimate} old, {} drones received", vessel.drones.len());
+        }
+        let state = self.mission.map_or("-", |m| m.state.name());
+        let waiting = self.mission.map(|m| m.waiting.to_string()).unwrap_or_default();
+        let link = self.link.map_or_else(
+            || "link -".into(),
+            |l| format!("link {} old, {:.0} % lost", time(l.age_s), 100.0 * l.loss),
+        );
+        let plan = match *self.plan {
+            None => "no plan".into(),
+            Some(_) => format!("plan {} old", time(self.plan_age_s(now_ns))),
+        };
+        let solve = self
+            .processes
+            .get(&ProcessKind::Planner)
+            .map_or_else(String::new, |p| {
+                format!(", solved in {}/{}", time(p.step_p50_s), time(p.step_p99_s))
+            });
+        let mut line = format!("{state}: {link}; {plan}{solve}; {waiting}");
+        if let Some((cut, _)) = line.char_indices().nth(100) {
+            line.truncate(cut);
+        }
+        line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn status_line_width() {
+        assert_eq!(time(0.000_042), "42 us");
+        assert_eq!(time(0.0217), "21.7 ms");
+        assert_eq!(time(0.1742), "174 ms");
+        assert_eq!(time(12.34), "12.3 s");
+        assert_eq!(time(f64::INFINITY), "-");
+        let snapshot = Snapshot {
+            mission: MissionState::default().into(),
+            link: LinkState {
+                age_s: 0.062,
+                loss: 0.02,
+                ..LinkState::default()
+            }
+            .into(),
+            ..Snapshot::default()
+        };
+        let line = snapshot.line(0);
+        assert!(
+            line.contains("62.0 ms") && line.contains("2 % lost") && line.chars().count() <= 100,
+            "{line}"
+        );
+    }
+}

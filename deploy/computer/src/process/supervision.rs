@@ -1,0 +1,430 @@
+//! The supervisor's decisions: which process is started, started again after which delay, killed for its
+//! silence, or given up. Pure: what is observed of each process in, what is to be done out.
+
+use alight_shared::node::Node;
+use alight_shared::process::ProcessKind;
+use alight_shared::time::{Clock, Span, Time};
+use serde::{Deserialize, Serialize};
+
+/// Delay before a process is started again that had not run for long; doubles with each further failure.
+const INITIAL_BACKOFF: Span = Span::from_millis(100);
+/// Longest delay before a restart.
+const MAX_BACKOFF: Span = Span::from_millis(2000);
+/// The same of the viewers' server, which nothing needs: what keeps it from starting (its port is taken) stays.
+const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
+/// A process that ran for this long started well: it is started again at the next look.
+const STABLE_RUN: Span = Span::from_millis(5000);
+/// A process that has not reported since its start has this many times as long as one that has: libraries are loaded and
+/// devices opened, and on a busy computer each start takes from the others.
+const START_FACTOR: f64 = 5.0;
+/// Each kill for silence doubles what the next start is allowed, this often at most: killing what is only slow makes
+/// nothing faster. A stable run ends it.
+const MAX_DOUBLINGS: u32 = 3;
+
+/// The operating system's steady clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SteadyClock;
+
+impl Clock for SteadyClock {
+    const NAME: &'static str = "steady clock";
+}
+
+/// What a supervisor tolerates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// A process that has reported and then reports nothing for this long is killed, s; None: silence is tolerated.
+    pub silence_timeout_s: Option<f64>,
+    /// A process that failed so often in a row is given up; None: never, as in flight.
+    pub max_failures: Option<u32>,
+}
+
+/// What is observed of one process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Observed {
+    /// Which.
+    pub kind: ProcessKind,
+    /// It lives.
+    pub running: bool,
+    /// When its newest report came, if one did.
+    pub reported: Option<Time<SteadyClock>>,
+}
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Action {
+    /// Start it.
+    Start(ProcessKind),
+    /// Kill it: it has been silent for this long, s.
+    Kill(ProcessKind, f64),
+    /// It failed too often in a row.
+    GiveUp(ProcessKind),
+}
+
+/// One process as the supervisor remembers it.
+#[derive(Clone, Copy, Debug)]
+struct Child {
+    kind: ProcessKind,
+    starts: u32,
+    failures: u32,
+    started: Time<SteadyClock>,
+    /// Not started again before this.
+    due: Time<SteadyClock>,
+    backoff: Span,
+    was_running: bool,
+    killed: Option<Time<SteadyClock>>,
+    /// Kills for silence since its last stable run.
+    silences: u32,
+    /// Its first report since this start.
+    ready: Option<Time<SteadyClock>>,
+}
+
+impl Child {
+    fn new(kind: ProcessKind) -> Child {
+        Child {
+            kind,
+            starts: 0,
+            failures: 0,
+            started: Time::EPOCH,
+            due: Time::from_nanos(i64::MIN),
+            backoff: INITIAL_BACKOFF,
+            was_running: false,
+            killed: None,
+            silences: 0,
+            ready: None,
+        }
+    }
+    fn on_exit(&mut self, now: Time<SteadyClock>) {
+        self.was_running = false;
+        if now - self.started > STABLE_RUN {
+            (self.backoff, self.failures) = (Span::ZERO, 0);
+        }
+        self.failures = self.failures.saturating_add(1);
+        self.due = now + self.backoff;
+        let longest = match self.kind {
+            ProcessKind::View => MAX_VIEW_BACKOFF,
+            _ => MAX_BACKOFF,
+        };
+        self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, longest);
+    }
+    fn step(&mut self, now: Time<SteadyClock>, seen: &Observed, limits: &Limits) -> Option<Action> {
+        if !seen.running {
+            if self.was_running {
+                // What it left in shared memory is cleaned up before the next begins.
+                self.on_exit(now);
+                return None;
+            }
+            // A simulated world that ended has lost its state: starting it again would be another flight.
+            if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
+                return None;
+            }
+            // Nothing needs the viewers' server: it ends no flight.
+            let needed = self.kind != ProcessKind::View;
+            if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
+                return Some(Action::GiveUp(self.kind));
+            }
+            (self.started, self.was_running, self.ready) = (now, true, None);
+            self.starts = self.starts.saturating_add(1);
+            return Some(Action::Start(self.kind));
+        }
+        self.was_running = true;
+        let watched = match self.kind {
+            // They report nothing.
+            ProcessKind::World | ProcessKind::Link => false,
+            // It waits for shared memory.
+            ProcessKind::View => seen.reported.is_some(),
+            ProcessKind::Vessel
+            | ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Planner
+            | ProcessKind::Pilot
+            | ProcessKind::Autopilot
+            | ProcessKind::Sensors
+            | ProcessKind::Camera
+            | ProcessKind::Uvdar => true,
+        };
+        let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
+        // What its predecessor reported is no report of this start.
+        let reported = seen.reported.filter(|at| *at > self.started);
+        self.ready = self.ready.or(reported);
+        let newest = [Some(self.started), self.killed, reported];
+        let silence_s = (now - newest.into_iter().flatten().max().unwrap_or(now)).secs();
+        let received = reported.is_some_and(|at| (now - at).secs() <= timeout_s);
+        if received && self.ready.is_some_and(|at| now - at > STABLE_RUN) {
+            self.silences = 0;
+        }
+        (silence_s > self.allowed_s(timeout_s)).then(|| {
+            self.killed = Some(now);
+            self.silences = self.silences.saturating_add(1);
+            Action::Kill(self.kind, silence_s)
+        })
+    }
+    /// So long it may report nothing, s.
+    fn allowed_s(&self, timeout_s: f64) -> f64 {
+        let factor = if self.ready.is_some() { 1.0 } else { START_FACTOR };
+        timeout_s * factor * f64::from(1_u32 << self.silences.min(MAX_DOUBLINGS))
+    }
+}
+
+/// The decisions as a node.
+#[derive(Clone, Debug)]
+pub struct SupervisorNode {
+    limits: Limits,
+    children: Vec<Child>,
+}
+
+impl SupervisorNode {
+    /// Has started nothing yet.
+    pub fn new(limits: Limits) -> SupervisorNode {
+        SupervisorNode {
+            limits,
+            children: Vec::new(),
+        }
+    }
+    /// Starts beyond the first, of all processes.
+    pub fn restarts(&self) -> u32 {
+        self.children.iter().map(|c| c.starts.saturating_sub(1)).sum()
+    }
+}
+
+impl Node for SupervisorNode {
+    type Clock = SteadyClock;
+    /// Every process under supervision, in the order in which they start.
+    type In = Vec<Observed>;
+    type Out = Vec<Action>;
+
+    fn step(&mut self, now: Time<SteadyClock>, input: &Vec<Observed>) -> Vec<Action> {
+        let mut actions = Vec::new();
+        for seen in input {
+            let known = self.children.iter().position(|c| c.kind == seen.kind);
+            let k = known.unwrap_or_else(|| {
+                self.children.push(Child::new(seen.kind));
+                self.children.len() - 1
+            });
+            if let Some(child) = self.children.get_mut(k) {
+                actions.extend(child.step(now, seen, &self.limits));
+            }
+        }
+        actions
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PILOT: ProcessKind = ProcessKind::Pilot;
+
+    fn at(ms: i64) -> Time<SteadyClock> {
+        Time::from_nanos(ms * 1_000_000)
+    }
+    fn observed(kind: ProcessKind, running: bool, reported_ms: Option<i64>) -> Vec<Observed> {
+        vec![Observed {
+            kind,
+            running,
+            reported: reported_ms.map(at),
+        }]
+    }
+
+    #[test]
+    fn failing_viewers_server() {
+        let limits = Limits {
+            silence_timeout_s: Some(5.0),
+            max_failures: Some(3),
+        };
+        let mut node = SupervisorNode::new(limits);
+        let mut starts = Vec::new();
+        for ms in (0..600_000).step_by(20) {
+            // It ends at once.
+            for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
+                assert_eq!(action, Action::Start(ProcessKind::View));
+                starts.push(ms);
+            }
+        }
+        let gaps: Vec<i64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(
+            gaps[0] <= 200 && gaps.iter().all(|gap| *gap <= 60_100),
+            "{gaps:?}"
+        );
+        assert!(gaps.last().is_some_and(|gap| *gap >= 59_900), "{gaps:?}");
+    }
+
+    #[test]
+    fn restart_delays_and_a_stable_run() {
+        let mut node = SupervisorNode::new(Limits::default());
+        let mut starts = Vec::new();
+        for ms in (0..8000).step_by(10) {
+            // It ends at once.
+            if !node.step(at(ms), &observed(PILOT, false, None)).is_empty() {
+                starts.push(ms);
+            }
+        }
+        let delays: Vec<i64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
+        assert_eq!(delays[..5], [110, 210, 410, 810, 1610], "{starts:?}");
+        assert!(delays[5..].iter().all(|d| *d == 2010), "{delays:?}");
+        assert_eq!(node.restarts() as usize, starts.len() - 1);
+        for ms in (8000..20_000).step_by(10) {
+            assert!(node.step(at(ms), &observed(PILOT, true, Some(ms))).is_empty());
+        }
+        // Without a delay after a run that was long, and then with the first.
+        let starts = (20_000..20_200).step_by(10).filter(|&ms| {
+            let actions = node.step(at(ms), &observed(PILOT, false, None));
+            actions == [Action::Start(PILOT)]
+        });
+        assert_eq!(starts.collect::<Vec<_>>(), [20_010, 20_120]);
+    }
+
+    #[test]
+    fn silent_process_and_viewer_never_received() {
+        let limits = Limits {
+            silence_timeout_s: Some(3.0),
+            max_failures: None,
+        };
+        let cases = [
+            // Never ready: five times as long, and twice that after it was killed in vain.
+            (PILOT, None, vec![15_010, 45_020]),
+            (PILOT, Some(1000), vec![4010, 10_020, 22_030, 46_040]),
+            (ProcessKind::View, None, vec![]),
+            (ProcessKind::View, Some(1000), vec![4010, 10_020, 22_030, 46_040]),
+        ];
+        for (kind, reported, kills) in cases {
+            let mut node = SupervisorNode::new(limits);
+            let mut killed = Vec::new();
+            for ms in (0..50_000).step_by(10) {
+                for action in node.step(at(ms), &observed(kind, ms > 0, reported.filter(|at| *at <= ms))) {
+                    if matches!(action, Action::Kill(..)) {
+                        killed.push(ms);
+                    }
+                }
+            }
+            // Give or take two looks: an allowance is a product of floating point.
+            let near = |(a, b): (&i64, &i64)| (a - b).abs() <= 40;
+            let same = killed.len() == kills.len() && killed.iter().zip(&kills).all(near);
+            assert!(same, "{kind:?}: {killed:?}");
+        }
+        let mut node = SupervisorNode::new(limits);
+        node.step(at(0), &observed(PILOT, false, None));
+        for ms in (10..20_000).step_by(10) {
+            assert!(
+                node.step(at(ms), &observed(PILOT, true, Some(ms - ms % 500)))
+                    .is_empty()
+            );
+        }
+    }
+
+    /// Processes on a computer so busy that each start takes so long until the first report, ms; then they report twice a
+    /// second, but for the times at which they `hang`. When each was started and killed, ms, in this time.
+    fn on_a_busy_computer(
+        kinds: &[ProcessKind],
+        start_ms: i64,
+        hang: impl Fn(i64) -> bool,
+        for_ms: i64,
+    ) -> Vec<(i64, Action)> {
+        let mut node = SupervisorNode::new(Limits {
+            silence_timeout_s: Some(3.0),
+            max_failures: None,
+        });
+        let mut started: Vec<Option<i64>> = vec![None; kinds.len()];
+        let mut reported: Vec<Option<i64>> = vec![None; kinds.len()];
+        let mut actions = Vec::new();
+        for ms in (0..for_ms).step_by(20) {
+            let mut seen = Vec::new();
+            for ((kind, began), newest) in kinds.iter().zip(&started).zip(&mut reported) {
+                let up_ms = began.map(|began| ms - began - start_ms);
+                if up_ms.is_some_and(|up| up >= 0 && up % 500 == 0) && !hang(ms) {
+                    *newest = Some(ms);
+                }
+                seen.push(Observed {
+                    kind: *kind,
+                    running: began.is_some(),
+                    reported: newest.map(at),
+                });
+            }
+            for action in node.step(at(ms), &seen) {
+                let (Action::Start(kind) | Action::Kill(kind, _) | Action::GiveUp(kind)) = action;
+                if let Some(k) = kinds.iter().position(|known| *known == kind) {
+                    started[k] = matches!(action, Action::Start(_)).then_some(ms);
+                }
+                actions.push((ms, action));
+            }
+        }
+        actions
+    }
+
+    #[test]
+    fn slow_starts_on_a_busy_computer() {
+        let six = [
+            ProcessKind::Bridge,
+            ProcessKind::Predictor,
+            ProcessKind::Mission,
+            ProcessKind::Planner,
+            PILOT,
+            ProcessKind::Autopilot,
+        ];
+        for start_ms in [500, 5000, 20_000, 45_000] {
+            let actions = on_a_busy_computer(&six, start_ms, |_| false, 200_000);
+            let last_start = |kind| {
+                let started = |a: &&(i64, Action)| a.1 == Action::Start(kind);
+                actions.iter().rfind(started).map(|(ms, _)| *ms)
+            };
+            for kind in six {
+                let ready = last_start(kind).unwrap() + start_ms;
+                assert!(
+                    ready <= 100_000,
+                    "{kind:?} after starts of {start_ms} ms: {ready}"
+                );
+            }
+            let kills = actions
+                .iter()
+                .filter(|(_, a)| matches!(a, Action::Kill(..)))
+                .count();
+            // None is killed while it does what it can.
+            assert!(kills <= 6 * 2 && (start_ms > 15_000 || kills == 0), "{kills}");
+        }
+    }
+
+    #[test]
+    fn allowed_silence_within_its_bound() {
+        let kills = |actions: &[(i64, Action)]| -> Vec<i64> {
+            let killed = |(ms, a): &(i64, Action)| matches!(a, Action::Kill(..)).then_some(*ms);
+            actions.iter().filter_map(killed).collect()
+        };
+        // One that never gets ready is tried for ever.
+        let never = kills(&on_a_busy_computer(&[PILOT], 1_000_000, |_| false, 1_000_000));
+        assert!(never.len() >= 8, "{never:?}");
+        assert!(never.windows(2).all(|w| w[1] - w[0] <= 123_000), "{never:?}");
+        // One that hangs once after long runs is killed as soon as the first time.
+        let hangs = |ms: i64| (30_000..40_000).contains(&ms) || (100_000..110_000).contains(&ms);
+        let twice = kills(&on_a_busy_computer(&[PILOT], 200, hangs, 150_000));
+        let after: Vec<i64> = [30_000, 100_000]
+            .iter()
+            .filter_map(|from| twice.iter().find(|ms| **ms > *from).map(|ms| ms - from))
+            .collect();
+        assert!(
+            after.len() == 2 && after.iter().all(|ms| (2400..=3100).contains(ms)),
+            "{twice:?}"
+        );
+    }
+
+    #[test]
+    fn restart_limits_and_the_world() {
+        let mut node = SupervisorNode::new(Limits {
+            silence_timeout_s: None,
+            max_failures: Some(3),
+        });
+        let world = ProcessKind::World;
+        let first = node.step(at(0), &observed(world, false, None));
+        assert_eq!(first, [Action::Start(world)]);
+        let mut last = Vec::new();
+        let mut starts = 0;
+        for ms in (10..3000).step_by(10) {
+            assert!(node.step(at(ms), &observed(world, false, None)).is_empty());
+            last = node.step(at(ms), &observed(PILOT, false, None));
+            starts += usize::from(last == [Action::Start(PILOT)]);
+            if last == [Action::GiveUp(PILOT)] {
+                break;
+            }
+        }
+        assert_eq!((last, starts), (vec![Action::GiveUp(PILOT)], 3));
+    }
+}

@@ -1,0 +1,391 @@
+//! Execution of the decisions of [`SupervisorNode`]: start, kill, end of all processes.
+//!
+//! Every process holds the reading end of a pipe as its standard input and ends when that closes,
+//! so that none outlives a supervisor that was killed.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use alight_shared::node::Node;
+use alight_shared::process::ProcessKind;
+use alight_shared::time::Time;
+use alight_transport::clock::steady_ns;
+
+use crate::config::view::ViewConfig;
+use crate::exit::{CliError, Doing};
+use crate::process::life::draw_boot;
+use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
+use crate::record::flight::recorder::{NodeRecorder, PartHeader};
+
+/// Names the directory of what outlives a process of the vessel, as systemd does.
+pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
+/// Its name as a process whose steps are recorded.
+pub const SUPERVISOR: &str = "supervisor";
+/// Processes that were asked to end have this long: the vessel's gives a boat that it steers back (`vessel/estimator.rs`), and
+/// the services' `TimeoutStopSec` is longer.
+const GRACE_NS: i64 = 4_000_000_000;
+
+/// One process under supervision.
+struct ManagedProcess {
+    kind: ProcessKind,
+    /// What stands before the program: the way into its network namespace.
+    prefix: Vec<String>,
+    arguments: Vec<String>,
+    child: Option<Child>,
+}
+
+/// The supervisor.
+pub struct Supervisor {
+    node: SupervisorNode,
+    recorder: Option<NodeRecorder>,
+    processes: Vec<ManagedProcess>,
+    directory: PathBuf,
+    flight: Option<PathBuf>,
+    /// What outlives a process lies there; None: where the service manager says.
+    state: Option<PathBuf>,
+    /// Processes write errors where the supervisor does, not into files.
+    inherit_stderr: bool,
+    lines: (Sender<String>, Receiver<String>),
+    /// In flight a process that cannot be started does not end the others.
+    keeps_others: bool,
+    /// Of the first start of a process, for the next poll.
+    events: Vec<Event>,
+}
+
+/// What happened to a process.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// It ended; it is started again unless it is the world.
+    Ended(ProcessKind, String),
+    /// It reported nothing for this long and is killed, s.
+    Silent(ProcessKind, f64),
+    /// It could not be started; it is tried again.
+    NotStarted(ProcessKind, String),
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Event::Ended(kind, status) => {
+                write!(f, "{} ended ({status}) and is started again", kind.name())
+            }
+            Event::Silent(kind, silence_s) => {
+                write!(
+                    f,
+                    "{} reported nothing for {silence_s:.1} s and is killed",
+                    kind.name()
+                )
+            }
+            Event::NotStarted(kind, error) => {
+                write!(f, "{} could not start, retrying: {error}", kind.name())
+            }
+        }
+    }
+}
+
+impl Supervisor {
+    /// Nobody yet; `directory` takes what processes write to standard error. Its decisions are recorded where
+    /// the processes record: in the directory of their flight.
+    pub fn new(directory: PathBuf, flight: Option<PathBuf>, limits: Limits) -> Result<Supervisor, CliError> {
+        let recorder = match &flight {
+            Some(flight) => {
+                let header = PartHeader {
+                    process: SUPERVISOR.into(),
+                    boot: draw_boot(),
+                    began_ns: steady_ns(),
+                    first_step: 0,
+                    config: toml::to_string(&limits).doing("writing limits")?,
+                };
+                Some(NodeRecorder::begin(flight, header))
+            }
+            None => None,
+        };
+        Ok(Supervisor {
+            keeps_others: limits.max_failures.is_none(),
+            events: Vec::new(),
+            node: SupervisorNode::new(limits),
+            recorder,
+            processes: Vec::new(),
+            directory,
+            flight,
+            state: None,
+            inherit_stderr: false,
+            lines: channel(),
+        })
+    }
+    /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
+    pub fn inheriting_stderr(mut self) -> Supervisor {
+        self.inherit_stderr = true;
+        self
+    }
+    /// What outlives a process lies in this directory.
+    pub fn keeping_state_in(mut self, directory: PathBuf) -> Supervisor {
+        self.state = Some(directory);
+        self
+    }
+    /// Starts a process with these arguments of the program; `prefix` stands before the program.
+    pub fn start(
+        &mut self,
+        kind: ProcessKind,
+        arguments: Vec<String>,
+        prefix: Vec<String>,
+    ) -> Result<(), CliError> {
+        let mut arguments = arguments;
+        arguments.push("--supervised".into());
+        let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors | ProcessKind::View);
+        if let (Some(flight), true) = (&self.flight, records) {
+            arguments.extend(["--flight".into(), flight.display().to_string()]);
+        }
+        self.processes.push(ManagedProcess {
+            kind,
+            prefix,
+            arguments,
+            child: None,
+        });
+        self.events = self.poll(|_| None)?;
+        Ok(())
+    }
+
+    /// Starts the viewers' server for the computer of this configuration; where it is served, for people.
+    pub fn start_view(&mut self, config: &Path, view: &ViewConfig) -> Result<Vec<String>, CliError> {
+        let mut words = arguments(ProcessKind::View, config);
+        words.extend(["--listen".into(), view.listen.clone()]);
+        let mut lines = vec![format!("page: http://{}", view.listen)];
+        if !view.foxglove.is_empty() {
+            words.push(format!("--foxglove={}", view.foxglove));
+            lines.push(format!("Foxglove: ws://{}", view.foxglove));
+        }
+        self.start(ProcessKind::View, words, Vec::new())?;
+        Ok(lines)
+    }
+
+    fn spawn(&mut self, kind: ProcessKind) -> Result<(), CliError> {
+        let name = kind.name();
+        let fail = |e| CliError::because(format!("starting the process {name}"), e);
+        let program = own_program().map_err(fail)?;
+        let errors = if self.inherit_stderr {
+            Stdio::inherit()
+        } else {
+            let file = self.directory.join(format!("{name}.err"));
+            let file = OpenOptions::new().create(true).append(true).open(file);
+            file.map_err(fail)?.into()
+        };
+        let Some(managed) = self.processes.iter_mut().find(|p| p.kind == kind) else {
+            return Ok(());
+        };
+        let mut words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
+        let mut command = Command::new(words.next().unwrap_or_default());
+        command.envs(self.state.iter().map(|directory| (STATE_VARIABLE, directory)));
+        // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
+        let mut child = command
+            .args(words)
+            .args(&managed.arguments)
+            .process_group(0)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(errors)
+            .spawn()
+            .map_err(fail)?;
+        if let Some(output) = child.stdout.take() {
+            let sender = self.lines.0.clone();
+            let read = move || {
+                let lines = BufReader::new(output).lines().map_while(Result::ok);
+                lines
+                    .take_while(|line| sender.send(line.clone()).is_ok())
+                    .for_each(drop);
+            };
+            if let Err(e) = std::thread::Builder::new().spawn(read) {
+                // Nobody would empty its pipe.
+                let _gone = child.kill().and_then(|()| child.wait());
+                return Err(fail(e));
+            }
+        }
+        managed.child = Some(child);
+        Ok(())
+    }
+
+    /// Looks after all: what ended is started again after a delay, what is silent for too long is killed.
+    /// `reported` says when a process's newest report came, on the steady clock, ns.
+    pub fn poll(&mut self, reported: impl Fn(ProcessKind) -> Option<i64>) -> Result<Vec<Event>, CliError> {
+        let mut events = core::mem::take(&mut self.events);
+        let mut observed = Vec::new();
+        let now_ns = steady_ns();
+        for managed in &mut self.processes {
+            if let Some(child) = &mut managed.child
+                && let Ok(Some(status)) = child.try_wait()
+            {
+                managed.child = None;
+                events.push(Event::Ended(managed.kind, status.to_string()));
+            }
+            observed.push(Observed {
+                kind: managed.kind,
+                running: managed.child.is_some(),
+                reported: reported(managed.kind).map(Time::from_nanos),
+            });
+        }
+        let now = Time::from_nanos(now_ns);
+        let actions = self.node.step(now, &observed);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.step(now.nanos(), now.nanos(), &observed, &actions);
+        }
+        for action in actions {
+            match action {
+                Action::Start(kind) => match self.spawn(kind) {
+                    Err(e) if self.keeps_others || kind == ProcessKind::View => {
+                        events.push(Event::NotStarted(kind, e.to_string()))
+                    }
+                    started => started?,
+                },
+                Action::Kill(kind, silence_s) => {
+                    self.kill(kind);
+                    events.push(Event::Silent(kind, silence_s));
+                }
+                Action::GiveUp(kind) => {
+                    let error = self.last_error_line(kind).unwrap_or_default();
+                    return Err(CliError(format!(
+                        "the process {} ended again and again: {error}",
+                        kind.name()
+                    )));
+                }
+            }
+        }
+        Ok(events)
+    }
+    /// Lines that processes wrote to standard output since the last call.
+    pub fn output_lines(&self) -> Vec<String> {
+        self.lines.1.try_iter().collect()
+    }
+    /// Waits for a line that is still under way from a process that ended.
+    pub fn remaining_lines(&self) -> Vec<String> {
+        let first = self.lines.1.recv_timeout(Duration::from_millis(500));
+        first.into_iter().chain(self.lines.1.try_iter()).collect()
+    }
+    fn child_mut(&mut self, kind: ProcessKind) -> Option<&mut Child> {
+        let managed = self.processes.iter_mut().find(|p| p.kind == kind)?;
+        managed.child.as_mut()
+    }
+    /// Writes a line to a process's standard input.
+    pub fn write_line(&mut self, kind: ProcessKind, line: &str) {
+        if let Some(input) = self.child_mut(kind).and_then(|c| c.stdin.as_mut()) {
+            // One that is gone is started again, and has missed it.
+            let _unsent = writeln!(input, "{line}").and_then(|()| input.flush());
+        }
+    }
+    fn kill(&mut self, kind: ProcessKind) {
+        if let Some(child) = self.child_mut(kind) {
+            // One that is gone meanwhile needs no killing.
+            let _gone = child.kill();
+        }
+    }
+    /// Starts beyond the first, of all processes.
+    pub fn restarts(&self) -> u32 {
+        self.node.restarts()
+    }
+    /// The last line that a process wrote to standard error.
+    pub fn last_error_line(&self, kind: ProcessKind) -> Option<String> {
+        let text = std::fs::read_to_string(self.directory.join(format!("{}.err", kind.name()))).ok()?;
+        let last = text.lines().rev().find(|l| !l.trim().is_empty());
+        last.map(str::to_string)
+    }
+
+    /// Ends all: asks by closing their standard input, and after their grace kills them.
+    pub fn stop(&mut self) {
+        let mut children: Vec<Child> = self.processes.iter_mut().filter_map(|p| p.child.take()).collect();
+        for child in &mut children {
+            drop(child.stdin.take());
+        }
+        let deadline_ns = steady_ns() + GRACE_NS;
+        while !children.is_empty() && steady_ns() <= deadline_ns {
+            children.retain_mut(|child| matches!(child.try_wait(), Ok(None)));
+            pause(Duration::from_millis(10));
+        }
+        for mut child in children {
+            // A process that is gone meanwhile needs no killing.
+            let _gone = child.kill();
+            let _status = child.wait();
+        }
+    }
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Arguments of the program that run `kind` with this configuration.
+pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
+    vec![
+        kind.subcommand().into(),
+        "--config".into(),
+        config.display().to_string(),
+    ]
+}
+
+/// This process's own program, whatever has become of its file. An upgrade puts a new file in its place:
+/// the processes of one supervisor stay of one version, and the kernel keeps the old one for as long as it runs.
+fn own_program() -> std::io::Result<PathBuf> {
+    let file = std::env::current_exe()?;
+    Ok(if file.exists() {
+        file
+    } else {
+        format!("/proc/{}/exe", std::process::id()).into()
+    })
+}
+
+/// Waits.
+#[allow(clippy::disallowed_methods)]
+pub fn pause(span: Duration) {
+    std::thread::sleep(span);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn missing(kind: ProcessKind, limits: Limits) -> (Supervisor, Result<(), CliError>) {
+        let mut supervisor = Supervisor::new(std::env::temp_dir(), None, limits)
+            .unwrap()
+            .inheriting_stderr();
+        let prefix = vec!["/nonexistent/program".into()];
+        let started = supervisor.start(kind, Vec::new(), prefix);
+        (supervisor, started)
+    }
+
+    #[test]
+    fn supervisor_in_flight_without_a_program() {
+        let (mut supervisor, started) = missing(ProcessKind::Camera, Limits::default());
+        started.unwrap();
+        let not_started = |events: &[Event]| {
+            let of_camera = |e: &Event| matches!(e, Event::NotStarted(ProcessKind::Camera, _));
+            events.iter().filter(|e| of_camera(e)).count()
+        };
+        assert_eq!(not_started(&supervisor.poll(|_| None).unwrap()), 1);
+        assert!(supervisor.child_mut(ProcessKind::Camera).is_none());
+        let mut again = 0;
+        for _ in 0..50 {
+            pause(Duration::from_millis(20));
+            again += not_started(&supervisor.poll(|_| None).unwrap());
+        }
+        assert!(again > 0);
+    }
+
+    #[test]
+    fn supervisor_of_a_trial_without_a_program() {
+        let limits = Limits {
+            silence_timeout_s: None,
+            max_failures: Some(3),
+        };
+        let (_, started) = missing(ProcessKind::Camera, limits);
+        assert!(started.unwrap_err().to_string().contains("camera"));
+        // Nothing needs the viewers' server.
+        assert!(missing(ProcessKind::View, limits).1.is_ok());
+    }
+}

@@ -1,0 +1,118 @@
+//! Keeper of a computer's flights, beside the processes that fly: begin, summary, retention.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use alight_transport::clock::steady_ns;
+use tracing::{info, warn};
+
+use super::store::{self, Removed, Room};
+use super::summary::Summary;
+use super::yield_to_flight;
+
+/// Summaries under way at most.
+const SUMMARIES: usize = 2;
+/// The thread looks for a summary this often.
+const POLL_PERIOD: Duration = Duration::from_millis(200);
+/// Time between two looks at the room on the disk, ns: the processes write 20 MB meanwhile.
+const ROOM_PERIOD_NS: i64 = 10_000_000_000;
+/// Without a change the summary is written this often, ns: its length stands for the flight's after a power cut.
+pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
+
+/// A flight that is being recorded.
+pub struct FlightKeeper {
+    path: PathBuf,
+    to: Option<SyncSender<Summary>>,
+    thread: Option<JoinHandle<()>>,
+    /// While it is held, the flight runs.
+    _lock: Option<File>,
+}
+
+impl FlightKeeper {
+    /// Begins a flight in `directory`, where flights take no more than `max_bytes` together. What fails is reported, and
+    /// the processes go on without.
+    pub fn begin(directory: &Path, max_bytes: u64) -> FlightKeeper {
+        let (path, lock) = store::begin(directory);
+        match &lock {
+            Ok(_) => info!("this flight is recorded in {}", path.display()),
+            Err(e) => warn!(
+                "nothing is recorded before {} can be written: {e}; make it writable for this user",
+                path.display()
+            ),
+        }
+        let (to, summaries) = sync_channel(SUMMARIES);
+        let (root, own) = (directory.to_owned(), path.clone());
+        let thread = Builder::new().name("flights".into()).spawn(move || {
+            yield_to_flight();
+            keep(&root, &own, Room::of(max_bytes), &summaries);
+        });
+        FlightKeeper {
+            path,
+            to: Some(to),
+            thread: thread
+                .map_err(|e| warn!("no flight is removed and none summed up: starting a thread: {e}"))
+                .ok(),
+            _lock: lock.ok(),
+        }
+    }
+    /// Where the processes record.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// Writes the summary soon; false while the disk is behind.
+    pub fn sum_up(&self, summary: &Summary) -> bool {
+        self.to
+            .as_ref()
+            .is_some_and(|to| to.try_send(summary.clone()).is_ok())
+    }
+}
+
+impl Drop for FlightKeeper {
+    fn drop(&mut self) {
+        self.to = None;
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            let _ended = thread.join();
+        }
+    }
+}
+
+fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<Summary>) {
+    let (mut failed, mut room_ns) = (false, steady_ns());
+    loop {
+        match summaries.try_recv() {
+            Ok(summary) => {
+                let written = summary.write(own);
+                if let Some(e) = written.as_ref().err().filter(|_| !failed) {
+                    warn!("{}: writing the flight's summary: {e}", own.display());
+                }
+                failed = written.is_err();
+                continue;
+            }
+            Err(TryRecvError::Empty) => std::thread::park_timeout(POLL_PERIOD),
+            Err(TryRecvError::Disconnected) => return,
+        }
+        if steady_ns() >= room_ns {
+            room_ns = steady_ns().saturating_add(ROOM_PERIOD_NS);
+            match room.make(root, own) {
+                Ok(removed) => removed.iter().for_each(report),
+                // A directory that cannot be made was reported.
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+                Err(e) => warn!("{}: making room for this flight: {e}", root.display()),
+            }
+        }
+    }
+}
+
+fn report(removed: &Removed) {
+    match removed {
+        Removed::Flight(path) => info!("removed the oldest flight, {}, to make room", path.display()),
+        Removed::Part(path) => warn!(
+            "removed {}, the oldest of this flight: it is larger than recorder.max_gb, and cannot be replayed any more",
+            path.display()
+        ),
+    }
+}

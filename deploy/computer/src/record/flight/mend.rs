@@ -1,0 +1,70 @@
+//! Repair of a part that a kill or a power cut left without an end: with its index, so that viewers open
+//! it.
+
+use std::fs::File;
+use std::path::Path;
+
+use mcap::McapError;
+
+use super::parts::PartWriter;
+use crate::exit::{CliError, Doing};
+use crate::record::entry::PartHeader;
+use crate::record::reading::{LogFile, is_whole, parts, read_header};
+use crate::record::sink::why;
+
+/// What mending did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mended {
+    /// Parts that got an end.
+    pub parts: usize,
+    /// Steps in them.
+    pub steps: usize,
+    /// Parts that were cut off before their first step, and are removed.
+    pub empty: usize,
+}
+
+/// Mends every part of a flight that does not run.
+pub fn mend(directory: &Path) -> Result<Mended, CliError> {
+    let mut mended = Mended::default();
+    for path in parts(directory)?.iter().filter(|p| !is_whole(p)) {
+        match read_header(path)? {
+            None => {
+                std::fs::remove_file(path).doing(format_args!("removing {}", path.display()))?;
+                mended.empty += 1;
+            }
+            Some(header) => {
+                mended.steps += rewrite(path, &header)?;
+                mended.parts += 1;
+            }
+        }
+    }
+    Ok(mended)
+}
+
+/// Writes the part anew beside itself, then in its place; its steps.
+fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
+    let doing = format_args!("mending {}", path.display());
+    let part = LogFile::open(path)?;
+    let new = path.with_extension("mended");
+    let _none = std::fs::remove_file(&new);
+    let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
+    if copied.is_err() {
+        // What a full disk has cut off is no part.
+        let _none = std::fs::remove_file(&new);
+    }
+    copied?;
+    // When it was written last stands for the flight's end.
+    let written = std::fs::metadata(path).and_then(|m| m.modified()).doing(doing)?;
+    let file = File::options().write(true).open(&new).doing(doing)?;
+    file.set_modified(written).doing(doing)?;
+    std::fs::rename(&new, path).doing(doing)?;
+    Ok(part.steps())
+}
+
+fn copy(part: &LogFile, to: &Path, header: &PartHeader) -> Result<(), McapError> {
+    let mut writer = PartWriter::create(to, header, 0)?;
+    for step in (0..part.steps()).filter_map(|k| part.step(k)) {
+        writer.write(step.number, (0, step.log_ns), step.bytes)?;
+    }
+    writer.finish()
+}

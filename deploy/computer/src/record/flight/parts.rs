@@ -1,0 +1,541 @@
+//! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
+//! disk refuses.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+use iceoryx2_bb_posix::signal::{FetchableSignal, SignalHandler};
+use mcap::{Compression, McapError};
+use time::OffsetDateTime;
+use tracing::{info, warn};
+
+use super::{MIN_FREE_BYTES, free_bytes};
+use crate::record::EXTENSION;
+use crate::record::entry::PartHeader;
+use crate::record::sink::{Channel, Sink, why};
+
+const S: i64 = 1_000_000_000;
+/// A part that holds so many bytes of steps, or is so old, is finished, and another begun.
+const PART_BYTES: u64 = 64 << 20;
+const PART_NS: i64 = 600 * S;
+/// Steps are on the disk after this long: with the age of a batch half of what a power cut may cost.
+const SYNC_PERIOD_NS: i64 = S;
+/// After the disk refused it is tried again after this long.
+const RETRY_PERIOD_NS: i64 = 10 * S;
+/// Time between two warnings of steps that the disk was too slow for.
+const WARNING_PERIOD_NS: i64 = 10 * S;
+
+/// Steps on their way to the disk.
+#[derive(Default)]
+pub struct Batch {
+    /// Their entries, one after the other.
+    pub bytes: Vec<u8>,
+    /// Number of the step, the steady clock after it (ns), and the end of its entry in `bytes`.
+    pub marks: Vec<(u64, i64, usize)>,
+}
+
+/// A part that is being written.
+pub struct PartWriter {
+    sink: Sink,
+    /// The same file, to synchronise it.
+    file: File,
+    channel: Channel,
+    path: PathBuf,
+    began_ns: i64,
+    bytes: u64,
+    /// Steps that are not on the disk yet, and since when.
+    unsynced: u64,
+    unsynced_ns: i64,
+}
+
+impl PartWriter {
+    /// Begins the file, which is not there yet, at `steady_ns` of the steady clock.
+    pub fn create(path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
+        if let Some(directory) = path.parent() {
+            std::fs::create_dir_all(directory)?;
+        }
+        let file = File::create_new(path)?;
+        let begun = PartWriter::on(file, path, header, steady_ns).and_then(|mut part| {
+            // A disk that is full is found out now, and the name of the file outlives a power cut.
+            part.sync()?;
+            let directory = path.parent().unwrap_or(Path::new("."));
+            File::open(directory)?.sync_all()?;
+            Ok(part)
+        });
+        if begun.is_err() {
+            // Half a beginning is no part.
+            let _none = std::fs::remove_file(path);
+        }
+        begun
+    }
+    /// Begins in this file.
+    fn on(file: File, path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
+        // Half of a vessel's bytes, which records day and night, for 2 ms of the thread's time a second. Forecasts, most
+        // of a drone's, stay as they are.
+        let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
+        let channel = sink
+            .processes(core::slice::from_ref(header))?
+            .first()
+            .copied()
+            .unwrap_or_default();
+        Ok(PartWriter {
+            sink,
+            file,
+            channel,
+            path: path.into(),
+            began_ns: steady_ns,
+            bytes: 0,
+            unsynced: 0,
+            unsynced_ns: steady_ns,
+        })
+    }
+    /// Writes a step, which ended at `at_ns` of the steady clock and `utc_ns` of people's time.
+    pub fn write(&mut self, step: u64, (at_ns, utc_ns): (i64, u64), bytes: &[u8]) -> Result<(), McapError> {
+        if self.unsynced == 0 {
+            self.unsynced_ns = at_ns;
+        }
+        // Counted before: one that fails half way is not on the disk either.
+        self.unsynced += 1;
+        self.bytes += bytes.len() as u64;
+        // The reader knows the part's first step.
+        self.sink.write(self.channel, step as u32, utc_ns, bytes)
+    }
+    /// Ends the chunk and waits until it is on the disk.
+    fn sync(&mut self) -> Result<(), McapError> {
+        self.sink.flush()?;
+        self.file.sync_data()?;
+        self.unsynced = 0;
+        Ok(())
+    }
+    fn is_due(&self, steady_ns: i64) -> bool {
+        self.unsynced > 0 && steady_ns >= self.unsynced_ns.saturating_add(SYNC_PERIOD_NS)
+    }
+    /// Writes its end.
+    pub fn finish(self) -> Result<(), McapError> {
+        self.sink.finish()?;
+        self.file.sync_data()?;
+        Ok(())
+    }
+}
+
+/// The parts of one start of a process, one after the other. On a disk that is full or read-only the process goes on
+/// without: that is reported, and tried again every 10 s in a part of its own.
+pub struct Parts {
+    directory: PathBuf,
+    header: PartHeader,
+    part: Option<PartWriter>,
+    /// Parts tried.
+    tried: u32,
+    /// The number of the next step.
+    next: u64,
+    /// Steps that are not on the disk and will not be.
+    missing: u64,
+    /// The disk refused, and that was said.
+    failed: bool,
+    retry_ns: i64,
+    /// Steps that came too fast since the last warning, and when that may be said again.
+    dropped: u64,
+    warning_ns: i64,
+    /// What UTC is ahead of the steady clock, ns: people's time, which goes on evenly while a receiver sets the clock.
+    utc_ahead_ns: i128,
+}
+
+impl Parts {
+    /// None yet; the first begins with the first step.
+    pub fn new(directory: &Path, header: PartHeader, steady_ns: i64) -> Parts {
+        survive_size_limit();
+        Parts {
+            directory: directory.into(),
+            header,
+            part: None,
+            tried: 0,
+            next: 0,
+            missing: 0,
+            failed: false,
+            retry_ns: steady_ns,
+            dropped: 0,
+            warning_ns: steady_ns,
+            utc_ahead_ns: OffsetDateTime::now_utc().unix_timestamp_nanos() - i128::from(steady_ns),
+        }
+    }
+    /// Steps that are not recorded because the disk refused or was too slow.
+    pub fn missing(&self) -> u64 {
+        self.missing
+    }
+    /// Writes steps.
+    pub fn write(&mut self, steady_ns: i64, batch: &Batch) {
+        let mut begin = 0;
+        for &(step, at_ns, end) in &batch.marks {
+            let bytes = batch.bytes.get(begin..end).unwrap_or_default();
+            begin = end;
+            let skipped = step.saturating_sub(self.next);
+            (self.missing, self.dropped) = (self.missing + skipped, self.dropped + skipped);
+            self.next = step + 1;
+            self.rotate(steady_ns);
+            if self.part.is_none() && steady_ns >= self.retry_ns {
+                self.open(steady_ns, step);
+            }
+            let utc_ns = u64::try_from(self.utc_ahead_ns + i128::from(at_ns)).unwrap_or_default();
+            match self.part.as_mut().map(|p| p.write(step, (at_ns, utc_ns), bytes)) {
+                None => self.missing += 1,
+                Some(Ok(())) => {}
+                Some(Err(e)) => self.fail(steady_ns, &e),
+            }
+        }
+    }
+    /// Synchronises when it is time.
+    pub fn poll(&mut self, steady_ns: i64) {
+        if self.dropped > 0 && steady_ns >= self.warning_ns {
+            warn!(
+                "{} steps of {} are not recorded: the disk is too slow",
+                self.dropped, self.header.process
+            );
+            self.dropped = 0;
+            self.warning_ns = steady_ns.saturating_add(WARNING_PERIOD_NS);
+        }
+        let due = self.part.as_mut().filter(|p| p.is_due(steady_ns));
+        let done = due.map(|part| {
+            part.sync()?;
+            enough_room(&self.directory)
+        });
+        if let Some(Err(e)) = done {
+            self.fail(steady_ns, &e);
+        }
+    }
+    /// Writes the end of the last part.
+    pub fn finish(&mut self, steady_ns: i64) {
+        if let Some(Err(e)) = self.part.as_mut().map(PartWriter::sync) {
+            return self.fail(steady_ns, &e);
+        }
+        let Some(part) = self.part.take() else { return };
+        let path = part.path.clone();
+        // Its steps are on the disk already.
+        if let Err(e) = part.finish() {
+            self.report_failure(steady_ns, &path, &e);
+        }
+    }
+    fn rotate(&mut self, steady_ns: i64) {
+        let full = |p: &PartWriter| p.bytes >= PART_BYTES || steady_ns >= p.began_ns.saturating_add(PART_NS);
+        if self.part.as_ref().is_some_and(full) {
+            self.finish(steady_ns);
+        }
+    }
+    /// Begins a part with this step.
+    fn open(&mut self, steady_ns: i64, step: u64) {
+        self.tried = self.tried.saturating_add(1);
+        self.header.first_step = step;
+        let PartHeader { process, boot, .. } = &self.header;
+        let name = format!("{process}-{boot:08x}-{:03}.{EXTENSION}", self.tried);
+        let path = self.directory.join(name);
+        // The directory may not be there yet: then creating the file says what is wrong.
+        let begun =
+            enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
+        match begun {
+            Ok(part) => {
+                if self.failed {
+                    let missing = self.missing;
+                    info!(
+                        "{process} is recorded again, in {}; {missing} steps are missing",
+                        path.display()
+                    );
+                }
+                self.failed = false;
+                self.part = Some(part);
+            }
+            Err(e) => self.report_failure(steady_ns, &path, &e),
+        }
+    }
+    /// The open part cannot be written: what is not on the disk is lost with it.
+    fn fail(&mut self, steady_ns: i64, error: &McapError) {
+        let Some(part) = self.part.take() else { return };
+        self.missing += part.unsynced;
+        let path = part.path.clone();
+        // Its writer tries to end it; what is on the disk can be read without an end.
+        drop(part);
+        self.report_failure(steady_ns, &path, error);
+    }
+    fn report_failure(&mut self, steady_ns: i64, path: &Path, error: &McapError) {
+        // Once for each time, and not at each of the tries in it.
+        if !self.failed {
+            warn!(
+                "{} goes on without its recorder: writing {}: {}; free space, or make the directory writable: it \
+                 is tried again every {} s",
+                self.header.process,
+                path.display(),
+                why(error),
+                RETRY_PERIOD_NS / S
+            );
+        }
+        self.failed = true;
+        self.retry_ns = steady_ns.saturating_add(RETRY_PERIOD_NS);
+    }
+}
+
+/// An error where less is free than is left to the rest of the computer.
+fn enough_room(directory: &Path) -> Result<(), McapError> {
+    match free_bytes(directory) {
+        Some(free) if free < MIN_FREE_BYTES => Err(McapError::Io(io::Error::other(format!(
+            "{} MB are free, of which {} MB are left to the rest of the computer",
+            free >> 20,
+            MIN_FREE_BYTES >> 20
+        )))),
+        Some(_) | None => Ok(()),
+    }
+}
+
+/// Beyond a limit on the size of files (setrlimit(2)) a write is an error from now on, as on a full disk: by itself
+/// the signal of it ends the process.
+fn survive_size_limit() {
+    static ONCE: Once = Once::new();
+    static NOTHING: fn(FetchableSignal) = |_| {};
+    // Where it is handled already, it ends nothing.
+    ONCE.call_once(|| {
+        if let Ok(guard) = SignalHandler::register(FetchableSignal::FileSizeLimitExceeded, &NOTHING) {
+            std::mem::forget(guard);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::entry::{Entry, References};
+    use crate::record::log::{Log, Order};
+    use crate::record::reading::{LogFile, Step, is_whole, parts, read_header};
+    use alight_shared::wire;
+    use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
+    use std::sync::OnceLock;
+
+    /// A directory of a test's own, and nothing in it.
+    fn directory(name: &str) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("alight-parts-{}-{name}", std::process::id()));
+        let _none = std::fs::remove_dir_all(&path);
+        path
+    }
+    fn begin(directory: &Path) -> Parts {
+        let header = PartHeader {
+            process: "test".into(),
+            boot: 7,
+            config: "x = 1".into(),
+            ..PartHeader::default()
+        };
+        Parts::new(directory, header, 0)
+    }
+    /// One step: its number in twelve bytes of input.
+    fn batch(step: u64, ns: i64) -> Batch {
+        let entry = Entry {
+            now_ns: ns,
+            input: (step, 1_u32),
+            references: References::default(),
+            output: 2 * step,
+        };
+        let bytes = wire::encode_record(&entry).unwrap();
+        Batch {
+            marks: vec![(step, ns, bytes.len())],
+            bytes,
+        }
+    }
+    fn numbers(path: &Path) -> Vec<u64> {
+        let mut found = Vec::new();
+        let log = Log::open(path).unwrap();
+        let each = |_, _, step: &Step<'_>| {
+            let entry = step.entry::<(u64, u32)>()?;
+            assert_eq!((entry.input.0, entry.output), (step.number, 2 * step.number));
+            found.push(step.number);
+            Ok(())
+        };
+        log.steps(Order::ByStart, each).unwrap();
+        found
+    }
+
+    #[test]
+    fn part_rotation_by_size_and_age() {
+        let directory = directory("rotated");
+        let mut written = begin(&directory);
+        for step in 0..4 {
+            written.write(0, &batch(step, 0));
+        }
+        // By age, then by size: a step that is as large as a part.
+        written.write(PART_NS, &batch(4, PART_NS));
+        if let Some(part) = &mut written.part {
+            part.bytes = PART_BYTES;
+        }
+        written.write(PART_NS + 1, &batch(5, PART_NS + 1));
+        written.finish(PART_NS + 1);
+        assert_eq!(written.missing(), 0);
+        let files = parts(&directory).unwrap();
+        assert!(files.len() == 3 && files.iter().all(|f| is_whole(f)), "{files:?}");
+        let firsts = files
+            .iter()
+            .map(|f| LogFile::open(f).unwrap().headers[0].first_step);
+        assert_eq!(firsts.collect::<Vec<_>>(), [0, 4, 5]);
+        let header = &LogFile::open(&files[2]).unwrap().headers[0];
+        assert_eq!(
+            (header.process.as_str(), header.boot, header.config.as_str()),
+            ("test", 7, "x = 1")
+        );
+        assert_eq!(numbers(&directory), [0, 1, 2, 3, 4, 5]);
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn part_synchronisation_within_a_second() {
+        let directory = directory("synchronised");
+        let mut written = begin(&directory);
+        for (k, ns) in [0, S / 2, S].into_iter().enumerate() {
+            written.write(ns, &batch(k as u64, ns));
+            written.poll(ns);
+        }
+        // Without an end, as after a kill.
+        let file = parts(&directory).unwrap().remove(0);
+        assert!(!is_whole(&file) && LogFile::open(&file).unwrap().cut.is_some());
+        assert_eq!(numbers(&directory), [0, 1, 2]);
+        written.write(S + 1, &batch(3, S + 1));
+        written.poll(2 * S);
+        assert_eq!(numbers(&directory).len(), 3);
+        written.poll(2 * S + 1);
+        assert_eq!(numbers(&directory).len(), 4);
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn parts_on_a_blocked_disk() {
+        let directory = directory("blocked");
+        // A file in the place of the directory: no permission of root writes below it.
+        std::fs::write(&directory, "").unwrap();
+        let mut written = begin(&directory);
+        written.write(S, &batch(0, S));
+        std::fs::remove_file(&directory).unwrap();
+        written.write(9 * S, &batch(1, 9 * S));
+        assert!(written.missing() == 2 && !directory.exists(), "tried within 10 s");
+        written.write(11 * S, &batch(2, 11 * S));
+        written.finish(11 * S);
+        assert_eq!((written.missing(), numbers(&directory)), (2, vec![2]));
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn parts_on_a_full_disk() {
+        let directory = directory("full");
+        let mut written = begin(&directory);
+        written.write(0, &batch(0, 0));
+        written.poll(S);
+        // A file that cannot grow once it has begun.
+        let full = File::from(memfd_create("full", MemfdFlags::ALLOW_SEALING).unwrap());
+        let sealed = full.try_clone().unwrap();
+        let mut part = PartWriter::on(full, &directory.join("full"), &written.header, S).unwrap();
+        part.sync().unwrap();
+        fcntl_add_seals(&sealed, SealFlags::GROW).unwrap();
+        let before = written.part.replace(part).unwrap();
+        written.write(S, &batch(1, S));
+        written.poll(2 * S);
+        written.write(3 * S, &batch(2, 3 * S));
+        assert_eq!(written.missing(), 2);
+        written.write(12 * S, &batch(3, 12 * S));
+        written.finish(12 * S);
+        before.finish().unwrap();
+        assert_eq!((written.missing(), numbers(&directory)), (2, vec![0, 3]));
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn missing_steps() {
+        let directory = directory("gap");
+        let mut written = begin(&directory);
+        for step in [0, 1, 5, 6] {
+            written.write(0, &batch(step, 0));
+        }
+        written.finish(0);
+        assert_eq!((written.missing(), numbers(&directory)), (3, vec![0, 1, 5, 6]));
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    /// A part: its bytes, and after each chunk its length and the steps so far.
+    type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
+
+    /// Of four chunks with 1 to 4 steps.
+    fn chunks() -> &'static Chunks {
+        static CHUNKS: OnceLock<Chunks> = OnceLock::new();
+        CHUNKS.get_or_init(write_chunks)
+    }
+    fn write_chunks() -> Chunks {
+        let directory = directory("chunks");
+        let mut written = begin(&directory);
+        let (mut step, mut lengths) = (0, Vec::new());
+        for chunk in 1..=4_i64 {
+            for _ in 0..chunk {
+                written.write(chunk * 10 * S, &batch(step, chunk * 10 * S));
+                step += 1;
+            }
+            written.poll(chunk * 10 * S + S);
+            let file = &parts(&directory).unwrap()[0];
+            lengths.push((std::fs::metadata(file).unwrap().len() as usize, step as usize));
+        }
+        written.finish(100 * S);
+        let bytes = std::fs::read(&parts(&directory).unwrap()[0]).unwrap();
+        std::fs::remove_dir_all(&directory).unwrap();
+        (written.header, bytes, lengths)
+    }
+
+    #[test]
+    fn part_cut_at_any_byte() {
+        let (header, bytes, lengths) = chunks();
+        let directory = directory("cut");
+        std::fs::create_dir_all(&directory).unwrap();
+        let path = directory.join("test-00000007-001.mcap");
+        for cut in 0..bytes.len() {
+            std::fs::write(&path, &bytes[..cut]).unwrap();
+            let before = lengths
+                .iter()
+                .rev()
+                .find(|(length, _)| *length <= cut)
+                .map_or(0, |l| l.1);
+            if read_header(&path).unwrap().is_none() {
+                assert_eq!(before, 0, "{cut} bytes");
+                continue;
+            }
+            let part = LogFile::open(&path).unwrap();
+            assert_eq!(
+                (&part.headers[0], part.cut.is_some()),
+                (header, true),
+                "{cut} bytes"
+            );
+            // The chunk that was under way counts once it is whole, whatever of its index is there.
+            assert!(part.steps() >= before && numbers(&path) == (0..part.steps() as u64).collect::<Vec<_>>());
+            let after = lengths
+                .iter()
+                .find(|(length, _)| *length > cut)
+                .map_or(usize::MAX, |l| l.1);
+            assert!(part.steps() <= after, "{cut} bytes");
+        }
+        std::fs::write(&path, bytes).unwrap();
+        assert_eq!(
+            (LogFile::open(&path).unwrap().cut, numbers(&path).len()),
+            (None, 10)
+        );
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::test_runner::Config::with_cases(64))]
+        /// What a power cut may leave behind the last synchronised chunk: nothing, zeros or what was there before.
+        #[test]
+        fn part_with_a_damaged_tail(
+            (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),
+            zeros in 0_usize..5000,
+        ) {
+            let (_, bytes, lengths) = chunks();
+            let (length, steps) = lengths[chunk];
+            let path = directory("tail").with_extension("mcap");
+            for tail in [tail, vec![0; zeros]] {
+                std::fs::write(&path, [&bytes[..length], &tail].concat()).unwrap();
+                // A record that claims more than it holds makes the reader of MCAP panic, which the tools contain.
+                let read = crate::record::reading::contained(&path, || LogFile::open(&path));
+                proptest::prop_assert_eq!(read.map(|p| p.steps()).unwrap_or(usize::MAX), steps);
+            }
+            std::fs::remove_file(&path).unwrap();
+        }
+    }
+}

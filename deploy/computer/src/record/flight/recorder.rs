@@ -1,0 +1,213 @@
+//! Recorder of a process's steps. It never waits: steps go in batches to a thread that writes them, and those that
+//! find the line to it full are counted and left out.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use alight_shared::wire;
+use alight_transport::clock::steady_ns;
+use serde::Serialize;
+use tracing::warn;
+
+use super::parts::{Batch, Parts};
+use super::yield_to_flight;
+use crate::exit::{CliError, Doing};
+use crate::record::entry::{Entry, References};
+
+pub use crate::record::entry::PartHeader;
+
+/// A batch goes to the thread when it holds this many bytes, or its first step is this old.
+const BATCH_BYTES: usize = 64 << 10;
+const BATCH_NS: i64 = 200_000_000;
+/// Batches under way at most: more than 10 s of a disk that stands still.
+const BATCHES: usize = 64;
+/// The thread looks for batches this often. It is not woken: a process in flight takes no lock that a thread of lower
+/// priority may hold.
+const POLL_PERIOD: Duration = Duration::from_millis(100);
+
+/// Records the steps of a node.
+pub struct NodeRecorder {
+    batch: Batch,
+    /// When its first step came, on the steady clock, ns.
+    since_ns: i64,
+    steps: u64,
+    /// Steps that never reached the thread, and that the thread does not know of yet.
+    dropped: u64,
+    to: Option<SyncSender<Batch>>,
+    free: Receiver<Batch>,
+    missing: Arc<AtomicU64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl NodeRecorder {
+    /// Records to `directory` from now on. Begun before the process asks for its own scheduling, which its thread does
+    /// not have.
+    pub fn begin(directory: &Path, header: PartHeader) -> NodeRecorder {
+        let (to, batches) = sync_channel(BATCHES);
+        let (give_back, free) = sync_channel(BATCHES);
+        let missing = Arc::new(AtomicU64::new(0));
+        let (name, count) = (header.process.clone(), Arc::clone(&missing));
+        let directory = directory.to_owned();
+        let thread = Builder::new().name("recorder".into()).spawn(move || {
+            yield_to_flight();
+            let parts = Parts::new(&directory, header, steady_ns());
+            write(parts, &batches, &give_back, &count);
+        });
+        let thread = thread
+            .map_err(|e| warn!("{name} goes on without its recorder: starting its thread: {e}"))
+            .ok();
+        NodeRecorder {
+            batch: Batch::default(),
+            since_ns: 0,
+            steps: 0,
+            dropped: 0,
+            to: Some(to),
+            free,
+            missing,
+            thread,
+        }
+    }
+    /// Records one step, which ended at `at_ns` of the steady clock.
+    pub fn step<I: Serialize, O: Serialize>(&mut self, at_ns: i64, now_ns: i64, input: &I, output: &O) {
+        if self.batch.marks.is_empty() {
+            self.since_ns = at_ns;
+        }
+        let (step, begin) = (self.steps, self.batch.bytes.len());
+        self.steps += 1;
+        let encoded = wire::hash_record(output).and_then(|output| {
+            let entry = Entry {
+                now_ns,
+                input,
+                references: References::default(),
+                output,
+            };
+            wire::append_record(&mut self.batch.bytes, &entry)
+        });
+        if encoded.is_err() {
+            // Larger than any record: the thread sees that its number is missing.
+            self.batch.bytes.truncate(begin);
+            return;
+        }
+        self.batch.marks.push((step, at_ns, self.batch.bytes.len()));
+        if self.batch.bytes.len() >= BATCH_BYTES || at_ns >= self.since_ns.saturating_add(BATCH_NS) {
+            self.hand_over();
+        }
+    }
+    fn hand_over(&mut self) {
+        let empty = self.free.try_recv().unwrap_or_default();
+        let full = core::mem::replace(&mut self.batch, empty);
+        let steps = full.marks.len() as u64;
+        let sent = self.to.as_ref().is_some_and(|to| to.try_send(full).is_ok());
+        // The thread counts what is missing before the next batch that reaches it.
+        self.dropped = if sent { 0 } else { self.dropped + steps };
+    }
+    /// Steps that are not recorded because the disk refused or was too slow.
+    pub fn missing(&self) -> u64 {
+        self.missing.load(Ordering::Relaxed) + self.dropped
+    }
+}
+
+impl Drop for NodeRecorder {
+    fn drop(&mut self) {
+        self.hand_over();
+        self.to = None;
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // One that panicked has left what can be read.
+            let _ended = thread.join();
+        }
+    }
+}
+
+/// Writes what comes until nothing comes any more.
+fn write(mut parts: Parts, batches: &Receiver<Batch>, give_back: &SyncSender<Batch>, missing: &AtomicU64) {
+    loop {
+        match batches.try_recv() {
+            Ok(mut batch) => {
+                parts.write(steady_ns(), &batch);
+                batch.bytes.clear();
+                batch.marks.clear();
+                // A full line back only means that this buffer is not used again.
+                let _unused = give_back.try_send(batch);
+            }
+            Err(TryRecvError::Empty) => std::thread::park_timeout(POLL_PERIOD),
+            Err(TryRecvError::Disconnected) => break,
+        }
+        parts.poll(steady_ns());
+        missing.store(parts.missing(), Ordering::Relaxed);
+    }
+    parts.finish(steady_ns());
+}
+
+/// Whether `directory` can be recorded to, for a command that is of no use without.
+pub fn can_write(directory: &Path) -> Result<(), CliError> {
+    let probe = directory.join(".alight");
+    let done = std::fs::create_dir_all(directory).and_then(|()| std::fs::write(&probe, "recorder"));
+    let removed = done.and_then(|()| std::fs::remove_file(&probe));
+    removed.doing(format_args!("recording into {}", directory.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::log::{Log, Order};
+
+    #[test]
+    fn recorder_of_every_step() {
+        let directory = std::env::temp_dir().join(format!("alight-recorder-{}", std::process::id()));
+        let header = PartHeader {
+            process: "test".into(),
+            boot: 7,
+            ..PartHeader::default()
+        };
+        let mut recorder = NodeRecorder::begin(&directory, header);
+        let began_ns = steady_ns();
+        for k in 0..1000_u64 {
+            recorder.step(began_ns + k as i64, k as i64, &vec![k; 20], &k);
+        }
+        assert_eq!(recorder.missing(), 0);
+        drop(recorder);
+        let mut read = 0;
+        let log = Log::open(&directory).unwrap();
+        log.steps(Order::ByStart, |_, _, step| {
+            let entry = step.entry::<Vec<u64>>()?;
+            assert_eq!(
+                (step.number, entry.now_ns, entry.input),
+                (read, read as i64, vec![read; 20])
+            );
+            assert_eq!(entry.output, wire::hash_record(&read)?);
+            read += 1;
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(read, 1000);
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn recorder_with_a_slow_thread() {
+        // Nobody takes batches.
+        let (to, _batches) = sync_channel(BATCHES);
+        let (_give_back, free) = sync_channel(BATCHES);
+        let mut recorder = NodeRecorder {
+            batch: Batch::default(),
+            since_ns: 0,
+            steps: 0,
+            dropped: 0,
+            to: Some(to),
+            free,
+            missing: Arc::default(),
+            thread: None,
+        };
+        for k in 0..10 * BATCHES as i64 {
+            // Half of a batch each.
+            recorder.step(k, k, &vec![0_u8; BATCH_BYTES / 2], &());
+        }
+        let batches = 10 * BATCHES as u64 / 2;
+        assert_eq!(recorder.missing(), 2 * (batches - BATCHES as u64));
+    }
+}

@@ -1,0 +1,283 @@
+//! Log of a flight: its directory, one of its files, or a recording, which holds it in one file.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use alight_shared::config::{self, Check};
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::wire::WireError;
+use alight_transport::clock::ProcessClock;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use crate::exit::CliError;
+use crate::record::entry::PartHeader;
+use crate::record::reading::{Beginning, LogFile, Step, parse_name, parts, read_header};
+use crate::record::{LIVE, NODES};
+
+/// One start of a process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Start {
+    /// Whose steps, and the first that is there.
+    pub header: PartHeader,
+    /// The files with its steps, in their order.
+    pub files: Vec<PathBuf>,
+}
+
+impl Start {
+    /// The name that a person reads.
+    pub fn name(&self) -> String {
+        format!("{}-{:08x}", self.header.process, self.header.boot)
+    }
+    /// Its configuration.
+    pub fn config<C: Check + DeserializeOwned>(&self) -> Result<C, CliError> {
+        let file = self.files.first().map_or(Path::new(""), PathBuf::as_path);
+        let origin = format!("{}, the {}'s configuration", file.display(), self.header.process);
+        Ok(config::parse(&self.header.config, &origin)?)
+    }
+    /// How it read its computer's clock.
+    pub fn clock(&self) -> ProcessClock {
+        #[derive(Default, Deserialize)]
+        #[serde(default)]
+        struct Clocked {
+            clock: ProcessClock,
+        }
+        // One without has the steady clock.
+        toml::from_str(&self.header.config).map_or_else(|_| ProcessClock::default(), |c: Clocked| c.clock)
+    }
+    fn is_of(&self, header: &PartHeader) -> bool {
+        (&self.header.process, self.header.boot) == (&header.process, header.boot)
+    }
+    /// What comes first of equal times: the world, then the nodes as their data flow.
+    fn rank(&self) -> Option<usize> {
+        NODES.iter().position(|n| *n == self.header.process)
+    }
+}
+
+/// The order of steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// One start after the other: one file at a time is in memory.
+    ByStart,
+    /// As they were made.
+    ByTime,
+}
+
+/// A log.
+pub struct Log {
+    path: PathBuf,
+    /// By name, a process's first start first; in a recording as its data flow.
+    pub starts: Vec<Start>,
+    /// What a recording says of itself: of a flight's directory and a part nothing.
+    values: BTreeMap<String, String>,
+    texts: BTreeMap<String, String>,
+}
+
+impl Log {
+    /// Finds what is recorded at `path`. In a directory a part that was cut off before its first step is nothing.
+    pub fn open(path: &Path) -> Result<Log, CliError> {
+        let mut log = Log {
+            path: path.into(),
+            starts: Vec::new(),
+            values: BTreeMap::new(),
+            texts: BTreeMap::new(),
+        };
+        if path.is_dir() {
+            log.starts = starts(parts(path)?)?;
+            return Ok(log);
+        }
+        let found = Beginning::read(path)?.begun(path)?;
+        log.starts = found
+            .headers
+            .into_iter()
+            .map(|header| Start {
+                header,
+                files: vec![path.into()],
+            })
+            .collect();
+        (log.values, log.texts) = (found.values, found.texts);
+        Ok(log)
+    }
+    /// Its place, for errors.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// Whether it is a flight in one file.
+    pub fn is_recording(&self) -> bool {
+        !self.values.is_empty()
+    }
+    /// Whether its nodes were processes, which begin by waiting for a predecessor's checkpoint.
+    pub fn is_live(&self) -> bool {
+        self.values.get(LIVE).is_none_or(|v| v != "0")
+    }
+    /// A text attached to a recording, if it has one.
+    pub fn text(&self, name: &str) -> &str {
+        self.texts.get(name).map_or("", String::as_str)
+    }
+    /// The first start of this process, if there is one.
+    pub fn find(&self, process: &str) -> Option<&Start> {
+        self.starts.iter().find(|s| s.header.process == process)
+    }
+    /// The first start of this process.
+    pub fn first(&self, process: &str) -> Result<&Start, CliError> {
+        self.find(process).ok_or_else(|| {
+            CliError(format!(
+                "{}: holds no step of the {process}'s process; its files are {process}-*.mcap",
+                self.path.display()
+            ))
+        })
+    }
+    /// What UTC was ahead of the true time, where that is known.
+    pub fn utc_ahead(&self) -> Result<Span, CliError> {
+        for start in self.starts.iter().filter(|s| s.rank().is_some()) {
+            if let Some(step) = Steps::of(&start.files)?.peek() {
+                let utc: Time<TrueTime> = Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(0));
+                return Ok(utc - start.clock().steady::<TrueTime>(step.now_ns()));
+            }
+        }
+        Ok(Span::from_nanos(0))
+    }
+    /// Without the starts of other processes than these.
+    pub fn only(mut self, processes: &[&str]) -> Log {
+        self.starts
+            .retain(|s| processes.contains(&s.header.process.as_str()));
+        self
+    }
+    /// Every step, with the place of its start and its true time, in a recording the recording's.
+    pub fn steps(
+        &self,
+        order: Order,
+        mut each: impl FnMut(usize, Time<TrueTime>, &Step<'_>) -> Result<(), WireError>,
+    ) -> Result<(), CliError> {
+        let all: Vec<&Start> = self.starts.iter().collect();
+        let groups: Vec<&[&Start]> = match order {
+            // All are in the same file.
+            _ if self.is_recording() => all.chunks(1).take(1).collect(),
+            Order::ByStart => all.chunks(1).collect(),
+            Order::ByTime => vec![&all],
+        };
+        for group in groups {
+            let open = |start: &&Start| Source::open(start, self.is_recording());
+            let mut sources = group.iter().map(open).collect::<Result<Vec<_>, CliError>>()?;
+            while let Some(source) = sources
+                .iter_mut()
+                .filter(|s| s.due.is_some())
+                .min_by_key(|s| s.due)
+            {
+                if let (Some((t, _)), Some(step)) = (source.due, source.steps.peek())
+                    && let Some(at) = self.starts.iter().position(|s| s.is_of(step.header))
+                {
+                    each(at, t, &step).map_err(|e| {
+                        let (origin, process) = (self.path.display(), &step.header.process);
+                        CliError(format!(
+                            "{origin}: the step of `{process}` at {:.2} s: {e}",
+                            t.secs()
+                        ))
+                    })?;
+                }
+                source.advance()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The starts whose steps these parts hold: by name, a process's first start first.
+fn starts(parts: Vec<PathBuf>) -> Result<Vec<Start>, CliError> {
+    let mut found = Vec::new();
+    for part in parts {
+        if let Some(header) = read_header(&part)? {
+            let number = parse_name(&part).map_or(0, |(_, _, number)| number);
+            found.push((
+                (header.process.clone(), header.began_ns, header.boot, number),
+                header,
+                part,
+            ));
+        }
+    }
+    found.sort_by(|a, b| a.0.cmp(&b.0));
+    let mut starts: Vec<Start> = Vec::new();
+    for (_, header, part) in found {
+        match starts.last_mut() {
+            Some(last) if last.is_of(&header) => last.files.push(part),
+            Some(_) | None => starts.push(Start {
+                header,
+                files: vec![part],
+            }),
+        }
+    }
+    Ok(starts)
+}
+
+/// Steps of some files, one file after the other; one at a time is in memory.
+struct Steps {
+    waiting: VecDeque<PathBuf>,
+    file: Option<LogFile>,
+    at: usize,
+}
+
+impl Steps {
+    /// From the first on.
+    fn of(files: &[PathBuf]) -> Result<Steps, CliError> {
+        let mut steps = Steps {
+            waiting: files.to_vec().into(),
+            file: None,
+            at: 0,
+        };
+        steps.load()?;
+        Ok(steps)
+    }
+    /// The next.
+    fn peek(&self) -> Option<Step<'_>> {
+        self.file.as_ref()?.step(self.at)
+    }
+    /// Goes on to the one after it.
+    fn advance(&mut self) -> Result<(), CliError> {
+        self.at += 1;
+        self.load()
+    }
+    fn load(&mut self) -> Result<(), CliError> {
+        while self.peek().is_none() {
+            let Some(path) = self.waiting.pop_front() else {
+                break;
+            };
+            (self.file, self.at) = (Some(LogFile::open(&path)?), 0);
+        }
+        Ok(())
+    }
+}
+
+/// What is read of one start, or of a recording.
+struct Source {
+    steps: Steps,
+    /// Of a process: a recording has its own time.
+    clock: Option<ProcessClock>,
+    rank: Option<usize>,
+    /// When the next step was made, and what comes first of equal times.
+    due: Option<(Time<TrueTime>, Option<usize>)>,
+}
+
+impl Source {
+    fn open(start: &Start, is_recording: bool) -> Result<Source, CliError> {
+        let mut source = Source {
+            steps: Steps::of(&start.files)?,
+            clock: (!is_recording).then(|| start.clock()),
+            rank: start.rank(),
+            due: None,
+        };
+        source.look();
+        Ok(source)
+    }
+    fn advance(&mut self) -> Result<(), CliError> {
+        self.steps.advance()?;
+        self.look();
+        Ok(())
+    }
+    fn look(&mut self) {
+        let time = |step: Step<'_>| match &self.clock {
+            Some(clock) => clock.steady(step.now_ns()),
+            None => Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(i64::MAX)),
+        };
+        self.due = self.steps.peek().map(|step| (time(step), self.rank));
+    }
+}

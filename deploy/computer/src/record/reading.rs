@@ -1,0 +1,350 @@
+//! Reader of a log's files: of the flight recorder's, and of a recording, which holds a flight in one file.
+//!
+//! A file of the flight recorder without an end, which a kill or a power cut left, is read up to its last whole chunk.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use alight_shared::wire::{self, WireError};
+use mcap::read::{ChunkReader, LinearReader, Options};
+use mcap::records::Record;
+use serde::de::DeserializeOwned;
+
+use crate::exit::{CliError, Doing};
+use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
+use crate::record::outline::Outline;
+use crate::record::{EXTENSION, PROCESS, RECORDING, topic};
+
+/// No file is larger, nor are its steps together, bytes.
+const MAX_FILE_BYTES: u64 = 2 << 30;
+/// A file's beginning, its configurations included, is no longer, bytes.
+const MAX_BEGINNING_BYTES: u64 = 1 << 20;
+
+/// Runs `read`, with a panic of the MCAP reader made an error: version 0.26 reserves what some damaged
+/// length fields claim and panics on an overflow of the capacity.
+pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
+    let loud = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(read));
+    std::panic::set_hook(loud);
+    done.unwrap_or_else(|_| {
+        let origin = path.display();
+        Err(CliError(format!(
+            "reading {origin}: the recording is damaged; record it again"
+        )))
+    })
+}
+
+/// A step as it is recorded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step<'a> {
+    /// Whose.
+    pub header: &'a PartHeader,
+    /// Its number in its start of the process, from 0 on.
+    pub number: u64,
+    /// Its time in the file, ns: UTC since 1970, in a recording that of the world.
+    pub log_ns: u64,
+    /// Its [`Entry`].
+    pub bytes: &'a [u8],
+}
+
+impl Step<'_> {
+    /// Its entry.
+    pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
+        wire::decode_record(self.bytes)
+    }
+    /// The node's own time, ns: what an entry begins with.
+    pub fn now_ns(&self) -> i64 {
+        let first = self.bytes.first_chunk();
+        first.map_or(0, |b| i64::from_le_bytes(*b))
+    }
+}
+
+/// What stands before the first chunk of a file.
+#[derive(Default)]
+pub struct Beginning {
+    /// Whose steps follow.
+    pub headers: Vec<PartHeader>,
+    /// What a recording says of itself.
+    pub values: BTreeMap<String, String>,
+    /// What is attached.
+    pub texts: BTreeMap<String, String>,
+    /// The file ends before the first chunk.
+    is_cut: bool,
+}
+
+impl Beginning {
+    /// Reads it.
+    pub fn read(path: &Path) -> Result<Beginning, CliError> {
+        let doing = format_args!("reading {}", path.display());
+        let mut bytes = Vec::new();
+        let file = File::open(path).doing(doing)?;
+        file.take(MAX_BEGINNING_BYTES)
+            .read_to_end(&mut bytes)
+            .doing(doing)?;
+        // The first chunk may be longer.
+        let goes_on = bytes.len() as u64 == MAX_BEGINNING_BYTES;
+        Beginning::of(path, &bytes, goes_on)
+    }
+    /// An error where the file was cut off before its first step.
+    pub fn begun(self, path: &Path) -> Result<Beginning, CliError> {
+        match self.is_cut {
+            true => Err(CliError(format!(
+                "reading {}: it was cut off before its first step",
+                path.display()
+            ))),
+            false => Ok(self),
+        }
+    }
+    /// Of the bytes of the file, or of its first, where it goes on.
+    fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<Beginning, CliError> {
+        let origin = path.display();
+        let mut found = Beginning {
+            is_cut: !goes_on,
+            ..Beginning::default()
+        };
+        let mut processes = Vec::new();
+        let mut take = || -> Result<(), String> {
+            if mcap::MAGIC.starts_with(file) {
+                return Ok(());
+            }
+            let Outline { end, .. } = Outline::of(file)?;
+            for record in records(file.get(..end).unwrap_or_default())? {
+                match record.map_err(|e| e.to_string())? {
+                    Record::Metadata(m) if m.name == PROCESS => processes.push(m.metadata),
+                    Record::Metadata(m) if m.name == RECORDING => found.values = m.metadata,
+                    Record::Attachment { header, data, .. } => {
+                        let text = String::from_utf8(data.into_owned()).map_err(|e| e.to_string())?;
+                        found.texts.insert(header.name, text);
+                    }
+                    Record::Chunk { .. } | Record::DataEnd(_) => {
+                        found.is_cut = false;
+                        return Ok(());
+                    }
+                    _ => {}
+                }
+            }
+            Ok(())
+        };
+        take().map_err(|e| damaged(&origin, e))?;
+        if found.is_cut {
+            return Ok(found);
+        }
+        for values in processes {
+            check_format(path, values.get("format"))?;
+            let header = PartHeader::of(&values, &found.texts).ok_or_else(|| foreign(&origin))?;
+            found.headers.push(header);
+        }
+        if found.headers.is_empty() {
+            // A recording of former versions.
+            check_format(path, found.values.get("format"))?;
+            return Err(foreign(&origin));
+        }
+        Ok(found)
+    }
+}
+
+fn check_format(path: &Path, format: Option<&String>) -> Result<(), CliError> {
+    let origin = path.display();
+    match format.and_then(|f| f.parse::<u32>().ok()) {
+        Some(FORMAT) => Ok(()),
+        Some(other) => Err(CliError(format!(
+            "{origin}: recorded in format {other}, this program reads format {FORMAT}; read it with the program \
+             that recorded it, or record it again"
+        ))),
+        None => Err(foreign(origin)),
+    }
+}
+
+fn foreign(origin: impl Display) -> CliError {
+    CliError(format!(
+        "{origin}: neither a file of the flight recorder nor a recording (`alight trial --record FILE.mcap`)"
+    ))
+}
+
+fn damaged(origin: impl Display, why: impl Display) -> CliError {
+    CliError(format!(
+        "{origin} is damaged, cut off or not an MCAP file: {why}; record it again"
+    ))
+}
+
+/// Its records, chunks whole; the file may have no end.
+fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
+    LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
+}
+
+/// A file in memory.
+pub struct LogFile {
+    /// Whose steps.
+    pub headers: Vec<PartHeader>,
+    /// Why the file has no end; None: it was finished.
+    pub cut: Option<String>,
+    /// Header, number, time and end in `bytes` of each step.
+    marks: Vec<(usize, u64, u64, usize)>,
+    bytes: Vec<u8>,
+}
+
+impl LogFile {
+    /// Reads a file.
+    pub fn open(path: &Path) -> Result<LogFile, CliError> {
+        let (doing, origin) = (format_args!("reading {}", path.display()), path.display());
+        let mut bytes = Vec::new();
+        let file = File::open(path).doing(doing)?;
+        file.take(MAX_FILE_BYTES + 1)
+            .read_to_end(&mut bytes)
+            .doing(doing)?;
+        if bytes.len() as u64 > MAX_FILE_BYTES {
+            return Err(CliError(format!(
+                "{doing}: more than {} MB",
+                MAX_FILE_BYTES >> 20
+            )));
+        }
+        let found = Beginning::of(path, &bytes, false)?.begun(path)?;
+        let mut file = LogFile {
+            headers: found.headers,
+            cut: None,
+            marks: Vec::new(),
+            bytes: Vec::new(),
+        };
+        file.cut = file.take_steps(&bytes).map_err(|e| damaged(&origin, e))?;
+        match &file.cut {
+            // It was not made in flight: there is nothing to save.
+            Some(why) if !found.values.is_empty() => Err(damaged(&origin, why)),
+            Some(_) | None => Ok(file),
+        }
+    }
+    /// Takes the steps in; why the file has no end, if it has none.
+    fn take_steps(&mut self, file: &[u8]) -> Result<Option<String>, String> {
+        let Outline { end, cut } = Outline::of(file)?;
+        let mut channels = BTreeMap::new();
+        for record in records(file.get(..end).unwrap_or_default())? {
+            let (header, data) = match record.map_err(|e| e.to_string())? {
+                Record::Chunk { header, data } => (header, data),
+                _ => continue,
+            };
+            let taken = ChunkReader::new(header, &data)
+                .map_err(|e| e.to_string())
+                .and_then(|chunk| self.take_chunk(chunk, &mut channels));
+            match (taken, &cut) {
+                (Ok(()), _) => {}
+                // The disk had begun with this chunk when the power went.
+                (Err(e), Some(_)) => return Ok(Some(e)),
+                (Err(e), None) => return Err(e),
+            }
+        }
+        Ok(cut)
+    }
+    fn take_chunk(
+        &mut self,
+        chunk: ChunkReader<'_>,
+        channels: &mut BTreeMap<u16, usize>,
+    ) -> Result<(), String> {
+        let (marks, bytes) = (self.marks.len(), self.bytes.len());
+        let take = || -> Result<(), String> {
+            for record in chunk {
+                match record.map_err(|e| e.to_string())? {
+                    Record::Channel(c) if c.message_encoding == ENCODING => {
+                        let own = self.headers.iter().position(|h| topic(&h.process) == c.topic);
+                        channels.extend(own.map(|header| (c.id, header)));
+                    }
+                    Record::Message {
+                        header: message,
+                        data,
+                    } => {
+                        let Some(&header) = channels.get(&message.channel_id) else {
+                            continue;
+                        };
+                        if (self.bytes.len() + data.len()) as u64 > MAX_FILE_BYTES {
+                            return Err(format!("more than {} MB of steps", MAX_FILE_BYTES >> 20));
+                        }
+                        // 32 bits count on from the file's first step.
+                        let first = self.headers.get(header).map_or(0, |h| h.first_step);
+                        let number = first + u64::from(message.sequence.wrapping_sub(first as u32));
+                        self.bytes.extend_from_slice(&data);
+                        self.marks
+                            .push((header, number, message.log_time, self.bytes.len()));
+                    }
+                    _ => {}
+                }
+            }
+            Ok(())
+        };
+        // A chunk counts as a whole or not at all: its check sum comes with its end.
+        let taken = take();
+        if taken.is_err() {
+            self.marks.truncate(marks);
+            self.bytes.truncate(bytes);
+        }
+        taken
+    }
+    /// Steps in it.
+    pub fn steps(&self) -> usize {
+        self.marks.len()
+    }
+    /// Its step in this place.
+    pub fn step(&self, at: usize) -> Option<Step<'_>> {
+        let &(header, number, log_ns, end) = self.marks.get(at)?;
+        let before = at.checked_sub(1).and_then(|k| self.marks.get(k));
+        Some(Step {
+            header: self.headers.get(header)?,
+            number,
+            log_ns,
+            bytes: self.bytes.get(before.map_or(0, |m| m.3)..end)?,
+        })
+    }
+}
+
+/// Whose steps the part at `path` holds; None where it was cut off before the first.
+pub fn read_header(path: &Path) -> Result<Option<PartHeader>, CliError> {
+    Ok(Beginning::read(path)?.headers.into_iter().next())
+}
+
+/// Whether the file at `path` begins as an MCAP file does.
+pub fn is_mcap(path: &Path) -> bool {
+    let begins = || -> std::io::Result<[u8; 5]> {
+        let mut begin = [0; 5];
+        File::open(path)?.read_exact(&mut begin)?;
+        Ok(begin)
+    };
+    begins().is_ok_and(|b| mcap::MAGIC.starts_with(&b))
+}
+
+/// Whether a file has its end: the magic bytes, after which nothing comes.
+pub fn is_whole(path: &Path) -> bool {
+    use std::io::{Seek, SeekFrom};
+    let end = || -> std::io::Result<[u8; 8]> {
+        let (mut file, mut end) = (File::open(path)?, [0; 8]);
+        file.seek(SeekFrom::End(-8))?;
+        file.read_exact(&mut end)?;
+        Ok(end)
+    };
+    end().is_ok_and(|e| e == mcap::MAGIC)
+}
+
+/// Process, boot id and number of a part by its file's name.
+pub fn parse_name(path: &Path) -> Option<(String, u32, u32)> {
+    let stem = path
+        .file_name()?
+        .to_str()?
+        .strip_suffix(EXTENSION)?
+        .strip_suffix('.')?;
+    let (rest, number) = stem.rsplit_once('-')?;
+    let (process, boot) = rest.rsplit_once('-')?;
+    let boot = u32::from_str_radix(boot, 16).ok()?;
+    Some((process.into(), boot, number.parse().ok()?))
+}
+
+/// The parts in a flight's directory.
+pub fn parts(directory: &Path) -> Result<Vec<PathBuf>, CliError> {
+    let entries = std::fs::read_dir(directory).doing(format_args!("reading {}", directory.display()))?;
+    let mut found: Vec<PathBuf> = entries
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| parse_name(p).is_some())
+        .collect();
+    found.sort();
+    Ok(found)
+}

@@ -1,0 +1,190 @@
+//! Which computer a command is about: by its name or its configuration.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config;
+use alight_transport::memory::Instance;
+use clap::Args;
+
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::{CliError, Doing};
+use crate::process::instance::is_running;
+
+/// Where the packages put the configuration.
+pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
+/// The name of `alight land`'s processes.
+const LAND: &str = "land";
+
+/// Which computer this is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Computer {
+    /// The vessel's.
+    Vessel(Box<VesselComputer>),
+    /// The drone's.
+    Drone(Box<DroneComputer>),
+}
+
+impl Computer {
+    /// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
+    pub fn read(path: &Path) -> Result<Computer, CliError> {
+        let text = fs::read_to_string(path).doing(format_args!(
+            "reading {} (check the path and its permissions)",
+            path.display()
+        ))?;
+        let table: toml::Table = text.parse().doing(format_args!("parsing {}", path.display()))?;
+        let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
+        let origin = path.display().to_string();
+        match (
+            has(&["vessel_id", "vessel", "sensor", "deck"]),
+            has(&["bridge", "drone", "autopilot", "camera", "uvdar", "supervision"]),
+        ) {
+            (true, false) => Ok(Computer::Vessel(Box::new(config::parse(&text, &origin)?))),
+            (false, true) => Ok(Computer::Drone(Box::new(config::parse(&text, &origin)?))),
+            (true, true) | (false, false) => Err(CliError(format!(
+                "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (bridge)"
+            ))),
+        }
+    }
+    /// Name of its set of processes.
+    pub fn instance(&self) -> &str {
+        match self {
+            Computer::Vessel(v) => &v.instance,
+            Computer::Drone(d) => &d.instance,
+        }
+    }
+    /// The installed configuration of this computer.
+    pub fn shipped() -> Option<PathBuf> {
+        let readable = |p: &&Path| fs::File::open(p).is_ok();
+        SHIPPED
+            .iter()
+            .map(Path::new)
+            .find(readable)
+            .map(Path::to_path_buf)
+    }
+    fn of_instance(name: &str) -> Result<Computer, CliError> {
+        let drone = drone_of_instance(name)?.unwrap_or_else(|| unconfigured(name));
+        Ok(Computer::Drone(Box::new(drone)))
+    }
+}
+
+/// The drone whose processes have that name: the installed one, or that of a landing of all processes, which has the drone's
+/// file next to its memory.
+fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
+    let [_, installed] = SHIPPED.map(Path::new);
+    // Without the permission to read it, the other is looked for.
+    let installed: Option<DroneComputer> = config::load(installed).ok();
+    if let Some(drone) = installed.filter(|d| d.instance == name) {
+        return Ok(Some(drone));
+    }
+    let file = Instance::new(name)?.directory().join("drone.toml");
+    if !file.exists() {
+        return Ok(None);
+    }
+    let mut drone: DroneComputer = config::load(&file)?;
+    drone.instance = name.into();
+    Ok(Some(drone))
+}
+
+/// A drone of which no more is known than the name of its processes.
+fn unconfigured(name: &str) -> DroneComputer {
+    DroneComputer {
+        instance: name.into(),
+        ..DroneComputer::default()
+    }
+}
+
+/// The drone that a command on this computer is for. The installed one comes before a simulated landing, unless another
+/// name is given: an order must not go to a simulation while a drone flies.
+pub fn commanded_drone(
+    config: Option<&Path>,
+    instance: Option<&str>,
+    is_abort: bool,
+) -> Result<DroneComputer, CliError> {
+    if let Some(path) = config {
+        return Ok(config::load(path)?);
+    }
+    let [_, installed] = SHIPPED.map(Path::new);
+    if instance.is_none() && installed.exists() {
+        return Ok(config::load(installed)?);
+    }
+    let name = instance.unwrap_or(LAND);
+    match drone_of_instance(name)? {
+        Some(drone) => Ok(drone),
+        // An order to a wrong number is none; an abort is tried.
+        None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
+            "the processes {name} have no configuration beside their memory: name it with --config"
+        ))),
+        None => Ok(unconfigured(name)),
+    }
+}
+
+/// The vessel that an order aboard is for: the installed one, or by its name that of a landing, which has the vessel's file
+/// next to its memory.
+pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result<VesselComputer, CliError> {
+    let Some(name) = instance.filter(|_| config.is_none()) else {
+        return Ok(config::load(config.unwrap_or(Path::new(SHIPPED[0])))?);
+    };
+    let file = Instance::new(name)?.directory().join("vessel.toml");
+    if !file.exists() {
+        return Err(CliError(format!(
+            "the processes {name} have no vessel's configuration next to their memory: name it with --config"
+        )));
+    }
+    let mut vessel: VesselComputer = config::load(&file)?;
+    vessel.instance = name.into();
+    Ok(vessel)
+}
+
+/// Whose processes are meant.
+#[derive(Args, Clone, Debug, Default)]
+pub struct Subject {
+    /// Name of the set of processes [default: the configuration's; without one: land]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
+    pub config: Option<PathBuf>,
+}
+
+impl Subject {
+    /// Its configuration: of a landing of this computer before what is installed on it.
+    pub fn computer(&self) -> Result<Computer, CliError> {
+        let fixed = self.fixed()?;
+        match (&fixed.instance, &fixed.config) {
+            (Some(name), _) => Computer::of_instance(name),
+            (None, Some(path)) => Computer::read(path),
+            (None, None) => Computer::of_instance(LAND),
+        }
+    }
+    /// Whose orders are passed on: as [`commanded_drone`], what is installed comes before a simulated landing.
+    pub fn ordered(&self) -> Result<Subject, CliError> {
+        let [_, installed] = SHIPPED;
+        let is_open = self.instance.is_none() && self.config.is_none();
+        if is_open && Path::new(installed).exists() {
+            return Ok(Subject {
+                instance: None,
+                config: Some(installed.into()),
+            });
+        }
+        self.fixed()
+    }
+    /// Its processes are those of a configuration that was read, not of one that is guessed.
+    pub fn is_configured(&self) -> bool {
+        let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
+        self.instance.as_ref().is_none_or(known)
+    }
+    /// The same by its name or its file, whatever runs later.
+    pub fn fixed(&self) -> Result<Subject, CliError> {
+        if self.instance.is_some() || self.config.is_some() {
+            return Ok(self.clone());
+        }
+        let lands = is_running(&Instance::new(LAND)?);
+        let config = if lands { None } else { Computer::shipped() };
+        Ok(Subject {
+            instance: config.is_none().then(|| LAND.into()),
+            config,
+        })
+    }
+}

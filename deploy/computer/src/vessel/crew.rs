@@ -1,0 +1,130 @@
+//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process: repeated until
+//! its status names them, and taken once.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use alight_shared::admission::Retransmission;
+use alight_shared::msg::{CrewOrder, DeckOrder, Header, MAX_ORDERS, Seq, VesselStatus};
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::topics;
+use alight_transport::TransportError;
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Memory, Publisher, Subscriber};
+use tracing::warn;
+
+use crate::config::VesselComputer;
+use crate::process::life::draw_boot;
+use crate::process::supervision::SteadyClock;
+
+/// An order that is not named is repeated after this long.
+const REPEAT: Span = Span::from_millis(500);
+/// The process may just be started again.
+const TIMEOUT: Span = Span::from_millis(6000);
+/// Time between two looks for the answer.
+const POLL_PERIOD: Duration = Duration::from_millis(50);
+
+/// The orders that the vessel's process takes.
+#[derive(Default)]
+pub struct CrewOrders {
+    /// Those that were taken last: a repetition is none of its own.
+    taken: VecDeque<u32>,
+}
+
+impl CrewOrders {
+    /// What of these counts now. One that is taken up late would be a wrong one.
+    pub fn take(&mut self, now: Time<VesselClock>, orders: &[CrewOrder]) -> Vec<DeckOrder> {
+        let mut counted = Vec::new();
+        for CrewOrder { header, order } in orders {
+            if self.taken.contains(&header.boot) {
+                continue;
+            }
+            if now - header.at > topics::CREW.stale_after {
+                warn!("{order:?} was ordered too long ago, and does not count");
+                continue;
+            }
+            if self.taken.len() == MAX_ORDERS {
+                self.taken.pop_front();
+            }
+            self.taken.push_back(header.boot);
+            counted.push(*order);
+        }
+        counted
+    }
+    /// The receipt.
+    pub fn taken(&self) -> Seq<u32, MAX_ORDERS> {
+        Seq::filled(self.taken.iter().copied())
+    }
+}
+
+fn steady() -> Time<SteadyClock> {
+    Time::from_nanos(steady_ns())
+}
+
+/// An order under way.
+pub struct OrderOnItsWay {
+    order: CrewOrder,
+    sending: Retransmission<SteadyClock>,
+    orders: Publisher<CrewOrder>,
+    statuses: Subscriber<VesselStatus>,
+}
+
+impl OrderOnItsWay {
+    /// Given now to the process of this computer.
+    pub fn give(
+        memory: &Memory,
+        computer: &VesselComputer,
+        order: DeckOrder,
+    ) -> Result<OrderOnItsWay, TransportError> {
+        let header = Header::new(computer.vessel_id, 0, draw_boot(), 0, computer.clock.now());
+        Ok(OrderOnItsWay {
+            order: CrewOrder { header, order },
+            sending: Retransmission::new(steady(), REPEAT, TIMEOUT),
+            orders: memory.publisher()?,
+            statuses: memory.subscriber()?,
+        })
+    }
+    /// Sends it where it is due; the status that names it.
+    pub fn poll(&mut self) -> Option<VesselStatus> {
+        let names_it = |s: &VesselStatus| s.orders.contains(&self.order.header.boot);
+        let answer = self.statuses.newest(steady_ns()).filter(names_it);
+        if answer.is_none() && self.sending.is_due(steady()) {
+            self.orders.send(&self.order);
+        }
+        answer
+    }
+    /// Whether nothing more is waited for.
+    pub fn is_over(&self) -> bool {
+        self.sending.is_over(steady())
+    }
+    /// The status that names it; None: it was not taken in time, or the waiting was ended by a signal.
+    pub fn wait(mut self, memory: &Memory) -> Option<VesselStatus> {
+        loop {
+            let answer = self.poll();
+            if answer.is_some() || self.is_over() || !memory.wait(POLL_PERIOD) {
+                return answer;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crew_orders_taken_once_and_in_time() {
+        let mut orders = CrewOrders::default();
+        let given = |boot: u32, at_s: f64, order| CrewOrder {
+            header: Header::new(1, 0, boot, 0, Time::from_secs(at_s)),
+            order,
+        };
+        let (close, open) = (given(7, 1.0, DeckOrder::Closed), given(8, 2.0, DeckOrder::Open));
+        let mut take = |at_s: f64, all: &[CrewOrder]| orders.take(Time::from_secs(at_s), all);
+        assert_eq!(take(1.0, &[close, close]), [DeckOrder::Closed]);
+        // A repetition of the first after the second does not close it again.
+        assert_eq!(take(2.0, &[open, close]), [DeckOrder::Open]);
+        assert_eq!(take(30.0, &[given(9, 3.0, DeckOrder::Steady(60))]), []);
+        assert_eq!(orders.taken()[..], [7, 8]);
+    }
+}

@@ -1,0 +1,162 @@
+//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, the helm's switch, and
+//! the switch by which the skipper lets the computer steer.
+//!
+//! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
+//! level, and the deck arbiter then counts it as active, the helm as a no.
+
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Duration;
+
+use alight_usv::deck::{DeckConfig, DeckInputs};
+use alight_usv::helm::HelmConfig;
+use tracing::{info, warn};
+
+use crate::io::digital_line::DigitalLine;
+use crate::process::supervisor::pause;
+
+/// Time between two readings.
+const PERIOD: Duration = Duration::from_millis(500);
+/// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
+const MAX_READING_NS: i64 = 2_000_000_000;
+/// What to do about an input that cannot be read.
+pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/deck.md), or empty the key in \
+                          vessel.toml";
+/// The same of the switch by which the skipper agrees.
+pub const CONSENT_REMEDY: &str = "it counts as 0, and takes the helm back: let the user alight read the line or file \
+                                  (docs/helm.md), or empty the key in vessel.toml";
+/// Its key.
+const CONSENT: &str = "vessel.helm.consent_switch";
+
+/// An input, or an error that names one first, is that switch.
+pub fn is_consent(named: &str) -> bool {
+    named.starts_with(CONSENT)
+}
+
+/// The inputs that may be configured: key and path; an empty path is none.
+pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static str, &'a str); 4] {
+    [
+        ("deck.crew_switch", &deck.crew_switch),
+        ("deck.occupancy_sensor", &deck.occupancy_sensor),
+        ("deck.helm_switch", &deck.helm_switch),
+        (CONSENT, &helm.consent_switch),
+    ]
+}
+
+type Level = Result<bool, String>;
+
+/// One input, while its thread reads it.
+struct Input {
+    name: String,
+    readings: Receiver<Level>,
+    first: Option<Level>,
+    answered_ns: i64,
+    error: Option<String>,
+}
+
+impl Input {
+    /// Begins to read; None where none is configured. The first level is waited for: without it the deck is closed,
+    /// and a drone on its way down would break off because the vessel's process was started anew.
+    fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
+        let (sender, readings) = sync_channel(1);
+        (!path.is_empty()).then(|| {
+            let mut line = DigitalLine::new(path);
+            // Ends after the receiver.
+            std::thread::spawn(move || {
+                while sender.send(line.read()).is_ok() {
+                    pause(PERIOD);
+                }
+            });
+            Input {
+                name: format!("{key}: {path}"),
+                first: readings.recv_timeout(PERIOD).ok(),
+                readings,
+                answered_ns: now_ns,
+                error: None,
+            }
+        })
+    }
+    /// The level, if it was read since the last call.
+    fn poll(&mut self, now_ns: i64) -> Option<bool> {
+        let newest = self.readings.try_iter().last().or_else(|| self.first.take());
+        let error = match &newest {
+            Some(level) => level.as_ref().err().cloned(),
+            None if now_ns - self.answered_ns > MAX_READING_NS => Some("reading it does not end".into()),
+            None => return None,
+        };
+        if newest.is_some() {
+            self.answered_ns = now_ns;
+        }
+        let error = error.map(|e| format!("{}: {e}", self.name));
+        if error != self.error {
+            match &error {
+                Some(e) if is_consent(e) => warn!("{e}: {CONSENT_REMEDY}"),
+                Some(e) => warn!("{e}: {REMEDY}"),
+                None => info!("{}: read again", self.name),
+            }
+            self.error = error;
+        }
+        newest?.ok()
+    }
+}
+
+/// All inputs that are configured.
+pub struct InputFiles([Option<Input>; 4]);
+
+impl InputFiles {
+    /// Begins to read them.
+    pub fn start(deck: &DeckConfig, helm: &HelmConfig, now_ns: i64) -> InputFiles {
+        InputFiles(configured(deck, helm).map(|input| Input::start(input, now_ns)))
+    }
+    /// The levels that were read since the last call.
+    pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
+        let [closed, occupied, turning, consent] =
+            self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
+        DeckInputs {
+            closed,
+            occupied,
+            turning,
+            consent,
+        }
+    }
+    /// Why inputs cannot be read: key, path and error.
+    pub fn errors(&self) -> Vec<String> {
+        self.0.iter().flatten().filter_map(|i| i.error.clone()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn missing_deck_input() {
+        let path = std::env::temp_dir().join(format!("alight-inputs-{}", std::process::id()));
+        fs::write(&path, "1\n").unwrap();
+        let deck = DeckConfig {
+            crew_switch: path.display().to_string(),
+            occupancy_sensor: "/nowhere/value".into(),
+            ..DeckConfig::default()
+        };
+        let mut files = InputFiles::start(&deck, &HelmConfig::default(), 0);
+        let read = DeckInputs {
+            closed: Some(true),
+            occupied: None,
+            ..DeckInputs::default()
+        };
+        assert_eq!(files.poll(0), read);
+        let [error] = &files.errors()[..] else {
+            panic!("{:?}", files.errors());
+        };
+        assert!(
+            error.starts_with("deck.occupancy_sensor: /nowhere/value: "),
+            "{error}"
+        );
+        let consents = configured(&deck, &HelmConfig::default()).map(|(key, _)| is_consent(key));
+        assert_eq!(consents, [false, false, false, true]);
+        assert!(!is_consent(error), "it counts as 1");
+        fs::remove_file(&path).unwrap();
+        let mut none = InputFiles::start(&DeckConfig::default(), &HelmConfig::default(), 0);
+        assert_eq!(none.poll(i64::MAX), DeckInputs::default());
+    }
+}

@@ -1,0 +1,132 @@
+//! The lamp at the helm, on a [`DigitalLine`]: lit it asks for a steady course, blinking whether the computer may steer.
+//!
+//! It is written twice a second in a thread of its own, since a driver may take long, and put out when the process ends.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use alight_usv::Lamp;
+use tracing::{info, warn};
+
+use crate::io::digital_line::DigitalLine;
+
+/// Time between two writings: of the same level, or of a lamp that blinks once a second.
+const PERIOD: Duration = Duration::from_millis(500);
+/// What to do about a lamp that cannot be written.
+pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
+                          (docs/deck.md), or empty deck.helm_lamp in vessel.toml";
+
+/// The lamp, while its thread drives it.
+pub struct HelmLamp {
+    levels: Option<SyncSender<Lamp>>,
+    writer: Option<JoinHandle<()>>,
+    shown: Lamp,
+    error: Arc<Mutex<Option<String>>>,
+}
+
+impl HelmLamp {
+    /// Begins to drive the lamp at `path`, out; an empty path is none.
+    pub fn start(path: &str) -> HelmLamp {
+        let error = Arc::new(Mutex::new(None));
+        let mut lamp = HelmLamp {
+            levels: None,
+            writer: None,
+            shown: Lamp::Out,
+            error: Arc::clone(&error),
+        };
+        if !path.is_empty() {
+            let (sender, levels) = sync_channel(1);
+            let path = path.to_owned();
+            lamp.levels = Some(sender);
+            lamp.writer = Some(std::thread::spawn(move || drive(&path, &levels, &error)));
+        }
+        lamp
+    }
+    /// It shows this from now on.
+    pub fn set(&mut self, lamp: Lamp) {
+        if lamp == self.shown {
+            return;
+        }
+        let sent = self.levels.as_ref().map(|levels| levels.try_send(lamp));
+        // While the thread is busy, the next call tries again.
+        if !matches!(sent, Some(Err(TrySendError::Full(_)))) {
+            self.shown = lamp;
+        }
+    }
+    /// Why it cannot be written.
+    pub fn error(&self) -> Option<String> {
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for HelmLamp {
+    fn drop(&mut self) {
+        self.levels = None;
+        let _ended = self.writer.take().map(JoinHandle::join);
+    }
+}
+
+/// The level that is written after `before`.
+fn level(lamp: Lamp, before: bool) -> bool {
+    match lamp {
+        Lamp::Out => false,
+        Lamp::Lit => true,
+        Lamp::Blinks => !before,
+    }
+}
+
+/// Shows what was sent last until the sender has ended, then puts the lamp out.
+fn drive(path: &str, levels: &Receiver<Lamp>, error: &Mutex<Option<String>>) {
+    let mut line = DigitalLine::new(path);
+    let (mut lamp, mut lit, mut ended, mut before) = (Lamp::Out, false, false, None);
+    while !ended {
+        lit = level(lamp, lit);
+        let failed = line.write(lit).err();
+        let failed = failed.map(|e| format!("deck.helm_lamp: {path}: {e}"));
+        if failed != before {
+            match &failed {
+                Some(e) => warn!("{e}: {REMEDY}"),
+                None => info!("deck.helm_lamp: {path}: written again"),
+            }
+            (*error.lock().unwrap_or_else(PoisonError::into_inner)).clone_from(&failed);
+            before = failed;
+        }
+        match levels.recv_timeout(PERIOD) {
+            Ok(newest) => lamp = newest,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => ended = true,
+        }
+    }
+    let _out = line.write(false);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn helm_lamp_on_off_and_end() {
+        let path = std::env::temp_dir().join(format!("alight-lamp-{}", std::process::id()));
+        let text = path.display().to_string();
+        fs::write(&path, "1").unwrap();
+        let mut lamp = HelmLamp::start(&text);
+        lamp.set(Lamp::Lit);
+        drop(lamp);
+        assert_eq!(fs::read_to_string(&path).unwrap(), "0\n");
+        fs::remove_file(&path).unwrap();
+        let mut none = HelmLamp::start("");
+        none.set(Lamp::Lit);
+        assert_eq!(none.error(), None);
+    }
+
+    #[test]
+    fn levels_of_a_lamp() {
+        let levels = |lamp| [false, true].map(|before| level(lamp, before));
+        assert_eq!(levels(Lamp::Out), [false, false]);
+        assert_eq!(levels(Lamp::Lit), [true, true]);
+        assert_eq!(levels(Lamp::Blinks), [true, false]);
+    }
+}

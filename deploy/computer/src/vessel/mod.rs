@@ -1,0 +1,49 @@
+//! `alight vessel`: the processes of the vessel's computer, as its service runs them.
+
+pub mod crew;
+pub mod deck_file;
+pub mod deck_inputs;
+pub mod estimator;
+pub mod helm;
+pub mod helm_lamp;
+pub mod radio;
+pub mod sensors;
+pub mod status;
+
+use alight_shared::process::ProcessKind;
+
+use crate::config::VesselComputer;
+use crate::config::link_url::LinkUrl;
+use crate::exit::{CliError, Exit};
+use crate::process::args::{Scheduling, ServiceArgs};
+use crate::process::sealed::SealedConfig;
+use crate::process::service::{self, Service};
+
+/// A process without a report for this long is killed and restarted, s: six periods of the reports.
+const SILENCE_TIMEOUT_S: f64 = 3.0;
+
+/// Runs the vessel's processes until it is asked to end.
+pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
+    let (computer, sealed) = SealedConfig::begin::<VesselComputer>(&args.process.config)?;
+    // A malformed address and a key that cannot be read are rejected here, not in a process that is started again and again.
+    for source in &computer.sensor.sources {
+        let of = |e| CliError(format!("sensor {}: {e}", source.name));
+        source.connect.parse::<LinkUrl>().map_err(of)?;
+    }
+    computer.radio.check_zenoh()?;
+    helm::signing_key(&computer)?;
+    sensors::node(&computer, 0)?;
+    let sensors = !computer.sensor.sources.is_empty();
+    let nodes = [(ProcessKind::Vessel, true), (ProcessKind::Sensors, sensors)];
+    let nodes = nodes.into_iter().filter(|(_, runs)| *runs);
+    let service = Service {
+        instance: &computer.instance,
+        computer: format!("vessel-{}", computer.vessel_id),
+        recorder: &computer.recorder,
+        silence_timeout_s: SILENCE_TIMEOUT_S,
+        nodes: nodes.map(|(kind, _)| (kind, Scheduling::default())).collect(),
+        view: args.view.over(&computer.view),
+        checkpoints: None,
+    };
+    service::run(&args.process, service, sealed)
+}

@@ -1,0 +1,255 @@
+//! The vessel's real sensors as a process: bytes of serial ports, UDP and TCP in, dated measurements to
+//! the vessel's process out, and twice a second a report about each source.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{Header, Line, SensorReadings, Seq, SourceRemark, SourceReport};
+use alight_shared::node::Node;
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::time::{Time, VesselClock};
+use alight_transport::TransportError;
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_usv::sensors::{MAX_STEP_BYTES, Readings, Remark, SensorNode, SensorsIn, SourceConfig};
+use tokio::time::{MissedTickBehavior, interval};
+use tracing::{info, warn};
+
+use crate::config::VesselComputer;
+use crate::config::link_url::LinkUrl;
+use crate::exit::{CliError, Exit};
+use crate::io::byte_link::{ByteLink, MAX_AT_ONCE};
+use crate::io::byte_links::{Arrival, ByteLinks};
+use crate::io::mavlink_key;
+use crate::io::peer::Speaks;
+use crate::io::runtime;
+use crate::process::args::ProcessArgs;
+use crate::process::life::{Life, draw_boot};
+
+/// The node is stepped at least this often.
+const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
+/// An error that a link has not had for so long is said again, ns.
+const SAID_NS: i64 = 60_000_000_000;
+/// Most errors of a link that are said within that.
+const MAX_SAID: usize = 8;
+
+/// The vessel's sensors, real or simulated, towards its process.
+pub struct SensorPublisher {
+    readings: Publisher<SensorReadings>,
+    header: Header<VesselClock>,
+}
+
+impl SensorPublisher {
+    /// Nothing published yet.
+    pub fn join(memory: &Memory) -> Result<SensorPublisher, TransportError> {
+        Ok(SensorPublisher {
+            readings: memory.publisher()?,
+            header: Header::new(0, 0, draw_boot(), 0, Time::EPOCH),
+        })
+    }
+    /// Publishes what there is. A vessel's process that is not there misses it, as it would at sea.
+    pub fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
+        self.header.at = now;
+        for message in readings.messages(self.header) {
+            self.header.sequence = self.header.sequence.wrapping_add(1);
+            let header = self.header;
+            self.readings.send(&SensorReadings { header, ..message });
+        }
+    }
+}
+
+/// Runs until it is asked to end.
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    runtime::block_on(read(args))
+}
+
+/// The node of this computer's sources, with their keys, for a start with this boot id.
+pub fn node(computer: &VesselComputer, boot: u32) -> Result<SensorNode, CliError> {
+    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot);
+    for (number, source) in computer.sensor.sources.iter().enumerate() {
+        let name = format!("signing_key of sensor {}", source.name);
+        if let Some(key) = mavlink_key::read(&name, &source.signing_key)? {
+            node.sign(number, key);
+        }
+    }
+    Ok(node)
+}
+
+async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: VesselComputer = config::load(&args.config)?;
+    let sources = &computer.sensor.sources;
+    if sources.is_empty() {
+        return Err(CliError(format!(
+            "{}: no sensor is configured; add for each one a table [[sensor.sources]] with connect = \
+             \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://, can://, ws://) and format = \"nmea\", \"n2k\", \"signalk\", \"ubx\" or \
+             \"mavlink\"",
+            args.config.display()
+        )));
+    }
+    let mut links = Vec::new();
+    for (number, source) in sources.iter().enumerate() {
+        let url: LinkUrl = source.connect.parse().map_err(CliError)?;
+        info!("{}: {url}", source.name);
+        let speaks: Speaks = Arc::new(source.format.speaks());
+        links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
+    }
+    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
+    let mut publisher = SensorPublisher::join(&memory)?;
+    let mut reports: Publisher<SourceReport> = memory.publisher()?;
+    let mut states: Publisher<ProcessState> = memory.publisher()?;
+    let mut life = Life::begin(ProcessKind::Sensors, draw_boot(), args.supervised);
+    let mut links = ByteLinks::start(links);
+    let mut node = node(&computer, life.boot())?;
+    let mut faults = vec![Fault::default(); sources.len()];
+    let mut strangers: Vec<Strangers> = vec![None; sources.len()];
+    let mut header = Header::new(computer.vessel_id, 0, life.boot(), 0, Time::EPOCH);
+    let mut steps = interval(MAX_STEP_PERIOD);
+    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    while !life.ended() {
+        let mut input = SensorsIn {
+            bytes: vec![Vec::new(); sources.len()],
+        };
+        let mut arrival = tokio::select! {
+            arrival = links.next() => Some(arrival),
+            _ = steps.tick() => None,
+        };
+        while let Some(a) = arrival {
+            if let Some(of) = strangers.get_mut(a.link) {
+                *of = a.strangers;
+            }
+            take(a, sources, &mut input, &mut faults, steady_ns());
+            // A step's bytes are a bound: more of them waits.
+            let full = input.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
+            arrival = if full { None } else { links.arrived() };
+        }
+        // Read after the bytes: no byte is from the future.
+        let now = computer.clock.read(steady_ns());
+        let before = steady_ns();
+        let out = node.step(now, &input);
+        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+        publisher.send(now, &out.readings);
+        for (k, bytes) in &out.requests {
+            links.write(*k, bytes);
+        }
+        let unsent = publisher.readings.unsent() + reports.unsent() + states.unsent();
+        if let Some(state) = life.state(Vec::new, unsent) {
+            (header.at, header.sequence) = (now, header.sequence.wrapping_add(1));
+            for report in source_reports(header, &node, &faults, &strangers) {
+                reports.send(&report);
+            }
+            states.send(&state);
+        }
+    }
+    Ok(Exit::Success)
+}
+
+/// Why a source's link brings nothing.
+#[derive(Clone, Debug, Default)]
+struct Fault {
+    /// Since the newest byte.
+    now: Option<String>,
+    /// What was said of it, and when it was so last, ns.
+    said: Vec<(String, i64)>,
+}
+
+impl Fault {
+    /// Whether an error is to be said: once while it comes again and again, bytes between or not.
+    fn is_news(&mut self, error: &str, now_ns: i64) -> bool {
+        self.said
+            .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < SAID_NS);
+        if let Some((_, at_ns)) = self.said.iter_mut().find(|(said, _)| said == error) {
+            *at_ns = now_ns;
+            return false;
+        }
+        let has_room = self.said.len() < MAX_SAID;
+        if has_room {
+            self.said.push((error.into(), now_ns));
+        }
+        has_room
+    }
+}
+
+/// Takes what a source's link brought. A link that is reopened again and again reports its error once.
+fn take(
+    arrival: Arrival,
+    sources: &[SourceConfig],
+    input: &mut SensorsIn,
+    faults: &mut [Fault],
+    now_ns: i64,
+) {
+    let k = arrival.link;
+    let (Some(bytes), Some(fault), Some(source)) =
+        (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
+    else {
+        return;
+    };
+    if !arrival.bytes.is_empty() {
+        bytes.extend_from_slice(&arrival.bytes);
+        fault.now = None;
+    }
+    if let Some(error) = arrival.error {
+        if fault.is_news(&error, now_ns) {
+            warn!("{}: {error}", source.name);
+        }
+        fault.now = Some(error);
+    }
+}
+
+/// Datagrams of others than a link's peer, and who sent the newest.
+type Strangers = Option<(u64, SocketAddr)>;
+
+/// Who else sends to a source's port.
+pub fn strangers_remark(strangers: Strangers) -> Option<Remark> {
+    let (count, from) = strangers?;
+    Some(Remark::fault(
+        format!("{from} sends to the same port: {count} datagrams left out"),
+        "one sender has the port, the first that sends what is read: give each device a port and a source of its own",
+    ))
+}
+
+/// The report about each source.
+fn source_reports(
+    header: Header<VesselClock>,
+    node: &SensorNode,
+    faults: &[Fault],
+    strangers: &[Strangers],
+) -> Vec<SourceReport> {
+    let remark = |r: Remark| SourceRemark {
+        text: r.text.as_str().into(),
+        remedy: r.remedy.as_deref().map(Line::from),
+    };
+    let each = node.status().into_iter().zip(node.remarks());
+    each.zip(faults.iter().zip(strangers))
+        .zip(0..)
+        .map(|(((status, remarks), (fault, strangers)), number)| SourceReport {
+            header,
+            number,
+            status,
+            why: fault.now.as_deref().map(Line::from),
+            remarks: Seq::filled(
+                strangers_remark(*strangers)
+                    .into_iter()
+                    .chain(remarks)
+                    .map(remark),
+            ),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_a_link_that_breaks_again_and_again() {
+        let mut fault = Fault::default();
+        let said = |fault: &mut Fault, error: &str, at_s: i64| fault.is_news(error, at_s * 1_000_000_000);
+        let all = (0..300).filter(|k| said(&mut fault, ["refused", "closed"][*k as usize % 2], *k));
+        assert_eq!(all.count(), 2);
+        assert!(said(&mut fault, "closed", 360), "it was gone for a minute");
+        let many = (0..100).filter(|k| said(&mut fault, &format!("error {k}"), 361));
+        assert!(many.count() < MAX_SAID);
+    }
+}

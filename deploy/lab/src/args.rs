@@ -1,0 +1,483 @@
+//! Flags of what is flown in the simulated world.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use alight_computer::process::args::ViewArgs;
+use alight_computer::terminal::Form;
+use alight_shared::msg::State;
+use alight_sim::baselines::Baseline;
+use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::physics::vessel;
+use alight_uav::planner::PlannerKind;
+use clap::{Args, ValueEnum};
+
+use super::study::definition;
+
+/// Planners.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Planner {
+    /// The paper's: attitude weights that grow near the deck (FAA).
+    MpcFaa,
+    /// The same without FAA.
+    Mpc,
+    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    Alight,
+    /// Baseline of Gupta et al.: Fourier modes of the tag's pose, lands when the tilt allows it.
+    MpcNe,
+}
+
+impl Planner {
+    /// Lets it fly.
+    pub fn select(self, nodes: &mut NodeConfigs) {
+        nodes.baseline = None;
+        match self {
+            Planner::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
+            Planner::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
+            Planner::Mpc => nodes.baseline = Some(Baseline::Mpc),
+            Planner::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
+        }
+    }
+}
+
+/// Autopilots.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Autopilot {
+    /// PX4.
+    Px4,
+    /// ArduPilot's copter.
+    Ardupilot,
+}
+
+/// What the vessel does.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Course {
+    /// Engines off.
+    Drift,
+    /// A straight line at --speed.
+    Straight,
+    /// A square path at --speed.
+    Square,
+    /// Turns by 20 to 40 deg to either side every 10 to 20 s, at --speed.
+    Zigzag,
+    /// A straight line at --speed with one turn by 45 to 120 deg, up to 4 s after the first descent begins.
+    Turn,
+    /// A straight line with one change of --speed by half, up to 4 s after the first descent begins.
+    SpeedChange,
+    /// Holding a place, in the limit cycle that thrusters with a dead band make (drawn, 20 to 50 s)
+    StationKeeping,
+    /// Sheering about an anchor by 20 to 40 deg to either side.
+    Anchored,
+}
+
+impl From<Course> for vessel::Course {
+    fn from(course: Course) -> Self {
+        match course {
+            Course::Drift => vessel::Course::Drift,
+            Course::Straight => vessel::Course::Straight,
+            Course::Square => vessel::Course::Square,
+            Course::Zigzag => vessel::Course::Zigzag,
+            Course::Turn => vessel::Course::Turn,
+            Course::SpeedChange => vessel::Course::SpeedChange,
+            Course::StationKeeping => vessel::Course::StationKeeping,
+            Course::Anchored => vessel::Course::Anchored,
+        }
+    }
+}
+
+/// Phases of the mission by their names on the command line.
+pub const PHASES: [(&str, State); 8] = [
+    ("get-altitude", State::GetAltitude),
+    ("approach", State::Approach),
+    ("search", State::Search),
+    ("tracking", State::Tracking),
+    ("tracking-stable", State::TrackingStable),
+    ("descent", State::Descent),
+    ("flare", State::Flare),
+    ("landed", State::Landed),
+];
+
+/// The phase of that name.
+pub fn phase(name: &str) -> Result<State, String> {
+    let found = PHASES.iter().find(|(n, _)| *n == name).map(|(_, state)| *state);
+    found.ok_or_else(|| format!("no phase of that name: {}", PHASES.map(|p| p.0).join(", ")))
+}
+
+/// When an outage of the radio begins: at the mission's first entry into a phase, or never.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutageAt(pub Option<State>);
+
+impl FromStr for OutageAt {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "never" => Ok(OutageAt(None)),
+            name => phase(name).map(|state| OutageAt(Some(state))),
+        }
+    }
+}
+
+impl fmt::Display for OutageAt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let phase = PHASES.iter().find(|(_, state)| Some(*state) == self.0);
+        f.write_str(phase.map_or("never", |(name, _)| name))
+    }
+}
+
+/// A sea by name or by amplitude and period.
+#[derive(Clone, Debug)]
+pub struct SeaArg {
+    /// The text as given.
+    pub text: String,
+    /// What it means.
+    pub config: SeaConfig,
+}
+
+impl FromStr for SeaArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(SeaArg {
+            text: text.into(),
+            config: text.parse()?,
+        })
+    }
+}
+
+/// on or off.
+fn on_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("give on or off".into()),
+    }
+}
+
+/// A mean wind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WindArg {
+    /// That raises such a sea, along its waves.
+    Auto,
+    /// So fast, m/s.
+    Mean(f64),
+}
+
+impl FromStr for WindArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(WindArg::Auto);
+        }
+        let speed = text.parse().map_err(|_| "give a speed in m/s, or auto")?;
+        Ok(WindArg::Mean(speed))
+    }
+}
+
+impl fmt::Display for WindArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            WindArg::Auto => f.write_str("auto"),
+            WindArg::Mean(speed) => write!(f, "{speed}"),
+        }
+    }
+}
+
+/// The scene of a trial.
+#[derive(Args, Debug, Clone)]
+pub struct SceneArgs {
+    /// calm, slight, moderate, rough, very-rough, AMPLITUDE_M,PERIOD_S, or wave systems by
+    /// significant height (m), peak period (s) and direction from the mean (deg):
+    /// jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
+    #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true)]
+    pub sea: Option<SeaArg>,
+    /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its
+    /// class; period of Pierson and Moskowitz)
+    #[arg(long, value_name = "1..5", conflicts_with = "sea",
+          value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub sea_state: Option<u8>,
+    /// Hull that the sea moves by its response table, in the place of the simulated one: twin-5m,
+    /// mono-5m, work-12m or a CSV with a .toml of the same name beside it
+    #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion")]
+    pub hull: Option<String>,
+    /// Planner that flies [default: what the configuration says, alight]
+    #[arg(long, value_enum)]
+    pub planner: Option<Planner>,
+    /// Autopilot whose character the simulated one has [default: what the scenario says, px4]
+    #[arg(long, value_enum)]
+    pub autopilot: Option<Autopilot>,
+    /// What the vessel does [default: drift]
+    #[arg(long, value_enum)]
+    pub vessel: Option<Course>,
+    /// Vessel's speed on a course under way, m/s [default: 2]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Mean wind with gusts, m/s; auto: the wind that raises such a sea, along its waves [default: 0]
+    #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true)]
+    pub wind: Option<WindArg>,
+    /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around what the nodes know, and
+    /// start the autopilot with another hover thrust [default: on with --hull]
+    #[arg(long, value_name = "on|off", value_parser = on_off)]
+    pub draws: Option<bool>,
+    /// An outage of the radio begins when the mission first enters this phase: get-altitude, approach,
+    /// tracking, tracking-stable, descent or flare [default: never]
+    #[arg(long, alias = "radio-lost", value_name = "PHASE")]
+    pub outage_at: Option<OutageAt>,
+    /// The outage lasts this long, s [default: for good]
+    #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
+    pub outage_duration: Option<f64>,
+    /// Watch a landed drone for so long: the outcome tells where it stands then, s
+    #[arg(long, value_name = "S")]
+    pub stay: Option<f64>,
+    /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
+    #[arg(long)]
+    pub begin_anyway: bool,
+    /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Configuration of the vessel's side (TOML; `alight config vessel`)
+    #[arg(long, value_name = "FILE")]
+    pub vessel_config: Option<PathBuf>,
+    /// Configuration of the drone's side (TOML; `alight config drone`)
+    #[arg(long, value_name = "FILE")]
+    pub drone_config: Option<PathBuf>,
+    /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
+    /// any of heave_m, heading_deg, surge_m, sway_m; without --sea the water moves with its heave
+    #[arg(long, value_name = "FILE.csv")]
+    pub deck_motion: Option<PathBuf>,
+    /// Factor on the recorded deviations [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_scale: Option<f64>,
+    /// Factor on the recording's speed [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_speed: Option<f64>,
+    /// Where in the recording the trial begins, s [default: 0]
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_start: Option<f64>,
+    /// Render the belly camera's images and find the tag in them, in the place of its measurement model
+    #[arg(long, alias = "pixels")]
+    pub render_camera: bool,
+    /// Keep the recording's mean tilt instead of removing it
+    #[arg(long, requires = "deck_motion")]
+    pub keep_mean: bool,
+}
+
+impl SceneArgs {
+    /// The flags that were given, each with its value; one without a value has an empty one.
+    pub fn given(&self) -> Vec<(&'static str, String)> {
+        fn text<T: ToString>(value: Option<&T>) -> Option<String> {
+            value.map(ToString::to_string)
+        }
+        fn named<T: ValueEnum>(value: Option<&T>) -> Option<String> {
+            Some(value?.to_possible_value()?.get_name().into())
+        }
+        let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
+        let set = |on: bool| on.then(String::new);
+        let flags = [
+            ("scenario", path(&self.scenario)),
+            ("vessel-config", path(&self.vessel_config)),
+            ("drone-config", path(&self.drone_config)),
+            ("sea", self.sea.as_ref().map(|s| s.text.clone())),
+            ("sea-state", text(self.sea_state.as_ref())),
+            ("hull", self.hull.clone()),
+            ("planner", named(self.planner.as_ref())),
+            ("autopilot", named(self.autopilot.as_ref())),
+            ("vessel", named(self.vessel.as_ref())),
+            ("speed", text(self.speed.as_ref())),
+            ("draws", self.draws.map(|on| if on { "on" } else { "off" }.into())),
+            ("wind", text(self.wind.as_ref())),
+            ("stay", text(self.stay.as_ref())),
+            ("begin-anyway", set(self.begin_anyway)),
+            ("outage-at", text(self.outage_at.as_ref())),
+            ("outage-duration", text(self.outage_duration.as_ref())),
+            ("deck-motion", path(&self.deck_motion)),
+            ("motion-scale", text(self.motion_scale.as_ref())),
+            ("motion-speed", text(self.motion_speed.as_ref())),
+            ("motion-start", text(self.motion_start.as_ref())),
+            ("render-camera", set(self.render_camera)),
+            ("keep-mean", set(self.keep_mean)),
+        ];
+        flags
+            .into_iter()
+            .filter_map(|(name, value)| Some((name, value?)))
+            .collect()
+    }
+}
+
+/// One landing.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
+pub struct TrialArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Seed of sea, noise and start: the same seed, the same bits
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    pub seed: u64,
+    /// Draw paths, speeds and attitudes to an SVG
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// Many landings.
+#[derive(Args, Debug)]
+pub struct TrialsArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// How many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Spread the start over the recording: trial i begins at motion-start + i * this, s
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_stride: Option<f64>,
+    /// Write one line per trial (CSV) to this file, too
+    #[arg(long, value_name = "FILE.csv")]
+    pub rows: Option<PathBuf>,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// Part `index` of `count`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shard {
+    /// From 1 on.
+    pub index: u64,
+    /// How many.
+    pub count: u64,
+}
+
+impl FromStr for Shard {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
+        let (i, n) = text.split_once('/').ok_or_else(wrong)?;
+        let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
+        if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
+            return Err(wrong());
+        }
+        Ok(Shard { index, count })
+    }
+}
+
+/// A study.
+#[derive(Args, Debug)]
+#[command(after_help = definition::help())]
+pub struct StudyArgs {
+    /// What to measure: a study below, or a file of your own (see docs/commands.md)
+    #[arg(value_name = "STUDY|FILE.toml")]
+    pub name: String,
+    /// Directories of shards, for merge
+    pub dirs: Vec<PathBuf>,
+    /// The scene, where the study leaves it open.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Planners to compare, separated by commas [default: the study's, else the configured one]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub planners: Vec<Planner>,
+    /// Trials per row
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Write rows.csv, summary.md, summary.json, report.html and, where the study has curves, curves.svg there; a study
+    /// that was cut off goes on where it stopped
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Fly only part I of N of the trials, for several machines
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Shard>,
+    /// Fly only this row, counted from 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub row: Option<u32>,
+    /// Fly nothing; print a command for each row and each so many seeds, a line each, for a scheduler such as HyperQueue
+    #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
+        conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
+    pub tasks: Option<u32>,
+    /// Fly a row no further once its landing rate is known to so many percent up and down (Wilson's 95 % interval, looked at
+    /// every 20 trials; --trials at most)
+    #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
+    pub within: Option<u8>,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// A wind of an envelope, m/s: with the vessel's own way within what a scenario takes.
+fn wind_speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok().filter(|v| (0.5..=20.0).contains(v));
+    speed.ok_or_else(|| format!("`{text}` is no wind to fly in: give 0.5 to 20 m/s"))
+}
+
+/// An envelope.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Start with:\n  alight envelope --quick --hull mono-5m --drone-config drone.toml --out envelope\n\n\
+The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, --speed; the drone is --drone-config."
+)]
+pub struct EnvelopeArgs {
+    /// The boat and the drone.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// A coarse grid of few landings: some ten minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// Relative winds, m/s, separated by commas [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
+    #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
+    pub winds: Vec<f64>,
+    /// Directions all round that it comes from [default: 12; with --quick 8]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
+    pub directions: Option<u16>,
+    /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
+    #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub sea_states: Vec<u8>,
+    /// Landings per cell [default: as many as show --rate, 35 for 90 %; with --quick 5]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub trials: Option<u32>,
+    /// Part of the landings, %, that must succeed up to the limit, by the lower end of the 95 % interval
+    #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
+    pub rate: u8,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Write envelope.svg, envelope.html, envelope.json and rows.csv there; a run that was cut off goes on where it stopped
+    #[arg(long, value_name = "DIR", default_value = "envelope")]
+    pub out: PathBuf,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// The vessel's response amplitude operators.
+#[derive(Args, Debug)]
+pub struct RaoArgs {
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}

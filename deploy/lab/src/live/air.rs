@@ -1,0 +1,295 @@
+//! What lies between vessel and drone in a live landing: the loopback interface with an impairment
+//! inside the processes, or a link emulator between two network namespaces.
+
+use std::path::PathBuf;
+
+use alight_computer::certificates;
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::process::instance::OwnedInstance;
+use alight_computer::process::snapshot::time;
+use alight_computer::process::supervisor::{Supervisor, arguments};
+use alight_shared::msg::State;
+use alight_shared::process::ProcessKind;
+use alight_sim::harness::scenario::StateOutage;
+use alight_sim::radio::{ChannelCounts, Congestion};
+use alight_transport::radio::TlsConfig;
+use alight_transport::statistics::Quantiles;
+use serde::{Deserialize, Serialize};
+
+use crate::live::args::{Emulate, LandArgs};
+use crate::live::config::{AutopilotKind, LinkImpairment, free_port, write};
+use crate::live::emulator::{Emulation, EmulatorReport, OUTAGE};
+use crate::live::namespaces::{ADDRESSES, OwnSpaces};
+use crate::live::profile;
+use crate::scene::Scene;
+
+/// The vessel's port in its own namespace, zenoh's usual one.
+const PORT: u16 = 7447;
+
+/// Ages of the first five seconds, while clocks and session settle.
+const WARM_UP_AGES: usize = 50;
+
+/// How this computer's kernel answers a loss in a stream, for the lock-step model of it.
+pub fn congestion() -> Congestion {
+    let setting = std::fs::read_to_string("/proc/sys/net/ipv4/tcp_congestion_control");
+    match setting.as_deref().map(str::trim) {
+        Ok("bbr") => Congestion::Bbr,
+        Ok(_) | Err(_) => Congestion::Cubic,
+    }
+}
+
+/// The link as it is arranged before the processes start.
+pub struct RadioPath {
+    spaces: Option<OwnSpaces>,
+    emulator: Option<PathBuf>,
+    outage: Option<StateOutage>,
+    /// What the processes do to what they receive.
+    pub impairment: Option<LinkImpairment>,
+    /// Where the vessel listens.
+    pub listen: String,
+    /// What the drone dials.
+    pub dial: String,
+    /// Certificates of vessel and drone.
+    pub tls: [TlsConfig; 2],
+}
+
+impl RadioPath {
+    /// As the flags say; `epoch_ns` is the profile's time zero on the steady clock.
+    pub fn of(
+        scene: &Scene,
+        args: &LandArgs,
+        owned: &OwnedInstance,
+        epoch_ns: i64,
+    ) -> Result<RadioPath, CliError> {
+        let profile = match args.link.as_str() {
+            "scenario" => scene.scenario.radio.clone(),
+            name => profile::load(name)?,
+        };
+        let firmware = args.flown_by() != AutopilotKind::Internal;
+        let spaces = match args.emulate {
+            Emulate::Always if firmware => {
+                return Err(CliError(
+                    "--emulate always: a firmware beside could not reach the drone's namespace; leave it out"
+                        .into(),
+                ));
+            }
+            Emulate::Auto if firmware => None,
+            Emulate::Always => Some(OwnSpaces::make(&args.instance)?),
+            Emulate::Auto if args.link != "scenario" && args.link != "clean" => {
+                let made = OwnSpaces::make(&args.instance);
+                if let Err(e) = &made {
+                    alight_computer::terminal::note(
+                        true,
+                        format_args!(
+                            "network namespaces are not permitted here ({e}): the link {} is emulated inside the \
+                         processes",
+                            args.link
+                        ),
+                    );
+                }
+                made.ok()
+            }
+            Emulate::Auto | Emulate::Never => None,
+        };
+        let tls = certificates(scene, args, owned)?;
+        let outage = scene.scenario.radio_outage;
+        let link = LinkImpairment {
+            epoch_ns,
+            seed: args.seed,
+            outage,
+            profile,
+        };
+        let address = |host: &str, port: u16| format!("{}/{host}:{port}", args.transport);
+        Ok(if spaces.is_some() {
+            let emulation = Emulation {
+                name: args.instance.clone(),
+                link,
+            };
+            RadioPath {
+                spaces,
+                emulator: Some(write(owned, "link.toml", &emulation)?),
+                outage,
+                impairment: None,
+                // Every address of the namespace: its device may come later than the process.
+                listen: address("0.0.0.0", PORT),
+                dial: address(ADDRESSES[0], PORT),
+                tls,
+            }
+        } else {
+            let nothing = args.link == "clean" && outage.is_none();
+            let endpoint = address("127.0.0.1", free_port()?);
+            RadioPath {
+                spaces: None,
+                emulator: None,
+                outage,
+                impairment: (!nothing).then_some(link),
+                listen: endpoint.clone(),
+                dial: endpoint,
+                tls,
+            }
+        })
+    }
+    /// Starts the emulator, if there is one.
+    pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
+        match &self.emulator {
+            Some(config) => supervisor.start(
+                ProcessKind::Link,
+                arguments(ProcessKind::Link, config),
+                Vec::new(),
+            ),
+            None => Ok(()),
+        }
+    }
+    /// What to put before a process's command: the way into its computer's namespace. The simulated
+    /// vehicles are on the vessel's network, where its sensors are.
+    pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
+        use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
+        // The cable to the simulated autopilot is no radio: its end is beside the world.
+        let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link | Autopilot));
+        self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
+    }
+}
+
+/// The certificates of vessel and drone: those named, else some made for this landing alone.
+fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
+    if args.transport != "quic" {
+        return Ok([TlsConfig::default(), TlsConfig::default()]);
+    }
+    let sides = [
+        ("vessel", scene.nodes.bridge.vessel_id),
+        ("drone", scene.nodes.bridge.drone_id),
+    ];
+    let directory = match &args.certificates {
+        Some(directory) => directory.clone(),
+        None => {
+            let directory = owned.file("keys");
+            if directory.exists() {
+                // Of a landing that was killed.
+                std::fs::remove_dir_all(&directory)
+                    .doing(format_args!("removing {}", directory.display()))?;
+            }
+            certificates::init(&directory, 1)?;
+            let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);
+            for (kind, number) in sides {
+                certificates::issue(&directory, kind, number, &hosts, 1)?;
+            }
+            directory
+        }
+    };
+    let [vessel, drone] = sides.map(|(kind, number)| certificates::common_name(kind, number));
+    Ok([
+        certificates::files(&directory.join(&vessel), vec![drone.clone()])?,
+        certificates::files(&directory.join(&drone), vec![vessel])?,
+    ])
+}
+
+/// What is observed of the link while it is flown.
+#[derive(Default)]
+pub struct RadioWatch {
+    packets: Option<[ChannelCounts; 2]>,
+    ages: Quantiles,
+    /// Ages that were seen.
+    seen: usize,
+    outage_announced: bool,
+}
+
+impl RadioWatch {
+    /// Takes in the processes' lines and the ages of the vessel's newest state; orders the outage of the
+    /// emulator when the mission enters its state.
+    pub fn observe(
+        &mut self,
+        air: &RadioPath,
+        lines: &[String],
+        ages_s: &[f64],
+        state: Option<State>,
+        supervisor: &mut Supervisor,
+    ) {
+        for line in lines {
+            // Other processes report in other words.
+            if let Ok(EmulatorReport::Packets(to_drone, to_vessel)) = serde_json::from_str(line) {
+                self.packets = Some([to_drone, to_vessel]);
+            }
+        }
+        for age_s in ages_s.iter().filter(|a| a.is_finite()) {
+            self.seen += 1;
+            if self.seen > WARM_UP_AGES {
+                self.ages.add(*age_s);
+            }
+        }
+        if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
+            self.outage_announced = true;
+            supervisor.write_line(ProcessKind::Link, OUTAGE);
+        }
+    }
+    /// The metrics at the end, `seconds` after the profile's time zero.
+    pub fn report(&self, seconds: f64) -> RadioReport {
+        let way = |c: ChannelCounts| WayReport {
+            packets: c.sent,
+            bytes_per_s: c.sent_bytes as f64 / seconds.max(1.0),
+            lost: c.lost as f64 / c.sent.max(1) as f64,
+            overflowed: c.overflowed,
+        };
+        let age = |q: f64| {
+            if self.seen > WARM_UP_AGES {
+                self.ages.quantile(q)
+            } else {
+                0.0
+            }
+        };
+        RadioReport {
+            age_p50_s: age(0.5),
+            age_p95_s: age(0.95),
+            age_max_s: age(1.0),
+            emulated: self.packets.map(|ways| ways.map(way)),
+        }
+    }
+}
+
+/// The link of a live landing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RadioReport {
+    /// Age of the vessel's newest state at the drone, looked at ten times a second: median, s.
+    pub age_p50_s: f64,
+    /// 95th percentile of the same, s.
+    pub age_p95_s: f64,
+    /// The greatest of the same, s.
+    pub age_max_s: f64,
+    /// What the emulator counted: to the drone, to the vessel.
+    pub emulated: Option<[WayReport; 2]>,
+}
+
+/// One direction of the emulated link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WayReport {
+    /// IP packets.
+    pub packets: u64,
+    /// Bytes per second, IP headers included.
+    pub bytes_per_s: f64,
+    /// Fraction that was lost on the way.
+    pub lost: f64,
+    /// Packets that a full queue rejected.
+    pub overflowed: u64,
+}
+
+impl RadioReport {
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut out = format!(
+            "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (max)\n",
+            time(self.age_p50_s),
+            time(self.age_p95_s),
+            time(self.age_max_s)
+        );
+        for (way, c) in ["drone", "vessel"].iter().zip(self.emulated.iter().flatten()) {
+            out.push_str(&format!(
+                "  radio to the {way}: {} packets, {:.2} kB/s with IP headers, {:.1} % lost, {} beyond its \
+                 rate\n",
+                c.packets,
+                c.bytes_per_s / 1e3,
+                100.0 * c.lost,
+                c.overflowed
+            ));
+        }
+        out
+    }
+}

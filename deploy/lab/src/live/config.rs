@@ -1,0 +1,188 @@
+//! What the processes of a live landing read beside the computers' configurations.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::instance::OwnedInstance;
+use alight_computer::terminal;
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys, commented};
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::baselines::Baseline;
+use alight_sim::harness::scenario::{Scenario, StateOutage};
+use alight_sim::radio::RadioConfig;
+use alight_usv::sensors::SourceConfig;
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+/// Who flies the simulated drone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum AutopilotKind {
+    /// The simulated autopilot.
+    #[default]
+    Internal,
+    /// PX4, over its simulator API (TCP 4560).
+    Px4,
+    /// ArduPilot, over its JSON backend (UDP 9002).
+    Ardupilot,
+}
+
+impl AutopilotKind {
+    /// Where its MAVLink is found when it runs on this computer.
+    pub const fn connect(self) -> &'static str {
+        match self {
+            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://127.0.0.1:14540",
+            AutopilotKind::Ardupilot => "tcpout://127.0.0.1:5760",
+        }
+    }
+}
+
+/// An impairment of the radio.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkImpairment {
+    /// The steady clock's reading at the profile's time zero, ns.
+    pub epoch_ns: i64,
+    /// Seed of its losses and delays.
+    pub seed: u64,
+    /// Its outage at a state of the mission.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outage: Option<StateOutage>,
+    /// Delay, loss, outages.
+    pub profile: RadioConfig,
+}
+
+/// What stands between a process and its messages.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Attachments {
+    /// Impairment of what comes by radio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impairment: Option<LinkImpairment>,
+    /// A planner that the drone does not carry.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<Baseline>,
+}
+
+impl Check for Attachments {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        let impairment = self.impairment.as_ref();
+        impairment.map_or(Ok(()), |i| {
+            i.profile.check(&at.table("impairment").table("profile"))
+        })
+    }
+}
+
+/// Devices of the simulated vehicles, for processes as they are installed, where otherwise shared memory stands.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Devices {
+    /// The named pipe that takes the belly camera's raw images.
+    pub camera: PathBuf,
+    /// An image is in it so long after the middle of its exposure, s.
+    pub camera_delay_s: f64,
+}
+
+config! {
+    /// The simulated vehicles.
+    pub struct SimulatedWorld {
+        /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
+        pub instance: String = DroneComputer::default().instance;
+        /// Name of the set of processes that share the vessel's memory: `alight vessel`'s or a landing's.
+        pub vessel_instance: String = VesselComputer::default().instance;
+        /// The vessel's sensors as its configuration names them, each with the bytes that it sends there; empty: their
+        /// measurements go into that memory.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub sensors: Vec<SourceConfig> = Vec::new();
+        /// The steady clock's reading at the true time zero, ns: `clock.epoch_ns` of vessel and drone, whose clocks it
+        /// then shares; 0: when the process starts.
+        pub epoch_ns: i64 = 0;
+        /// Seed of sea, noise and start.
+        pub seed: u64 = 0;
+        /// The sea as the outcome names it.
+        pub sea: String = String::new();
+        /// The planner as the outcome names it.
+        pub planner: String = String::new();
+        /// The truth is recorded beside what the processes record.
+        pub truth: bool = false;
+        /// A picture of the landing is drawn there.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub plot: Option<PathBuf> = None;
+        /// Who flies the drone: internal, px4, ardupilot.
+        pub autopilot: AutopilotKind = AutopilotKind::default();
+        /// Where the drone's link to the simulated autopilot listens, UDP.
+        pub mavlink: String = "127.0.0.1:14540".into();
+        /// Key of MAVLink signing that the simulated autopilot shares with the drone's computer (`autopilot.signing_key`).
+        pub signing_key: String = String::new();
+        /// Where a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub ground_station: Option<String> = None;
+        /// Where the vessel's helm listens for the boat's autopilot, UDP (`vessel.helm.connect`): the simulated boat then has
+        /// one, as ArduPilot Rover.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub helm: Option<String> = None;
+        /// The plant of a firmware.
+        pub firmware: FirmwareConfig;
+        /// What the drone's computer is connected to; then it may be started later than the vehicles.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub devices: Option<Devices> = None;
+        /// What is simulated, as `alight config scenario` prints it.
+        pub scenario: Scenario;
+    }
+}
+
+/// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.
+pub fn print_world() -> Result<Exit, CliError> {
+    let mut world = SimulatedWorld::default();
+    // What is started by hand beside it has this computer's clock.
+    let clocks = &mut world.scenario.sensors.clocks;
+    (clocks.epoch_s, clocks.offset_s, clocks.drift_ppm) = (0.0, 0.0, 0.0);
+    let text = commented(&world).doing("writing the configuration as TOML")?;
+    terminal::line(text.trim_end());
+    Ok(Exit::Success)
+}
+
+/// Writes a configuration into the instance's directory.
+pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
+    let path = owned.file(name);
+    let text = toml::to_string(config).doing(format_args!("writing {name}"))?;
+    std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+    Ok(path)
+}
+
+/// A port of the loopback interface that is free now.
+pub fn free_port() -> Result<u16, CliError> {
+    let bound = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    let address = bound.doing("looking for a free port")?;
+    Ok(address.port())
+}
+
+/// The flags of the process `name` with these attachments.
+pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
+    let path = |p: &Path| p.display().to_string();
+    ["attach".into(), name.into()]
+        .into_iter()
+        .chain([
+            "--attachments".into(),
+            path(attachments),
+            "--config".into(),
+            path(config),
+        ])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_world_toml_round_trip() {
+        let text = commented(&SimulatedWorld::default()).unwrap();
+        assert!(text.contains("# The steady clock's reading"), "{text}");
+        let read = config::parse::<SimulatedWorld>(&text, "world").unwrap();
+        assert_eq!(read, SimulatedWorld::default());
+    }
+}

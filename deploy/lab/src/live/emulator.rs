@@ -1,0 +1,230 @@
+//! `alight link`: a layer-3 link with the faults of a profile between two network namespaces.
+//!
+//! Every IP packet that the vessel's side sends into its TUN device comes out of the drone's when
+//! the profile lets it, and the other way round. The fates of the packets are those of
+//! [`alight_sim::radio`], drawn from the seed.
+
+use std::io::BufRead;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::terminal;
+use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_sim::radio::{ChannelCounts, Direction};
+use alight_transport::clock::steady_ns;
+use alight_transport::wake::end_requested;
+use clap::Args;
+use serde::{Deserialize, Serialize};
+use tun_rs::SyncDevice;
+
+use crate::live::config::LinkImpairment;
+use crate::live::impairment::Impaired;
+use crate::live::namespaces::{ADDRESSES, Namespaces};
+use crate::live::profile;
+
+/// Packets between a device and the emulator; what comes on top is lost, as in a full card.
+const INBOX: usize = 1024;
+/// Longest wait without a look at whether to end.
+const MAX_WAIT: Duration = Duration::from_millis(100);
+/// Time between two words about what was counted, ns.
+const REPORT_PERIOD_NS: i64 = 1_000_000_000;
+
+/// A link between two namespaces of this computer.
+#[derive(Args, Debug)]
+pub struct LinkArgs {
+    /// clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s, narrow, or a TOML file
+    #[arg(long, default_value = "clean")]
+    pub profile: String,
+    /// Seed of losses and delays
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The namespaces are alight-NAME-vessel (10.77.0.1) and alight-NAME-drone (10.77.0.2)
+    #[arg(long, default_value = "link")]
+    pub name: String,
+    /// Everything from a file, as `alight land` writes it
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub config: Option<PathBuf>,
+    /// End when standard input closes, and take orders from it
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// What the emulator is told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Emulation {
+    /// Name of the namespaces.
+    pub name: String,
+    /// What happens to the packets.
+    pub link: LinkImpairment,
+}
+
+impl Check for Emulation {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.link.profile.check(&at.table("link").table("profile"))
+    }
+}
+
+/// What the emulator says on standard output, one JSON object per line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EmulatorReport {
+    /// The packets so far: to the drone, to the vessel.
+    Packets(ChannelCounts, ChannelCounts),
+}
+
+/// What its supervisor may tell it by a line on standard input: the mission entered the state of the
+/// profile's outage, which begins.
+pub const OUTAGE: &str = "outage";
+
+/// Runs until told to end.
+pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
+    let emulation = match &args.config {
+        Some(file) => config::load::<Emulation>(file)?,
+        None => Emulation {
+            name: args.name.clone(),
+            link: LinkImpairment {
+                epoch_ns: steady_ns(),
+                seed: args.seed,
+                outage: None,
+                profile: profile::load(&args.profile)?,
+            },
+        },
+    };
+    let spaces = Namespaces::named(&emulation.name);
+    if !args.supervised {
+        spaces.remove();
+    }
+    spaces.make().map_err(|e| {
+        CliError(format!(
+            "network namespaces are not permitted here ({e}); run as root, or use the impairment inside \
+             the processes (`alight land --link {} --emulate never`)",
+            args.profile
+        ))
+    })?;
+    let devices = match spaces.devices() {
+        Ok(devices) => devices.map(Arc::new),
+        Err(e) => {
+            spaces.remove();
+            return Err(e);
+        }
+    };
+    if !args.supervised {
+        terminal::line(format_args!(
+            "vessel {} in {}, drone {} in {}; run a command there with: ip netns exec NAMESPACE COMMAND",
+            ADDRESSES[0],
+            spaces.space(0),
+            ADDRESSES[1],
+            spaces.space(1)
+        ));
+    }
+    let ended = carry(&emulation, &devices, args.supervised);
+    spaces.remove();
+    ended
+}
+
+/// A packet that came out of a device.
+struct ReceivedPacket {
+    side: usize,
+    at_ns: i64,
+    packet: Vec<u8>,
+}
+
+fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>) {
+    let mut buffer = [0_u8; 65_536];
+    while let Ok(length) = device.recv(&mut buffer) {
+        let packet = buffer.get(..length).unwrap_or_default().to_vec();
+        // IPv4 only: what the kernel says about itself on IPv6 is not ours.
+        let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
+        let at_ns = steady_ns();
+        if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
+            return;
+        }
+    }
+}
+
+/// The outages ordered on standard input; the channel breaks when it closes.
+fn listen(outages: Sender<()>) {
+    for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+        if line == OUTAGE && outages.send(()).is_err() {
+            return;
+        }
+    }
+}
+
+fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool) -> Result<Exit, CliError> {
+    let (sender, inbox) = sync_channel(INBOX);
+    for (side, device) in devices.iter().enumerate() {
+        let (device, sender) = (Arc::clone(device), sender.clone());
+        std::thread::spawn(move || read(side, device, sender));
+    }
+    let outages = supervised.then(|| {
+        let (sender, outages) = channel();
+        std::thread::spawn(move || listen(sender));
+        outages
+    });
+    // Index 0 carries what the vessel's side sends.
+    let mut ways = [Direction::ToDrone, Direction::ToVessel].map(|way| Impaired::new(&emulation.link, way));
+    let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
+    while !end_requested() {
+        let Some(out) = turn(&mut ways, &inbox, outages.as_ref()) else {
+            break;
+        };
+        for (side, packet) in out {
+            // A device whose other side is not up yet refuses: the packet is lost.
+            if let Some(device) = devices.get(side) {
+                let _lost = device.send(&packet);
+            }
+        }
+        if steady_ns() >= next_word_ns {
+            next_word_ns += REPORT_PERIOD_NS;
+            if supervised {
+                report_counts(&ways)?;
+            }
+        }
+    }
+    report_counts(&ways)?;
+    Ok(Exit::Success)
+}
+
+fn report_counts([to_drone, to_vessel]: &[Impaired<Vec<u8>>; 2]) -> Result<(), CliError> {
+    let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
+    terminal::line(serde_json::to_string(&packets).doing("writing the counts")?);
+    Ok(())
+}
+
+/// Waits for a packet or until one is due: the packets that are due, each for the device of a side; None at the end.
+fn turn(
+    ways: &mut [Impaired<Vec<u8>>; 2],
+    inbox: &Receiver<ReceivedPacket>,
+    outages: Option<&Receiver<()>>,
+) -> Option<Vec<(usize, Vec<u8>)>> {
+    let now_ns = steady_ns();
+    let idle = ways.iter().map(|way| way.idle(now_ns, MAX_WAIT)).min();
+    match inbox.recv_timeout(idle.unwrap_or(MAX_WAIT)) {
+        Ok(first) => {
+            for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
+                if let Some(way) = ways.get_mut(received.side) {
+                    way.take(received.at_ns, received.packet.len(), received.packet);
+                }
+            }
+        }
+        Err(RecvTimeoutError::Timeout) => {}
+        Err(RecvTimeoutError::Disconnected) => return None,
+    }
+    match outages.map(Receiver::try_recv) {
+        Some(Ok(())) => ways.iter().for_each(|way| way.begin_outage(steady_ns())),
+        None | Some(Err(TryRecvError::Empty)) => {}
+        Some(Err(TryRecvError::Disconnected)) => return None,
+    }
+    let now_ns = steady_ns();
+    let mut due = Vec::new();
+    for (side, way) in ways.iter_mut().enumerate() {
+        let packets = way.arrived(now_ns).into_iter();
+        due.extend(packets.map(|(_, packet)| (1 - side, packet)));
+    }
+    Some(due)
+}

@@ -1,0 +1,299 @@
+//! A fault put into a running landing: a process killed, or frozen for a moment, in a phase or at the first contact.
+
+use core::fmt;
+use core::str::FromStr;
+
+use alight_shared::msg::{MissionState, State};
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment};
+use alight_transport::signal::Signal;
+use serde::{Deserialize, Serialize};
+
+use crate::args::{PHASES, phase};
+
+/// The name of the first contact among the phases.
+const CONTACT: &str = "contact";
+
+/// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultSpec {
+    /// Which process; not the world, which is the vehicles themselves.
+    pub process: ProcessKind,
+    /// What happens to it.
+    pub kind: FaultKind,
+    /// When.
+    pub moment: Moment,
+}
+
+/// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
+/// of physics.
+pub const PROCESSES: [ProcessKind; 7] = [
+    ProcessKind::Vessel,
+    ProcessKind::Bridge,
+    ProcessKind::Predictor,
+    ProcessKind::Mission,
+    ProcessKind::Planner,
+    ProcessKind::Pilot,
+    ProcessKind::Autopilot,
+];
+
+impl FromStr for FaultSpec {
+    type Err = String;
+    fn from_str(text: &str) -> Result<FaultSpec, String> {
+        let form = || format!("{text:?}: write PROCESS:kill|freeze:PHASE, such as planner:kill:descent");
+        let mut parts = text.split(':');
+        let (Some(process), Some(kind), Some(state), None) =
+            (parts.next(), parts.next(), parts.next(), parts.next())
+        else {
+            return Err(form());
+        };
+        let named = |names: Vec<&str>, what: &str| format!("no {what} of that name: {}", names.join(", "));
+        let process = *PROCESSES.iter().find(|p| p.name() == process).ok_or_else(|| {
+            named(
+                PROCESSES.iter().map(|p| p.name()).collect(),
+                "process that can fail",
+            )
+        })?;
+        let kind = *FaultKind::ALL
+            .iter()
+            .find(|k| k.name() == kind)
+            .ok_or_else(form)?;
+        let moment = if state == CONTACT {
+            Moment::Contact
+        } else {
+            Moment::In(phase(state).map_err(|e| format!("{e}, {CONTACT}"))?)
+        };
+        Ok(FaultSpec {
+            process,
+            kind,
+            moment,
+        })
+    }
+}
+
+impl fmt::Display for FaultSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let moment = match self.moment {
+            Moment::In(state) => {
+                let phase = PHASES.iter().find(|p| p.1 == state);
+                phase.map_or(state.name(), |p| p.0)
+            }
+            Moment::Contact => CONTACT,
+        };
+        write!(f, "{}:{}:{moment}", self.process.name(), self.kind.name())
+    }
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaultReport {
+    /// As it was asked for.
+    pub fault: String,
+    /// When it happened, time since the start, s; null if it never did.
+    pub at_s: Option<f64>,
+    /// The mission's state when it happened.
+    pub state: Option<State>,
+    /// From the fault to the first word of the process afterwards, s; null if none came.
+    pub recovery_s: Option<f64>,
+}
+
+impl fmt::Display for FaultReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.at_s, self.state, self.recovery_s) {
+            (Some(at), Some(state), Some(back)) => {
+                write!(
+                    f,
+                    "at {at:.2} s in {}, reported again after {back:.2} s",
+                    state.name()
+                )
+            }
+            (Some(at), Some(state), None) => write!(f, "at {at:.2} s in {}, no report since", state.name()),
+            _ => f.write_str("its phase did not come"),
+        }
+    }
+}
+
+/// What is seen of a landing under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// The mission.
+    pub mission: Option<MissionState>,
+    /// The process that the fault meets.
+    pub process: Option<ProcessState>,
+    /// The drone has touched something.
+    pub contact: bool,
+}
+
+/// How far it has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum FaultStage {
+    /// The state has not been entered yet.
+    Waits,
+    /// It will happen at this time of the steady clock, ns.
+    Due(i64),
+    /// It happened at this time to this process id, which stays frozen until then.
+    Happened {
+        at_ns: i64,
+        pid: u32,
+        frozen_until_ns: Option<i64>,
+    },
+    /// The process has been heard again, or nothing more is to be done.
+    Over,
+}
+
+/// A fault under way.
+pub struct Fault {
+    spec: FaultSpec,
+    delay_ns: i64,
+    /// How long a frozen process stays frozen, ns.
+    freeze_ns: i64,
+    stage: FaultStage,
+    /// What came of it so far.
+    pub report: FaultReport,
+}
+
+impl Fault {
+    /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
+    pub fn new(spec: FaultSpec, seed: u64) -> Fault {
+        Fault::at(spec, FaultTimes::drawn(spec.moment, seed))
+    }
+    /// The fault at these times.
+    pub fn at(spec: FaultSpec, times: FaultTimes) -> Fault {
+        Fault {
+            spec,
+            delay_ns: (times.delay_s * 1e9) as i64,
+            freeze_ns: (times.frozen_s * 1e9) as i64,
+            stage: FaultStage::Waits,
+            report: FaultReport {
+                fault: spec.to_string(),
+                at_s: None,
+                state: None,
+                recovery_s: None,
+            },
+        }
+    }
+
+    /// As it was asked for.
+    pub fn spec(&self) -> FaultSpec {
+        self.spec
+    }
+    /// It happened, and the process has not been heard again.
+    pub fn is_under_way(&self) -> bool {
+        matches!(self.stage, FaultStage::Happened { .. })
+    }
+
+    /// What is to be sent now, and to which process id.
+    pub fn poll(&mut self, now_ns: i64, seen: &Seen) -> Option<(u32, Signal)> {
+        let (mission, process) = seen.mission.zip(seen.process)?;
+        match self.stage {
+            FaultStage::Waits => {
+                let begun = match self.spec.moment {
+                    Moment::In(state) => mission.state == state,
+                    Moment::Contact => seen.contact,
+                };
+                if begun {
+                    self.stage = FaultStage::Due(now_ns + self.delay_ns);
+                }
+                None
+            }
+            FaultStage::Due(at_ns) if now_ns >= at_ns => {
+                let (what, frozen_until_ns) = match self.spec.kind {
+                    FaultKind::Kill => (Signal::Kill, None),
+                    FaultKind::Freeze => (Signal::Freeze, Some(now_ns + self.freeze_ns)),
+                };
+                (self.report.at_s, self.report.state) = (Some(seen.t_s), Some(mission.state));
+                self.stage = FaultStage::Happened {
+                    at_ns: now_ns,
+                    pid: process.pid,
+                    frozen_until_ns,
+                };
+                Some((process.pid, what))
+            }
+            FaultStage::Happened {
+                at_ns,
+                pid,
+                frozen_until_ns: Some(until),
+            } if now_ns >= until => {
+                self.stage = FaultStage::Happened {
+                    at_ns,
+                    pid,
+                    frozen_until_ns: None,
+                };
+                Some((pid, Signal::Continue))
+            }
+            FaultStage::Happened {
+                at_ns,
+                pid,
+                frozen_until_ns: None,
+            } if process.at_ns > at_ns && (self.spec.kind == FaultKind::Freeze || process.pid != pid) => {
+                self.report.recovery_s = Some((process.at_ns - at_ns) as f64 * 1e-9);
+                self.stage = FaultStage::Over;
+                None
+            }
+            FaultStage::Due(_) | FaultStage::Happened { .. } | FaultStage::Over => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_spec_round_trip_and_rejection() {
+        for process in PROCESSES {
+            for kind in FaultKind::ALL {
+                let moments = PHASES.map(|(_, state)| Moment::In(state));
+                for moment in moments.into_iter().chain([Moment::Contact]) {
+                    let spec = FaultSpec {
+                        process,
+                        kind,
+                        moment,
+                    };
+                    assert_eq!(spec.to_string().parse(), Ok(spec));
+                }
+            }
+        }
+        for text in [
+            "planner",
+            "world:kill:flare",
+            "planner:hit:flare",
+            "planner:kill:soon",
+            "a:b:c:d",
+        ] {
+            assert!(text.parse::<FaultSpec>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn frozen_process_from_its_moment_to_its_next_report() {
+        let spec: FaultSpec = "pilot:freeze:contact".parse().unwrap();
+        let mut fault = Fault::new(spec, 7);
+        let seen = |contact, at_ns| Seen {
+            t_s: 12.0,
+            mission: Some(MissionState::default()),
+            process: Some(ProcessState {
+                pid: 42,
+                at_ns,
+                ..ProcessState::default()
+            }),
+            contact,
+        };
+        assert_eq!(fault.poll(1_000, &seen(false, 0)), None);
+        // The contact begins the moment, and the fault is due at once.
+        assert_eq!(fault.poll(2_000, &seen(true, 0)), None);
+        assert_eq!(fault.poll(3_000, &seen(true, 0)), Some((42, Signal::Freeze)));
+        assert_eq!((fault.report.at_s, fault.is_under_way()), (Some(12.0), true));
+        // Frozen for 0.2 s at least and 2 s at most.
+        assert_eq!(fault.poll(200_000_000, &seen(true, 0)), None);
+        let end_ns = 2_100_000_000;
+        assert_eq!(fault.poll(end_ns, &seen(true, 0)), Some((42, Signal::Continue)));
+        assert_eq!(fault.poll(end_ns, &seen(true, 0)), None);
+        assert!(fault.is_under_way());
+        assert_eq!(fault.poll(end_ns, &seen(true, 2_000_003_000)), None);
+        assert_eq!(fault.report.recovery_s, Some(2.0));
+        assert!(!fault.is_under_way());
+    }
+}

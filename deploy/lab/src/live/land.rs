@@ -1,0 +1,613 @@
+//! `alight land`: every process of vessel and drone on this machine, the simulated world as the
+//! vehicles, one landing in real time.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_computer::config::camera::{CameraSource, UltravioletSource};
+use alight_computer::config::recorder::RecorderConfig;
+use alight_computer::config::supervision::Supervision;
+use alight_computer::config::view::ViewConfig;
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::instance::OwnedInstance;
+use alight_computer::process::keeper::CheckpointKeeper;
+use alight_computer::process::life::{draw_boot, end_with_supervisor};
+use alight_computer::process::observer::Observer;
+use alight_computer::process::scheduling;
+use alight_computer::process::supervision::Limits;
+use alight_computer::process::supervisor::{Event, Supervisor, arguments};
+use alight_computer::record::flight::recorder;
+use alight_computer::terminal::{self, note};
+use alight_computer::vessel::deck_file;
+use alight_shared::config;
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
+use alight_shared::process::ProcessKind;
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::clocks::{ClockModel, Clocks};
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::memory::{Memory, Publisher, Services};
+use alight_transport::radio::RadioConfig;
+use alight_transport::signal::{Signal, signal};
+use alight_transport::wake::end_requested;
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
+
+use crate::live::air::{RadioPath, RadioWatch};
+use crate::live::args::LandArgs;
+use crate::live::boat;
+use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
+use crate::live::fault::{Fault, Seen};
+use crate::live::list::{LiveList, Order};
+use crate::live::recording;
+use crate::live::report::{LiveOutcome, LiveReport, PhaseEntry};
+use crate::live::world::{CONTACT, WorldReport};
+use crate::record::Subject;
+use crate::scene::Scene;
+use crate::{chart, outcome_table};
+
+/// The world's time zero lies this much in the future when the processes start, ns.
+const START_DELAY_NS: i64 = 1_500_000_000;
+/// The supervisor looks after things this often.
+const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
+/// A process that a fault met has this long to be heard again after the landing, ns.
+const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
+/// A process that reports nothing for this long is killed, s: longer than a start takes on a busy computer.
+const SILENCE_TIMEOUT_S: f64 = 5.0;
+/// A process that fails so often in a row ends the landing.
+const MAX_FAILURES: u32 = 8;
+/// Entries of the mission's states that are kept.
+const MAX_PHASES: usize = 1000;
+/// Where the simulated sea is for a firmware, in the Adriatic.
+pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
+/// A command that shows no effect is repeated after this long, s.
+const COMMAND_REPEAT_S: f64 = 1.0;
+
+/// What is flown, with the flags of the live system over it.
+pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
+    Ok(with_flags(args, Scene::of(&args.scene)?))
+}
+
+/// The flags of the live system over a scene.
+fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
+    if let Some(warm_up_s) = args.warm_up {
+        scene.scenario.start.warm_up_s = warm_up_s;
+        scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
+    }
+    if args.flown_by() != AutopilotKind::Internal {
+        // A firmware has an origin of its own, and takes no place at 0 N 0 E.
+        let among = &mut scene.scenario.place.among;
+        if among.is_empty() {
+            among.push(AT_SEA);
+        }
+    }
+    scene
+}
+
+/// One landing.
+pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
+    let list = args.faults.as_deref().map(LiveList::read).transpose()?;
+    let scene = match &list {
+        Some(list) => with_flags(args, list.scene()),
+        None => scene(args)?,
+    };
+    let args = &LandArgs {
+        seed: list.as_ref().map_or(args.seed, LiveList::seed),
+        ..args.clone()
+    };
+    if let Some(path) = &args.plot {
+        chart::can_write(path)?;
+    }
+    if i64::try_from(args.seed).is_err() {
+        return Err(CliError(format!(
+            "--seed {}: at most {}; choose a smaller one",
+            args.seed,
+            i64::MAX
+        )));
+    }
+    // The first question puts the handler in place: a signal from here on stops the processes instead
+    // of leaving them to find out.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    scheduling::raise();
+    let owned = OwnedInstance::take(&args.instance)?;
+    let memory = Memory::join(owned.instance(), "supervisor")?;
+    let services = Services::create(&memory)?;
+    owned.ready()?;
+    let plan = LandingSetup::of(&scene, args, &owned)?;
+    if let Some(flight) = &plan.flight {
+        recorder::can_write(flight)?;
+    }
+    let landing = match Landing::begin(args, list.as_ref(), &memory, &plan, &owned) {
+        // A signal can end a start half way; what it broke there is no error of the input.
+        Err(_) if !memory.wait(Duration::from_millis(1)) => {
+            note(true, format_args!("stopped"));
+            return Ok(Exit::Failed);
+        }
+        begun => begun?,
+    };
+    let ended = landing.run(&memory);
+    let recorded = match &ended {
+        Ok(Some(ending)) => record(args, &scene, &plan, ending),
+        Ok(None) | Err(_) => Ok(()),
+    };
+    drop(services);
+    drop(memory);
+    drop(owned);
+    match ended? {
+        // A recording that failed takes nothing of what was flown.
+        Some(ending) => ending.show(args).and_then(|exit| recorded.map(|()| exit)),
+        None => {
+            note(true, format_args!("stopped"));
+            Ok(Exit::Failed)
+        }
+    }
+}
+
+/// Records the landing that just ended, when it was asked for.
+fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
+    let (Some(path), Some(flight), WorldReport::Landed(landed)) =
+        (&args.record, &plan.flight, &ending.result)
+    else {
+        return Ok(());
+    };
+    let subject = Subject {
+        scenario: &scene.scenario,
+        nodes: &scene.nodes,
+        seed: args.seed,
+        sea: &scene.sea,
+    };
+    for line in recording::write(path, flight, &subject, &landed.outcome)? {
+        note(true, line);
+    }
+    note(args.form.alone(), format!("recording: {}", path.display()));
+    Ok(())
+}
+
+/// How a landing that was not stopped from outside ended.
+struct Ending {
+    result: WorldReport,
+    usage: String,
+    report: LiveReport,
+}
+
+impl Ending {
+    fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
+        let report = format!("{}{}", self.usage, self.report.text());
+        let landed = match self.result {
+            WorldReport::Landed(landed) => landed,
+            WorldReport::TooSlow(too_slow) => {
+                note(true, format_args!("alight: {too_slow}"));
+                let report = WorldReport::TooSlow(too_slow);
+                args.form.print(&report, &[&report])?;
+                return Ok(Exit::TooSlow);
+            }
+        };
+        let outcome = landed.outcome;
+        let exit = Exit::of(outcome.success);
+        if args.form.alone() {
+            note(true, report);
+            let live = LiveReport {
+                first_contact_s: landed.first_contact_s,
+                motors_on_deck_s: landed.motors_on_deck_s,
+                ..self.report
+            };
+            let landed = LiveOutcome { outcome, live };
+            args.form.print(&landed, &[&landed])?;
+        } else {
+            terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
+            if let Some(path) = &args.plot {
+                terminal::line(format_args!("plot: {}", path.display()));
+            }
+        }
+        Ok(exit)
+    }
+}
+
+/// The files of the computers, and the drone's clock.
+struct LandingSetup {
+    air: RadioPath,
+    vessel: VesselComputer,
+    drone: DroneComputer,
+    vessel_file: PathBuf,
+    drone_file: PathBuf,
+    world: PathBuf,
+    attachments: Attachments,
+    attachments_file: PathBuf,
+    flight: Option<PathBuf>,
+    clock: ProcessClock,
+    warm_up_s: f64,
+    ids: (u32, u32),
+}
+
+impl LandingSetup {
+    fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
+        let epoch_ns = steady_ns() + START_DELAY_NS;
+        let streams = Streams::new(args.seed);
+        let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
+        let clock = |c: &ClockModel| ProcessClock {
+            epoch_ns,
+            offset_s: c.offset().secs(),
+            drift_ppm: c.drift() * 1e6,
+        };
+        let air = RadioPath::of(scene, args, owned, epoch_ns)?;
+        let [vessel_tls, drone_tls] = air.tls.clone();
+        let mavlink = format!("127.0.0.1:{}", free_port()?);
+        let attachments = Attachments {
+            impairment: air.impairment.clone(),
+            baseline: scene.nodes.baseline,
+        };
+        let (own_helm, helm) = boat::simulated(&scene.nodes.vessel.helm)?;
+        let vessel = VesselComputer {
+            vessel_id: scene.nodes.bridge.vessel_id,
+            instance: args.instance.clone(),
+            clock: clock(&clocks.vessel),
+            radio: RadioConfig::listening(&air.listen, vessel_tls),
+            deck: DeckConfig::default(),
+            vessel: VesselNodeConfig {
+                helm: own_helm,
+                ..scene.nodes.vessel.clone()
+            },
+            ..VesselComputer::default()
+        };
+        let drone = DroneComputer {
+            instance: args.instance.clone(),
+            clock: clock(&clocks.drone),
+            radio: RadioConfig::dialling(&air.dial, drone_tls),
+            autopilot: AutopilotLinkConfig {
+                connect: args.connect.clone().unwrap_or(match args.flown_by() {
+                    AutopilotKind::Internal => format!("udpin://{mavlink}"),
+                    kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
+                }),
+                ..scene.nodes.autopilot.clone()
+            },
+            bridge: scene.nodes.bridge.clone(),
+            camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
+            uvdar: UltravioletSource::default(),
+            supervision: Supervision::default(),
+            recorder: RecorderConfig::default(),
+            // A simulated landing may be broken off by whoever sees its page.
+            view: ViewConfig {
+                abort: true,
+                ..ViewConfig::default()
+            },
+            drone: scene.nodes.settings(),
+        };
+        let world = SimulatedWorld {
+            instance: args.instance.clone(),
+            vessel_instance: args.instance.clone(),
+            sensors: Vec::new(),
+            epoch_ns,
+            seed: args.seed,
+            sea: scene.sea.clone(),
+            planner: scene.nodes.planner_name().into(),
+            truth: args.record.is_some(),
+            plot: args.plot.clone(),
+            autopilot: args.flown_by(),
+            firmware: match &args.firmware {
+                Some(path) => config::load(path)?,
+                None => FirmwareConfig::default(),
+            },
+            mavlink,
+            signing_key: String::new(),
+            ground_station: args.ground_station.map(|a| a.to_string()),
+            helm,
+            devices: None,
+            scenario: scene.scenario.drawn(args.seed),
+        };
+        Ok(LandingSetup {
+            air,
+            vessel_file: write(owned, "vessel.toml", &vessel)?,
+            drone_file: write(owned, "drone.toml", &drone)?,
+            world: write(owned, "world.toml", &world)?,
+            attachments_file: write(owned, "attachments.toml", &attachments)?,
+            attachments,
+            clock: drone.clock,
+            warm_up_s: scene.scenario.start.warm_up_s,
+            ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
+            // A recording is made of what the processes record, which without --log goes with the instance.
+            flight: match (&args.log, &args.record) {
+                (Some(flight), _) => Some(flight.clone()),
+                (None, Some(_)) => Some(owned.file("flight")),
+                (None, None) => None,
+            },
+            vessel,
+            drone,
+        })
+    }
+    /// The command of a process: as it flies, or attached.
+    fn arguments(&self, kind: ProcessKind) -> Vec<String> {
+        let (config, attachable) = match kind {
+            ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
+            ProcessKind::Vessel => (&self.vessel_file, true),
+            ProcessKind::Bridge | ProcessKind::Planner => (&self.drone_file, true),
+            ProcessKind::Autopilot
+            | ProcessKind::Camera
+            | ProcessKind::Mission
+            | ProcessKind::Pilot
+            | ProcessKind::Predictor
+            | ProcessKind::Uvdar
+            | ProcessKind::View => (&self.drone_file, false),
+        };
+        if attachable && self.attachments != Attachments::default() {
+            attached(kind.name(), &self.attachments_file, config)
+        } else {
+            arguments(kind, config)
+        }
+    }
+}
+
+/// The world's report among the lines of the processes.
+fn verdict(lines: &[String]) -> Option<WorldReport> {
+    lines.iter().find_map(|line| serde_json::from_str(line).ok())
+}
+
+/// A landing under way.
+struct Landing<'a> {
+    args: &'a LandArgs,
+    plan: &'a LandingSetup,
+    supervisor: Supervisor,
+    observer: Observer,
+    keeper: CheckpointKeeper,
+    commands: Publisher<Command>,
+    boot: u32,
+    sequence: u32,
+    commanded_s: f64,
+    /// The mission has left its idle state for the landing.
+    begun: bool,
+    state: State,
+    phases: Vec<PhaseEntry>,
+    faults: Vec<Fault>,
+    /// Orders of a list.
+    orders: Vec<Order>,
+    /// The drone has touched something.
+    contact: bool,
+    stop_requested: Arc<AtomicBool>,
+    watch: RadioWatch,
+}
+
+impl<'a> Landing<'a> {
+    fn begin(
+        args: &'a LandArgs,
+        list: Option<&LiveList>,
+        memory: &Memory,
+        plan: &'a LandingSetup,
+        owned: &OwnedInstance,
+    ) -> Result<Landing<'a>, CliError> {
+        let observer = Observer::join(memory)?;
+        let keeper = CheckpointKeeper::join(memory)?;
+        let commands = memory.publisher()?;
+        let limits = Limits {
+            silence_timeout_s: Some(SILENCE_TIMEOUT_S),
+            max_failures: Some(MAX_FAILURES),
+        };
+        let directory = owned.instance().directory();
+        let mut supervisor = Supervisor::new(directory.clone(), plan.flight.clone(), limits)?;
+        supervisor = supervisor.keeping_state_in(directory);
+        // A simulated deck is empty before anything lands there.
+        deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
+        plan.air.start(&mut supervisor)?;
+        let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
+        kinds.extend(ProcessKind::DRONE);
+        kinds.extend(plan.drone.camera.is_there().then_some(ProcessKind::Camera));
+        kinds.push(ProcessKind::Autopilot);
+        for kind in kinds {
+            supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
+        }
+        if let Some(view) = args.view.over(&plan.drone.view) {
+            // Outside the emulated radio's namespaces: people are at neither end of it.
+            let lines = supervisor.start_view(&plan.drone_file, &view)?;
+            lines.into_iter().for_each(|line| note(args.form.alone(), line));
+        }
+        let of_list = list.iter().flat_map(|l| &l.processes);
+        let of_list = of_list.map(|(spec, times)| Fault::at(*spec, *times));
+        let of_flag = args.fault.map(|spec| Fault::new(spec, args.seed));
+        Ok(Landing {
+            faults: of_flag.into_iter().chain(of_list).collect(),
+            orders: list.map_or_else(Vec::new, |l| l.orders.clone()),
+            args,
+            plan,
+            supervisor,
+            observer,
+            keeper,
+            commands,
+            boot: draw_boot(),
+            sequence: 0,
+            commanded_s: f64::NEG_INFINITY,
+            begun: false,
+            state: State::Idle,
+            phases: Vec::new(),
+            contact: false,
+            stop_requested: end_with_supervisor(args.supervised),
+            watch: RadioWatch::default(),
+        })
+    }
+
+    /// To the end; None when it was stopped from outside.
+    fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
+        let shown = std::io::stderr().is_terminal();
+        loop {
+            if !memory.wait(SUPERVISION_PERIOD) || self.stop_requested.load(Ordering::Relaxed) {
+                self.supervisor.stop();
+                return Ok(None);
+            }
+            let now: Time<DroneClock> = self.plan.clock.now();
+            self.observer.poll();
+            self.keeper.poll(now);
+            let true_s = ProcessClock {
+                epoch_ns: self.plan.clock.epoch_ns,
+                ..ProcessClock::default()
+            }
+            .now::<TrueTime>()
+            .secs();
+            self.phase(true_s - self.plan.warm_up_s, shown);
+            self.command(now, true_s - self.plan.warm_up_s);
+            self.poll_faults(true_s - self.plan.warm_up_s)?;
+            self.give_orders(now, true_s - self.plan.warm_up_s);
+            let said = self.supervisor.output_lines();
+            self.contact |= said.iter().any(|line| line == CONTACT);
+            let state = self.observer.snapshot.mission.map(|m| m.state);
+            let ages_s = std::mem::take(&mut self.observer.ages_s);
+            let (watch, air) = (&mut self.watch, &self.plan.air);
+            watch.observe(air, &said, &ages_s, state, &mut self.supervisor);
+            if let Some(outcome) = verdict(&said) {
+                self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                return Ok(Some(self.finish(outcome)));
+            }
+            let reports = &self.observer.snapshot.processes;
+            for event in self.supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
+                let (kind, status) = match event {
+                    Event::Ended(kind, status) => (kind, status),
+                    Event::Silent(..) | Event::NotStarted(..) => {
+                        note(true, format_args!("{event}"));
+                        continue;
+                    }
+                };
+                memory.reap();
+                if kind == ProcessKind::World
+                    && let Some(outcome) = verdict(&self.supervisor.remaining_lines())
+                {
+                    self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                    return Ok(Some(self.finish(outcome)));
+                }
+                self.on_exit(kind, &status)?;
+            }
+        }
+    }
+
+    /// A process ended that should not have.
+    fn on_exit(&mut self, kind: ProcessKind, status: &str) -> Result<(), CliError> {
+        let why = self.supervisor.last_error_line(kind).unwrap_or_default();
+        if kind == ProcessKind::World {
+            return Err(CliError(format!("the simulated world ended ({status}): {why}")));
+        }
+        note(
+            true,
+            format_args!("{} ended ({status}) and is started again; {why}", kind.name()),
+        );
+        Ok(())
+    }
+
+    /// Lets the faults happen when it is time.
+    fn poll_faults(&mut self, t_s: f64) -> Result<(), CliError> {
+        let snapshot = &self.observer.snapshot;
+        for fault in &mut self.faults {
+            let seen = Seen {
+                t_s,
+                mission: *snapshot.mission,
+                process: snapshot.processes.get(&fault.spec().process).copied(),
+                contact: self.contact,
+            };
+            if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {
+                let name = &fault.report.fault;
+                signal(pid, what).doing(format_args!("the fault {name}"))?;
+                if what != Signal::Continue {
+                    note(self.args.form.alone(), format!("{t_s:>7.2} s  fault {name}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the orders of a list when it is time.
+    fn give_orders(&mut self, now: Time<DroneClock>, t_s: f64) {
+        let mission = *self.observer.snapshot.mission;
+        let due: Vec<CommandKind> = (self.orders.iter_mut())
+            .filter_map(|order| order.poll(t_s, mission.as_ref()))
+            .collect();
+        for kind in due {
+            note(self.args.form.alone(), format!("{t_s:>7.2} s  order: {kind:?}"));
+            self.send(now, kind);
+        }
+    }
+    fn send(&mut self, now: Time<DroneClock>, kind: CommandKind) {
+        self.sequence += 1;
+        let (vessel, drone) = self.plan.ids;
+        let header = Header::new(vessel, drone, self.boot, self.sequence, now);
+        self.commands.send(&Command { header, kind });
+    }
+
+    /// The landing is over: waits a little for a process that a fault met and that has not been heard
+    /// again yet.
+    fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
+        let until = steady_ns() + RECOVERY_TIMEOUT_NS;
+        while self.faults.iter().any(Fault::is_under_way) && steady_ns() < until {
+            if !memory.wait(SUPERVISION_PERIOD) {
+                break;
+            }
+            self.observer.poll();
+            self.poll_faults(t_s)?;
+            self.supervisor.poll(|_| Some(steady_ns()))?;
+        }
+        Ok(())
+    }
+
+    /// Shows the phase and the line below it.
+    fn phase(&mut self, t_s: f64, shown: bool) {
+        if shown {
+            eprint!("\r\x1b[K");
+        }
+        if let Some(m) = *self.observer.snapshot.mission
+            && m.state != self.state
+        {
+            self.state = m.state;
+            note(
+                self.args.form.alone(),
+                format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
+            );
+            if self.phases.len() < MAX_PHASES {
+                self.phases.push(PhaseEntry {
+                    t_s,
+                    state: m.state.name().into(),
+                    reason: m.entered.to_string(),
+                });
+            }
+        }
+        if shown {
+            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line(steady_ns()));
+            let _unseen = std::io::stderr().flush();
+        }
+    }
+
+    /// Commands the landing when it is time, until the mission has begun it: a mission that has must not need to be
+    /// commanded again, whatever happens to its process.
+    fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
+        let waits =
+            self.observer.snapshot.mission.is_some_and(|m| {
+                m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)
+            });
+        let first = self.sequence == 0;
+        self.begun |= !first && self.state != State::Idle;
+        if t_s < 0.0 || self.begun || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
+            return;
+        }
+        self.commanded_s = t_s;
+        self.send(now, CommandKind::Land);
+    }
+
+    /// The world's word, and what the processes used.
+    fn finish(mut self, result: WorldReport) -> Ending {
+        let snapshot = &self.observer.snapshot;
+        let ending = Ending {
+            result,
+            usage: [snapshot.usage(steady_ns()), snapshot.stages(), snapshot.radio()].concat(),
+            report: LiveReport {
+                phases: std::mem::take(&mut self.phases),
+                faults: self.faults.drain(..).map(|f| f.report).collect(),
+                radio: self
+                    .watch
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),
+                ..LiveReport::of(snapshot, self.supervisor.restarts())
+            },
+        };
+        self.supervisor.stop();
+        ending
+    }
+}

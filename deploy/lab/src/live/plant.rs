@@ -1,0 +1,499 @@
+//! Who turns the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP, or a
+//! firmware in lock-step, by sockets around [`alight_sim::autopilots`]. A firmware that
+//! is not there, or answers too late, is not waited for: the drone stands on its pad, or flies on with
+//! the motors of before, and the sea goes on in real time.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::process::supervisor::pause;
+use alight_computer::terminal;
+use alight_shared::mavlink::Signing;
+use alight_shared::msg::{AutopilotMode, RangeSample};
+use alight_shared::time::{Time, TrueTime};
+use alight_sim::autopilots::px4::Px4Plant;
+use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
+use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
+use alight_sim::harness::physics::{Physics, TICK};
+use alight_sim::physics::drone::{MAX_ROTORS, PlantState};
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::memory::Memory;
+use alight_transport::wake::end_requested;
+
+use crate::live::config::AutopilotKind;
+
+/// A read waits this long at a time.
+const READ: Duration = Duration::from_millis(2);
+/// PX4's answer to a sample comes within this time, or not before the next sample: its rate loop may have begun to run at
+/// every second one. Its own set-points and odometry age meanwhile. Measured: waits of 0.5 s ended in Hold up to 11 times a
+/// flight, of 0.03 s never.
+const ANSWER_NS: i64 = 30_000_000;
+/// Silence of a firmware after which its motors are off, ns.
+const GONE_NS: i64 = 1_000_000_000;
+/// A rangefinder that measured nothing for this long sees nothing, ns: five of its periods at 50 Hz.
+const RANGE_NS: i64 = 100_000_000;
+/// Reads in one slice that bring something, at most.
+const MAX_READS: u32 = 64;
+
+/// Waits; false when the process was asked to end. Without the memory of a drone's computer it only sleeps.
+pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
+    match memory {
+        Some(memory) => memory.wait(span),
+        None => {
+            pause(span);
+            !end_requested()
+        }
+    }
+}
+
+/// Waits until the clock reads `t`, but no longer than a tick.
+pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
+    let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
+    let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
+}
+
+/// Who turns the rotors.
+enum Link {
+    /// MAVLink bytes of the simulated autopilot, which a person gives to the drone's computer.
+    Simulated {
+        socket: UdpSocket,
+        /// A ground station at its other link.
+        station: Option<UdpSocket>,
+        autopilot: Option<Box<SimulatedAutopilot>>,
+        signing: Option<Signing>,
+        handed_over: bool,
+    },
+    Px4 {
+        door: TcpListener,
+        stream: Option<TcpStream>,
+        plant: Box<Px4Plant>,
+    },
+    Ardupilot {
+        socket: UdpSocket,
+        /// Who asked last, and its packet's number.
+        asker: Option<(SocketAddr, u32)>,
+        motors: Option<[f64; MAX_ROTORS]>,
+    },
+}
+
+/// What came of one slice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Answered,
+    /// The firmware does not answer each sample, and this one is not its turn.
+    NoneDue,
+    /// Not in time.
+    Unanswered,
+}
+
+/// The plant of the simulated autopilot or of a firmware.
+pub struct Plant {
+    link: Link,
+    config: FirmwareConfig,
+    /// Exchanges in a tick.
+    exchanges: u32,
+    heard_ns: i64,
+    /// When the rangefinder measured last.
+    ranged_ns: i64,
+    late: u64,
+}
+
+impl Plant {
+    /// Listens where the firmware looks for a simulator; the simulated autopilot sends its MAVLink to `mavlink`, and to a
+    /// ground station at `station`, signed where a key is set.
+    pub fn open(
+        kind: AutopilotKind,
+        mavlink: &str,
+        station: Option<&str>,
+        signing: Option<Signing>,
+        config: &FirmwareConfig,
+        sensors: FirmwareSensors,
+    ) -> Result<Plant, CliError> {
+        let port = |usual: u16| if config.port == 0 { usual } else { config.port };
+        let doing = |port: u16| format!("listening for the firmware on port {port}");
+        let (link, exchanges) = match kind {
+            AutopilotKind::Internal => {
+                let dial = |to: &str| dial(to).doing(format_args!("sending MAVLink to {to}"));
+                let link = Link::Simulated {
+                    socket: dial(mavlink)?,
+                    station: station.map(dial).transpose()?,
+                    autopilot: None,
+                    signing,
+                    handed_over: false,
+                };
+                (link, INNER_PER_OUTER)
+            }
+            AutopilotKind::Px4 => {
+                let port = port(px4::PORT);
+                let door = TcpListener::bind(("0.0.0.0", port))
+                    .and_then(|door| door.set_nonblocking(true).map(|()| door))
+                    .doing(doing(port))?;
+                let link = Link::Px4 {
+                    door,
+                    stream: None,
+                    plant: Box::new(Px4Plant::new(config, sensors)),
+                };
+                (link, config.exchanges(px4::EXCHANGE_HZ))
+            }
+            AutopilotKind::Ardupilot => {
+                let port = port(ardupilot::PORT);
+                let socket = UdpSocket::bind(("0.0.0.0", port))
+                    .and_then(|s| s.set_read_timeout(Some(READ)).map(|()| s))
+                    .doing(doing(port))?;
+                let link = Link::Ardupilot {
+                    socket,
+                    asker: None,
+                    motors: None,
+                };
+                (link, config.exchanges(ardupilot::EXCHANGE_HZ))
+            }
+        };
+        Ok(Plant {
+            link,
+            config: config.clone(),
+            exchanges,
+            heard_ns: 0,
+            ranged_ns: 0,
+            late: 0,
+        })
+    }
+    /// The drone appears when it is due: in the air under the simulated autopilot; a firmware wakes up on the ground, and
+    /// is flown from there by a person.
+    pub fn place(&mut self, physics: &mut Physics) {
+        if physics.drone(0).is_some() {
+            return;
+        }
+        match &mut self.link {
+            Link::Simulated {
+                autopilot, signing, ..
+            } => {
+                if physics.now() >= physics.hover_from() {
+                    physics.place_drone(0);
+                    *autopilot = physics.autopilot(0).map(|(_, a)| Box::new(a));
+                    autopilot.iter_mut().for_each(|a| a.set_signing(signing.take()));
+                }
+            }
+            Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
+        }
+    }
+    /// Gives the rangefinder to the simulated autopilot, which reports it; false for a firmware, whose plant has none.
+    pub fn take_ranges(&mut self, ranges: &[RangeSample]) -> bool {
+        let Link::Simulated { autopilot, .. } = &mut self.link else {
+            return false;
+        };
+        let now_ns = steady_ns();
+        if let Some(autopilot) = autopilot {
+            if let Some(newest) = ranges.last() {
+                (autopilot.range_m, self.ranged_ns) = (Some(newest.range_m), now_ns);
+            } else if now_ns - self.ranged_ns > RANGE_NS {
+                autopilot.range_m = None;
+            }
+        }
+        true
+    }
+    /// Slices in which the firmware did not answer in time.
+    pub fn late(&self) -> u64 {
+        self.late
+    }
+    /// Moves the world on by one tick, each slice when the clock has come to it.
+    pub fn advance(&mut self, physics: &mut Physics, memory: Option<&Memory>, clock: &ProcessClock) {
+        if let Link::Simulated {
+            autopilot: Some(autopilot),
+            ..
+        } = &mut self.link
+        {
+            autopilot.steel_m = physics.deck_distance_m(0);
+        }
+        physics.advance_with(self.exchanges, |_, sensed| {
+            wait_until(memory, clock, sensed.at);
+            self.exchange(sensed)
+        });
+    }
+
+    /// What the drone feels to the firmware, its motors back.
+    fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; MAX_ROTORS]> {
+        let now = steady_ns();
+        let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
+        // Who was not heard lately is not waited for.
+        let present = now - self.heard_ns < GONE_NS;
+        let until = |timeout_ns: i64| now + if present { timeout_ns } else { 0 };
+        let rate_hz = f64::from(self.exchanges) / TICK.secs();
+        let (turn, motors) = match &mut self.link {
+            Link::Simulated {
+                socket,
+                station,
+                autopilot,
+                handed_over,
+                ..
+            } => {
+                let autopilot = autopilot.as_mut()?;
+                if !*handed_over {
+                    // PX4 denies until set-points were streamed for long enough: the person tries again.
+                    let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
+                    *handed_over = autopilot.choose(offboard);
+                }
+                // Nobody may listen yet.
+                let send = |to: &UdpSocket, all: &[Vec<u8>]| {
+                    all.iter().for_each(|bytes| drop(to.send(bytes)));
+                };
+                let mut received = datagrams(socket);
+                if let Some(station) = station {
+                    // Each link gets what came by the other, as a firmware forwards.
+                    let commanded = datagrams(station);
+                    send(station, &received);
+                    send(socket, &commanded);
+                    received.extend(commanded);
+                }
+                let (motors, sent) = autopilot.step_bytes(sensed, &received);
+                send(socket, &sent);
+                station.iter().for_each(|s| send(s, &sent));
+                (Turn::Answered, motors)
+            }
+            Link::Px4 { door, stream, plant } => {
+                if stream.is_none()
+                    && let Ok((new, from)) = door.accept()
+                    && new
+                        .set_nonblocking(false)
+                        .and_then(|()| new.set_nodelay(true))
+                        .and_then(|()| new.set_read_timeout(Some(READ)))
+                        .is_ok()
+                {
+                    terminal::line(format_args!("world: PX4 is there ({from})"));
+                    *stream = Some(new);
+                }
+                let sent = plant.encode_sensors(sensed, rate_hz);
+                let timeout_ns = if plant.is_overdue() {
+                    answer_timeout_ns
+                } else {
+                    answer_timeout_ns.min(ANSWER_NS)
+                };
+                let answered = stream
+                    .as_mut()
+                    .map(|s| px4_turn(s, plant, &sent, until(timeout_ns)));
+                if matches!(answered, Some(Err(()))) {
+                    terminal::line("world: PX4 closed the link");
+                    *stream = None;
+                    plant.lost();
+                }
+                let turn = match answered {
+                    Some(Ok(turn)) => turn,
+                    Some(Err(())) | None => Turn::Unanswered,
+                };
+                (turn, plant.motors())
+            }
+            Link::Ardupilot {
+                socket,
+                asker,
+                motors,
+            } => {
+                let answer = ardupilot::answer(sensed, 0.0);
+                // The packet of the last slice is answered with where it led.
+                if let Some((to, _)) = asker {
+                    let _lost = socket.send_to(answer.as_bytes(), *to);
+                }
+                let received = ardupilot_turn(socket, asker, &answer, until(answer_timeout_ns));
+                let turn = match received {
+                    Some(servos) => {
+                        *motors = ardupilot::rotors(&self.config, &servos);
+                        Turn::Answered
+                    }
+                    None => Turn::Unanswered,
+                };
+                if turn == Turn::Unanswered && now - self.heard_ns > GONE_NS {
+                    (*motors, *asker) = (None, None);
+                }
+                (turn, *motors)
+            }
+        };
+        match turn {
+            Turn::Answered => self.heard_ns = now,
+            Turn::NoneDue => {}
+            Turn::Unanswered => self.late += u64::from(present),
+        }
+        motors
+    }
+}
+
+/// A socket that sends to `to`, and never waits.
+pub fn dial(to: &str) -> std::io::Result<UdpSocket> {
+    let socket = UdpSocket::bind("0.0.0.0:0")?;
+    socket.connect(to)?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
+/// What has come, at most [`MAX_READS`].
+pub fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
+    let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
+    while received.len() < MAX_READS as usize
+        && let Ok(n) = socket.recv(&mut buffer)
+    {
+        received.push(buffer.get(..n).unwrap_or_default().to_vec());
+    }
+    received
+}
+
+/// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
+/// link is gone.
+fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
+    stream.write_all(sent).map_err(|_| ())?;
+    if !plant.due() {
+        return Ok(Turn::NoneDue);
+    }
+    let (mut buffer, mut reads) = ([0_u8; 2048], 0);
+    while reads < MAX_READS {
+        match stream.read(&mut buffer) {
+            Ok(0) => return Err(()),
+            Ok(n) if plant.decode(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
+            Ok(_) => reads += 1,
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) => {}
+            Err(_) => return Err(()),
+        }
+        if steady_ns() >= until {
+            break;
+        }
+    }
+    Ok(Turn::Unanswered)
+}
+
+/// Waits until `until` for a new packet; one that comes again is answered again.
+fn ardupilot_turn(
+    socket: &UdpSocket,
+    asker: &mut Option<(SocketAddr, u32)>,
+    answer: &str,
+    until: i64,
+) -> Option<ardupilot::Servos> {
+    let (mut buffer, mut reads) = ([0_u8; 256], 0);
+    while reads < MAX_READS {
+        if let Ok((n, from)) = socket.recv_from(&mut buffer)
+            && let Some(servos) = ardupilot::servos(buffer.get(..n).unwrap_or_default())
+        {
+            reads += 1;
+            if *asker == Some((from, servos.frame)) {
+                let _lost = socket.send_to(answer.as_bytes(), from);
+            } else {
+                if asker.is_none() {
+                    terminal::line(format_args!("world: ArduPilot is there ({from})"));
+                }
+                *asker = Some((from, servos.frame));
+                return Some(servos);
+            }
+        }
+        if steady_ns() >= until {
+            break;
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_sim::autopilots::stand_in;
+    use alight_sim::physics::streams::Streams;
+    use alight_uav::autopilot::message::Message;
+    use alight_uav::autopilot::wire::Decoder;
+    use nalgebra::Vector3;
+
+    /// Slices that are exchanged at most before a test gives up.
+    const MOST: i64 = 2000;
+
+    fn sensed(k: i64) -> PlantState {
+        PlantState {
+            at: Time::from_nanos(k * 2_500_000),
+            position: Vector3::new(0.0, 0.0, -1.0),
+            specific_force: Vector3::new(0.0, 0.0, -9.8),
+            ..PlantState::default()
+        }
+    }
+    fn open(kind: AutopilotKind, port: u16) -> Plant {
+        let c = FirmwareConfig {
+            port,
+            ..FirmwareConfig::default()
+        };
+        let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
+        Plant::open(kind, "", None, None, &c, sensors).unwrap()
+    }
+    /// Exchanges until the motors are as `wanted`; the slice in which they were.
+    fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {
+        (from..from + MOST)
+            .find(|k| {
+                let done = wanted(plant.exchange(&sensed(*k)));
+                alight_computer::process::supervisor::pause(Duration::from_millis(1));
+                done
+            })
+            .expect("the motors as wanted")
+    }
+    fn quarter(motors: Option<[f64; MAX_ROTORS]>) -> bool {
+        motors.is_some_and(|m| m.iter().all(|s| (s - 0.25).abs() < 1e-3))
+    }
+
+    #[test]
+    fn px4_lock_step_and_disconnection() {
+        let port = crate::live::config::free_port().unwrap();
+        let mut plant = open(AutopilotKind::Px4, port);
+        // Nobody is there: the drone stands, and nothing waits.
+        assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
+        let firmware = std::thread::spawn(move || {
+            let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
+            let (mut decoder, mut times) = (Decoder::default(), Vec::new());
+            let mut buffer = [0; 2048];
+            while times.len() < 100 {
+                let n = link.read(&mut buffer).unwrap();
+                decoder.push(&buffer[..n]);
+                while let Some(f) = decoder.next_frame() {
+                    if let Message::HilSensor(s) = f.message {
+                        times.push(s.time_us);
+                        let answer = stand_in::motor_answer(s.time_us, [0.25; MAX_ROTORS], true);
+                        link.write_all(&answer).unwrap();
+                    }
+                }
+            }
+            times
+        });
+        let k = until(&mut plant, 1, quarter);
+        let end = until(&mut plant, k + 1, |m| m.is_none());
+        assert!(end > k);
+        let times = firmware.join().unwrap();
+        assert!(times.windows(2).all(|w| w[1] == w[0] + 2500), "{times:?}");
+    }
+
+    #[test]
+    fn ardupilot_replies_with_repeated_packets() {
+        let port = crate::live::config::free_port().unwrap();
+        let mut plant = open(AutopilotKind::Ardupilot, port);
+        let firmware = std::thread::spawn(move || {
+            let socket = UdpSocket::bind("0.0.0.0:0").unwrap();
+            socket.connect(("127.0.0.1", port)).unwrap();
+            socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            let mut stamps = Vec::new();
+            for frame in 0..50_u32 {
+                let packet = stand_in::servo_packet(frame, [0.25; MAX_ROTORS]);
+                socket.send(&packet).unwrap();
+                if frame == 10 {
+                    // As after an answer that was lost.
+                    socket.send(&packet).unwrap();
+                    let mut buffer = [0; 1024];
+                    socket.recv(&mut buffer).unwrap();
+                }
+                let mut buffer = [0; 1024];
+                let n = socket.recv(&mut buffer).unwrap();
+                let line = String::from_utf8_lossy(&buffer[..n]);
+                stamps.push(stand_in::read_line(&line).unwrap().at);
+            }
+            stamps
+        });
+        let k = until(&mut plant, 1, quarter);
+        // It ends after fifty packets; a second later its motors are off.
+        until(&mut plant, k + 1, |m| m.is_none());
+        let stamps = firmware.join().unwrap();
+        assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");
+        assert!(plant.exchange(&sensed(9999)).is_none());
+    }
+}

@@ -1,0 +1,47 @@
+//! Named qualities of the radio, one TOML file each in `deploy/links`, and files of one's own.
+
+use std::path::Path;
+
+use alight_computer::exit::CliError;
+use alight_shared::config;
+use alight_sim::radio::RadioConfig;
+
+/// The named profiles.
+const PROFILES: [(&str, &str); 7] = [
+    ("clean", include_str!("../../../links/clean.toml")),
+    ("wifi-near", include_str!("../../../links/wifi-near.toml")),
+    ("wifi-far", include_str!("../../../links/wifi-far.toml")),
+    ("radio-mesh", include_str!("../../../links/radio-mesh.toml")),
+    ("storm", include_str!("../../../links/storm.toml")),
+    ("blackout-5s", include_str!("../../../links/blackout-5s.toml")),
+    ("narrow", include_str!("../../../links/narrow.toml")),
+];
+
+/// The profile called `name`, or the one in the TOML file of that name.
+pub fn load(name: &str) -> Result<RadioConfig, CliError> {
+    if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
+        return Ok(config::parse(text, name)?);
+    }
+    if !Path::new(name).exists() {
+        let known: Vec<&str> = PROFILES.iter().map(|(n, _)| *n).collect();
+        return Err(CliError(format!(
+            "the link {name}: neither a profile ({}) nor a file; choose one of them",
+            known.join(", ")
+        )));
+    }
+    Ok(config::load(Path::new(name))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profiles_and_an_unknown_name() {
+        for (name, _) in PROFILES {
+            load(name).unwrap();
+        }
+        assert_eq!(load("storm").unwrap().loss, 0.3);
+        assert!(load("no-such-thing").unwrap_err().0.contains("radio-mesh"));
+    }
+}

@@ -1,0 +1,505 @@
+//! The installer's two files and the little that is changed in a copy of them: device paths, addresses and keys. And
+//! the world that they describe.
+
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+use alight_computer::certificates::{self, common_name};
+use alight_computer::config::link_url::LinkUrl;
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing};
+use alight_shared::config;
+use alight_sim::harness::scenario::Scenario;
+use alight_transport::clock::steady_ns;
+use alight_uav::autopilot::modes::Firmware;
+use alight_usv::helm::{HelmConfig, HelmOutput};
+use alight_usv::sensors::{Format, Mount, SourceConfig};
+use rustix::fs::{FileType, Mode, mknodat};
+use toml::{Table, Value};
+
+use super::args::RehearseArgs;
+use crate::args::Autopilot;
+use crate::live::boat;
+use crate::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
+use crate::live::land::AT_SEA;
+use crate::live::serial_lines::assigned;
+
+/// The files as they are shipped.
+const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
+const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");
+/// Certificates of a rehearsal hold so long, days: `alight check` warns of fewer than 30.
+const DAYS: u32 = 60;
+/// The vehicles begin at a full second of the steady clock, at least so long after now, ns.
+const RUN_UP_NS: i64 = 1_000_000_000;
+const SECOND_NS: i64 = 1_000_000_000;
+/// Where the computers find each other.
+const HOST: &str = "127.0.0.1";
+
+/// A directory of the rehearsal's own; removed in the end unless a person wants it.
+pub struct Directory {
+    path: PathBuf,
+    kept: bool,
+}
+
+impl Directory {
+    /// A new one.
+    fn make(keep: Option<&Path>) -> Result<Directory, CliError> {
+        // Not the instance's directory, which is alight-rehearse-NUMBER and emptied at its start.
+        let own = || std::env::temp_dir().join(format!("alight-rehearsal-{}", std::process::id()));
+        let path = keep.map_or_else(own, Path::to_path_buf);
+        let mut builder = std::fs::DirBuilder::new();
+        let made = builder.mode(0o700).create(&path);
+        made.doing(format_args!("making the directory {}", path.display()))?;
+        let path = path
+            .canonicalize()
+            .doing(format_args!("finding {}", path.display()))?;
+        Ok(Directory {
+            path,
+            kept: keep.is_some(),
+        })
+    }
+    /// Where.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// A file in it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+}
+
+impl Drop for Directory {
+    fn drop(&mut self) {
+        if !self.kept {
+            let _left = std::fs::remove_dir_all(&self.path);
+        }
+    }
+}
+
+/// Everything that is started.
+pub struct Plan {
+    /// The vessel's computer, as it is started.
+    pub vessel: VesselComputer,
+    /// The drone's.
+    pub drone: DroneComputer,
+    /// The vehicles.
+    pub world: SimulatedWorld,
+    /// Names of the certificates; none where the files ask for none.
+    pub certificates: Vec<String>,
+    /// What the two files say differently of the same thing.
+    pub contradictions: Vec<String>,
+    /// Where all of it is.
+    pub directory: Directory,
+}
+
+impl Plan {
+    /// Reads the files, and writes those that are started with.
+    pub fn of(args: &RehearseArgs) -> Result<Plan, CliError> {
+        let (mut vessel_file, mut drone_file) = (
+            table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,
+            table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
+        );
+        // What the installer wrote is judged before anything is changed in it.
+        let vessel: VesselComputer = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
+        let drone: DroneComputer = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
+        let connect = match &args.autopilot_at {
+            Some(url) => {
+                LinkUrl::of_autopilot(url).map_err(CliError)?;
+                url.clone()
+            }
+            None => format!("udpin://{HOST}:{}", free_port()?),
+        };
+        let directory = Directory::make(args.keep.as_deref())?;
+        let names = radio(&directory, (&vessel, &mut vessel_file), (&drone, &mut drone_file))?;
+
+        for (key, input) in [
+            ("crew_switch", &vessel.deck.crew_switch),
+            ("occupancy_sensor", &vessel.deck.occupancy_sensor),
+            ("helm_switch", &vessel.deck.helm_switch),
+            ("helm_lamp", &vessel.deck.helm_lamp),
+        ] {
+            if !input.is_empty() {
+                set(&mut vessel_file, &["deck"], key, "");
+            }
+        }
+        let boat = helm(&vessel.vessel.helm, &mut vessel_file)?;
+        // A person's flights stay what they are.
+        for (name, file, recorder) in [
+            ("vessel", &mut vessel_file, &vessel.recorder),
+            ("drone", &mut drone_file, &drone.recorder),
+        ] {
+            if !recorder.directory.is_empty() {
+                let flights = directory.file("flights").join(name);
+                set(file, &["recorder"], "directory", flights.display().to_string());
+            }
+        }
+        let sources = sources(&vessel, &directory);
+        let list = Value::try_from(&sources).doing("writing the sensors")?;
+        set(&mut vessel_file, &["sensor"], "sources", list);
+
+        let camera = directory.file("camera");
+        for (name, file) in [("rehears", &mut vessel_file), ("rehearse", &mut drone_file)] {
+            set(file, &[], "instance", format!("{name}-{}", std::process::id()));
+        }
+        set(&mut drone_file, &["autopilot"], "connect", connect);
+        set(
+            &mut drone_file,
+            &["camera"],
+            "source",
+            camera.display().to_string(),
+        );
+        // The simulated deck carries no markers.
+        if drone.uvdar.at_rate(1.0).is_there() {
+            set(&mut drone_file, &["uvdar"], "source", "");
+        }
+        let pipe = mknodat(
+            rustix::fs::CWD,
+            &camera,
+            FileType::Fifo,
+            Mode::RUSR | Mode::WUSR,
+            0,
+        );
+        pipe.doing("making the camera's pipe")?;
+
+        let contradictions = contradictions(&vessel, &drone);
+        let vessel = write(&vessel_file, &directory.file("vessel.toml"))?;
+        let drone = write(&drone_file, &directory.file("drone.toml"))?;
+        let world = SimulatedWorld {
+            helm: boat,
+            ..world(args, (&vessel, &drone), &sources, camera)?
+        };
+        let text = toml::to_string(&world).doing("writing the world")?;
+        std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
+        Ok(Plan {
+            vessel,
+            drone,
+            world,
+            certificates: names,
+            contradictions,
+            directory,
+        })
+    }
+}
+
+fn table(path: Option<&Path>, shipped: &str) -> Result<Table, CliError> {
+    let Some(path) = path else {
+        return shipped.parse().doing("reading the shipped file");
+    };
+    let doing = format_args!("reading {}", path.display());
+    std::fs::read_to_string(path).doing(doing)?.parse().doing(doing)
+}
+
+fn read<C>(file: &Table, path: Option<&Path>, shipped: &str) -> Result<C, CliError>
+where
+    C: serde::de::DeserializeOwned + config::Check,
+{
+    let name = path.map_or_else(|| shipped.into(), |p| p.display().to_string());
+    let text = toml::to_string(file).doing(format_args!("copying {name}"))?;
+    Ok(config::parse(&text, &name)?)
+}
+
+/// Writes a changed file, and reads it as its program will.
+fn write<C>(file: &Table, path: &Path) -> Result<C, CliError>
+where
+    C: serde::de::DeserializeOwned + config::Check,
+{
+    let doing = format_args!("writing {}", path.display());
+    std::fs::write(path, toml::to_string(file).doing(doing)?).doing(doing)?;
+    Ok(config::load(path)?)
+}
+
+/// Sets a key of a table within tables; what else stands there was read before, so that they are tables.
+fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
+    let mut at = file;
+    for name in within {
+        let entry = at.entry(*name).or_insert_with(|| Table::new().into());
+        let Some(table) = entry.as_table_mut() else { return };
+        at = table;
+    }
+    at.insert(key.into(), value.into());
+}
+
+/// A configured helm is the simulated boat's; where its link listens.
+fn helm(configured: &HelmConfig, file: &mut Table) -> Result<Option<String>, CliError> {
+    if configured.output == HelmOutput::None {
+        return Ok(None);
+    }
+    let (own, at) = boat::simulated(configured)?;
+    let output = Value::try_from(own.output).doing("writing the helm")?;
+    let within = ["vessel", "helm"];
+    set(file, &within, "output", output);
+    set(file, &within, "connect", own.connect);
+    set(file, &within, "signing_key", own.signing_key);
+    set(file, &within, "consent_switch", own.consent_switch);
+    Ok(at)
+}
+
+/// Endpoint and, where the files ask for them, certificates of both; the names in them.
+fn radio(
+    directory: &Directory,
+    (vessel, vessel_file): (&VesselComputer, &mut Table),
+    (drone, drone_file): (&DroneComputer, &mut Table),
+) -> Result<Vec<String>, CliError> {
+    let transport = |endpoints: &[String]| -> String {
+        let first = endpoints.first().map(String::as_str).unwrap_or_default();
+        first.split('/').next().unwrap_or_default().to_owned()
+    };
+    let (listens, connects) = (transport(&vessel.radio.listen), transport(&drone.radio.connect));
+    let port = free_port()?;
+    let listen = vec![format!("{listens}/{HOST}:{port}")];
+    let connect = vec![format!("{connects}/{HOST}:{port}")];
+    set(vessel_file, &["radio"], "listen", listen);
+    set(drone_file, &["radio"], "connect", connect);
+    let keys = directory.file("keys");
+    let mut names = Vec::new();
+    for (kind, number, tls, file) in [
+        ("vessel", vessel.vessel_id, &vessel.radio.tls, vessel_file),
+        ("drone", drone.bridge.drone_id, &drone.radio.tls, drone_file),
+    ] {
+        if tls.authority.is_empty() {
+            continue;
+        }
+        if names.is_empty() {
+            certificates::init(&keys, DAYS)?;
+        }
+        let own = certificates::issue(&keys, kind, number, &[HOST.into()], DAYS)?;
+        let made = certificates::files(&own, Vec::new())?;
+        let within = ["radio", "tls"];
+        set(file, &within, "authority", made.authority);
+        set(file, &within, "certificate", made.certificate);
+        set(file, &within, "key", made.key);
+        names.push(common_name(kind, number));
+    }
+    Ok(names)
+}
+
+/// Name of a sensor's serial line among the rehearsal's files.
+fn tty(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    format!("tty-{}", name.chars().map(plain).collect::<String>())
+}
+
+/// The installer's sensors, or, where the file has none yet, a receiver, a compass and an inertial sensor as the file
+/// describes them; each at its line.
+fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> {
+    let mut sources = vessel.sensor.sources.clone();
+    if sources.is_empty() {
+        let world = Scenario::default().sensors;
+        let source = |name: &str, format, latency_s, mount| SourceConfig {
+            name: name.into(),
+            format,
+            latency_s,
+            mount,
+            ..SourceConfig::default()
+        };
+        let heading = &world.vessel_heading;
+        sources = vec![
+            source(
+                "receiver",
+                Format::Ubx,
+                world.vessel_gnss.latency_s,
+                Mount::default(),
+            ),
+            source(
+                "compass",
+                Format::Nmea,
+                heading.latency_s,
+                Mount {
+                    heading_sd_deg: heading.white_sd_deg.hypot(heading.bias_sd_deg),
+                    ..Mount::default()
+                },
+            ),
+            source(
+                "imu",
+                Format::Mavlink,
+                world.vessel_imu.latency_s,
+                Mount::default(),
+            ),
+        ];
+    }
+    for (k, source) in sources.iter_mut().enumerate() {
+        // Two sensors may have one name.
+        let line = directory.file(&tty(&format!("{k}-{}", source.name)));
+        source.connect = format!("serial://{}:115200", line.display());
+    }
+    sources
+}
+
+/// What vessel and drone must know alike.
+fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String> {
+    let mut all = Vec::new();
+    // Tags are the drone's alone.
+    let tags = drone.drone.tags();
+    if vessel.vessel.deck.with_tags(&tags) != drone.drone.deck.with_tags(&tags) {
+        all.push("[vessel.deck] and [drone.deck] differ".into());
+    }
+    if vessel.vessel_id != drone.bridge.vessel_id {
+        let (own, other) = (vessel.vessel_id, drone.bridge.vessel_id);
+        all.push(format!("vessel_id is {own} on the vessel, {other} on the drone"));
+    }
+    all
+}
+
+/// The world that the files describe.
+fn world(
+    args: &RehearseArgs,
+    (vessel, drone): (&VesselComputer, &DroneComputer),
+    sources: &[SourceConfig],
+    camera: PathBuf,
+) -> Result<SimulatedWorld, CliError> {
+    let epoch_ns = (steady_ns() + RUN_UP_NS) / SECOND_NS * SECOND_NS + SECOND_NS;
+    let mavlink = drone.autopilot.connect.trim_start_matches("udpin://");
+    let (autopilot, mavlink) = match (&args.autopilot_at, args.autopilot) {
+        (None, _) => (AutopilotKind::Internal, mavlink.to_owned()),
+        (Some(_), Some(Autopilot::Ardupilot)) => (AutopilotKind::Ardupilot, String::new()),
+        (Some(_), Some(Autopilot::Px4) | None) => (AutopilotKind::Px4, String::new()),
+    };
+    let world = SimulatedWorld {
+        instance: drone.instance.clone(),
+        epoch_ns,
+        seed: args.seed,
+        sea: args.sea.text.clone(),
+        planner: format!("{:?}", drone.drone.planner.kind).to_lowercase(),
+        autopilot,
+        firmware: args
+            .firmware
+            .as_deref()
+            .map_or_else(|| Ok(Default::default()), config::load)?,
+        mavlink,
+        signing_key: drone.autopilot.signing_key.clone(),
+        sensors: sources.to_vec(),
+        devices: Some(Devices {
+            camera,
+            camera_delay_s: drone.camera.delay_s,
+        }),
+        scenario: scenario(args, (vessel, drone), sources, epoch_ns)?,
+        ..SimulatedWorld::default()
+    };
+    Ok(world)
+}
+
+fn scenario(
+    args: &RehearseArgs,
+    (vessel, drone): (&VesselComputer, &DroneComputer),
+    sources: &[SourceConfig],
+    epoch_ns: i64,
+) -> Result<Scenario, CliError> {
+    let mut s = Scenario {
+        sea: args.sea.config.clone(),
+        ..Scenario::default()
+    };
+    s.describe(
+        &vessel.vessel.deck.with_tags(&drone.drone.tags()),
+        &vessel.vessel.surroundings,
+        &drone.drone.airframe,
+    );
+    s.place.among = vec![AT_SEA];
+    s.start.warm_up_s = args.warm_up_s();
+    // It is there for `alight check`, before any service is.
+    s.start.hover_s = s.start.warm_up_s.min(60.0);
+    if args.autopilot == Some(Autopilot::Ardupilot) {
+        s.drone.autopilot.firmware = Firmware::ArduCopter;
+    }
+    // Both computers are this one: their clock is the steady clock, which the vehicles' stamps continue.
+    s.sensors.clocks.epoch_s = epoch_ns as f64 * 1e-9;
+    (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);
+    for (source, carries) in sources.iter().zip(assigned(sources)?) {
+        if carries.imu {
+            let own = vessel.vessel.imu.lever_arm_m;
+            s.sensors.vessel_imu.lever_arm_m = source.mount.lever_arm_m.unwrap_or(own);
+            s.sensors.vessel_imu.latency_s = source.latency_s;
+        }
+        if carries.gnss {
+            let own = vessel.vessel.gnss.antenna_m;
+            s.sensors.vessel_gnss.antenna_m = source.mount.antenna_m.unwrap_or(own);
+            s.sensors.vessel_gnss.latency_s = source.latency_s;
+        }
+        if carries.heading {
+            s.sensors.vessel_heading.latency_s = source.latency_s;
+        }
+    }
+    let imu = &vessel.vessel.imu;
+    s.sensors.vessel_imu.gyro_white_sd_radps = imu.gyro_sd_radps;
+    s.sensors.vessel_imu.accelerometer_white_sd_mps2 = imu.accelerometer_sd_mps2;
+    s.sensors.render.on = true;
+    s.sensors.render.lens = drone.drone.camera.lens;
+    s.sensors.camera_mount.rotation_deg = drone.drone.camera.mount_rotation_deg;
+    s.sensors.tag.rate_hz = drone.camera.rate_hz.min(100.0);
+    Ok(s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        args: RehearseArgs,
+    }
+    fn plan(words: &[&str]) -> Result<Plan, CliError> {
+        let flags = Flags::try_parse_from(core::iter::once(&"rehearse").chain(words)).unwrap();
+        Plan::of(&flags.args)
+    }
+
+    /// Keys of `b` that differ from those of `a`, with the tables that they are in.
+    fn changed(a: &Table, b: &Table, within: &str) -> Vec<String> {
+        let mut all = Vec::new();
+        for (key, value) in b {
+            let name = format!("{within}{key}");
+            match (a.get(key).and_then(Value::as_table), value.as_table()) {
+                (before, Some(after)) if before.is_some() || !after.is_empty() => {
+                    all.extend(changed(
+                        &before.cloned().unwrap_or_default(),
+                        after,
+                        &format!("{name}."),
+                    ));
+                }
+                _ if a.get(key) != Some(value) => all.push(name),
+                _ => {}
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn rehearsal_changes_of_shipped_files() {
+        let plan = plan(&[]).unwrap();
+        let of = |shipped: &str, name: &str| {
+            let text = std::fs::read_to_string(plan.directory.file(name)).unwrap();
+            changed(&shipped.parse().unwrap(), &text.parse().unwrap(), "")
+        };
+        let vessel = of(SHIPPED_VESSEL, "vessel.toml");
+        let tls = ["authority", "certificate", "key"].map(|k| format!("radio.tls.{k}"));
+        let expected = |more: &[&str]| {
+            let mut all: Vec<String> = more.iter().map(|m| (*m).to_owned()).chain(tls.clone()).collect();
+            all.sort();
+            all
+        };
+        let sorted = |mut all: Vec<String>| {
+            all.sort();
+            all
+        };
+        assert_eq!(
+            sorted(vessel),
+            expected(&["instance", "radio.listen", "recorder.directory", "sensor.sources"])
+        );
+        let drone = of(SHIPPED_DRONE, "drone.toml");
+        assert_eq!(
+            sorted(drone),
+            expected(&[
+                "autopilot.connect",
+                "camera.source",
+                "instance",
+                "radio.connect",
+                "recorder.directory"
+            ])
+        );
+        assert_eq!(plan.certificates, ["vessel-1", "drone-1"]);
+        assert!(plan.contradictions.is_empty());
+        let directory = plan.directory.path().to_path_buf();
+        drop(plan);
+        assert!(!directory.exists(), "it leaves {}", directory.display());
+    }
+}

@@ -1,0 +1,109 @@
+//! Observations at each step of deploy/docs/install.md.
+
+use alight_computer::terminal::note;
+use serde::Serialize;
+
+/// Steps of deploy/docs/install.md.
+pub const CERTIFICATES: u8 = 3;
+pub const CONFIGURATIONS: u8 = 5;
+pub const CHECK: u8 = 6;
+pub const VESSEL: u8 = 8;
+pub const DRONE: u8 = 9;
+pub const LADDER: u8 = 10;
+
+/// Width of what is checked, so that the figures stand in a column.
+const WHAT: usize = 25;
+
+/// One check.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The step in install.md.
+    pub step: u8,
+    /// What was looked at.
+    pub what: String,
+    /// It is as it should be.
+    pub ok: bool,
+    /// What was seen.
+    pub figure: String,
+}
+
+/// All of them, shown as they come.
+#[derive(Debug, Default)]
+pub struct CheckList {
+    alone: bool,
+    rows: Vec<Row>,
+}
+
+impl CheckList {
+    /// For a person, or beside a result that stands alone on standard output.
+    pub fn new(alone: bool) -> CheckList {
+        CheckList {
+            alone,
+            rows: Vec::new(),
+        }
+    }
+    /// Adds and shows one.
+    pub fn add(&mut self, step: u8, what: impl Into<String>, ok: bool, figure: impl Into<String>) {
+        let row = Row {
+            step,
+            what: what.into(),
+            ok,
+            figure: figure.into(),
+        };
+        self.say(line(&row));
+        self.rows.push(row);
+    }
+    /// A line between the checks.
+    pub fn say(&self, text: impl std::fmt::Display) {
+        note(self.alone, text);
+    }
+    /// Whether all is as it should be.
+    pub fn ok(&self) -> bool {
+        self.rows.iter().all(|r| r.ok)
+    }
+    /// What was checked.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+}
+
+fn line(row: &Row) -> String {
+    let mark = if row.ok { "OK" } else { "NOT OK" };
+    format!("{mark:<6} {:>2}  {:<WHAT$} {}", row.step, row.what, row.figure)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rehearsal_steps_of_the_instructions() {
+        let text = include_str!("../../../../docs/install.md");
+        for (step, begins) in [
+            (
+                CERTIFICATES,
+                "On a computer that stays ashore, make the authority",
+            ),
+            (CONFIGURATIONS, "Edit `/etc/alight/vessel.toml`"),
+            (CHECK, "Run `sudo -u alight alight check`"),
+            (VESSEL, "Vessel moored"),
+            (DRONE, "Drone on the ground"),
+            (LADDER, "Climb the ladder"),
+        ] {
+            assert!(text.contains(&format!("\n{step}. {begins}")), "{step}: {begins}");
+        }
+    }
+
+    #[test]
+    fn rehearsal_with_a_failed_step() {
+        let mut list = CheckList::new(true);
+        list.add(CERTIFICATES, "certificates", true, "vessel-1, drone-1");
+        assert!(list.ok());
+        list.add(LADDER, "landed", false, "in the water");
+        assert!(!list.ok());
+        assert_eq!(
+            line(&list.rows()[1]),
+            "NOT OK 10  landed                    in the water"
+        );
+    }
+}

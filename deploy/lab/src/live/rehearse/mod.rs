@@ -1,0 +1,680 @@
+//! `alight rehearse`: what the two packages install, against the simulated world, in real time, and the check list of
+//! deploy/docs/install.md with what was seen.
+//!
+//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
+//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only what moves is simulated.
+
+pub mod args;
+mod checked;
+mod files;
+mod flights;
+mod list;
+mod services;
+
+use std::path::PathBuf;
+use std::process::{Child, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_computer::certificates::Certificate;
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::instance::is_running;
+use alight_computer::process::life::end_with_supervisor;
+use alight_computer::process::observer::{Follower, Observer};
+use alight_computer::process::scheduling;
+use alight_computer::process::supervisor::pause;
+use alight_computer::situation::{Known, Situation, SourceHealth};
+use alight_computer::terminal;
+use alight_computer::vessel::deck_file;
+use alight_shared::metrics::{MetricName, MetricValue};
+use alight_shared::msg::{ReasonCode, State};
+use alight_shared::process::ProcessKind;
+use alight_shared::topics;
+use alight_sim::harness::fault::FaultKind;
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory};
+use alight_transport::signal::{Signal, signal};
+use alight_transport::wake::end_requested;
+use serde::Serialize;
+
+use self::args::RehearseArgs;
+use self::files::Plan;
+use self::list::{CheckList, Row};
+use self::services::{Service, command};
+use crate::live::fault::{Fault, Seen};
+use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
+
+/// Time between two looks.
+const POLL: Duration = Duration::from_millis(20);
+/// Simulated sensors send within this time of their world's start, s.
+const WORLD_S: f64 = 20.0;
+/// A service is ready within this time, s.
+const READY_S: f64 = 60.0;
+/// Link, clocks and sensors are as install.md wants them within this time of the warm-up's end, s.
+const KNOWN_S: f64 = 30.0;
+/// What install.md waits for: age of the link and error of the clocks, s.
+const LINK_AGE_S: f64 = 0.2;
+const CLOCK_SD_S: f64 = 0.01;
+/// The world's verdict comes within this time of the landing's time limit, s: it waits for the drone to rest.
+const VERDICT_S: f64 = 5.0;
+
+/// What waiting for something came to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Waited {
+    Met,
+    TooLong,
+    Stopped,
+    /// This computer did not keep up with the simulated world.
+    TooSlow,
+}
+
+/// The JSON object at the end.
+#[derive(Serialize)]
+struct Rehearsed<'a> {
+    ok: bool,
+    steps: &'a [Row],
+    states: &'a [(f64, &'static str, String)],
+    landed: Option<&'a Landed>,
+}
+
+/// Rehearses.
+pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
+    // The first question puts the handler in place: a signal from here on ends the rehearsal in order.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    scheduling::raise();
+    let plan = Plan::of(args)?;
+    let mut list = CheckList::new(args.form.alone());
+    let names = match plan.certificates.as_slice() {
+        [] => "none: the files ask for none".into(),
+        names => names.join(", "),
+    };
+    list.add(list::CERTIFICATES, "certificates", true, names);
+    let alike = plan.contradictions.join("; ");
+    let both = if alike.is_empty() {
+        "both read, and agree".into()
+    } else {
+        alike
+    };
+    list.add(
+        list::CONFIGURATIONS,
+        "configurations",
+        plan.contradictions.is_empty(),
+        both,
+    );
+    let mut rehearsal = Rehearsal::begin(args, plan)?;
+    let whole = rehearsal.run(&mut list)?;
+    if let Some(too_slow) = rehearsal.too_slow {
+        terminal::note(true, format_args!("alight: {too_slow}"));
+        let report = WorldReport::TooSlow(too_slow);
+        args.form.print(&report, &[&report])?;
+        return Ok(Exit::TooSlow);
+    }
+    if whole == Waited::Stopped {
+        terminal::note(true, format_args!("stopped"));
+        return Ok(Exit::Failed);
+    }
+    if !list.ok() {
+        rehearsal.complain(&list);
+    }
+    let rehearsed = Rehearsed {
+        ok: list.ok(),
+        steps: list.rows(),
+        states: &rehearsal.states,
+        landed: rehearsal.landed.as_ref(),
+    };
+    args.form.print(&rehearsed, list.rows())?;
+    Ok(Exit::of(list.ok()))
+}
+
+/// A rehearsal under way. What is dropped first ends first.
+struct Rehearsal<'a> {
+    args: &'a RehearseArgs,
+    /// The program that is rehearsed.
+    program: PathBuf,
+    observer: Option<(Memory, Observer)>,
+    drone: Option<Service>,
+    vessel: Option<Service>,
+    world: Service,
+    /// The vessel's processes, from their first start on.
+    aboard: Follower,
+    /// The simulated sensors send.
+    sensing: bool,
+    stop: Arc<AtomicBool>,
+    state: State,
+    /// Time since the command, state and why it was entered.
+    states: Vec<(f64, &'static str, String)>,
+    commanded_ns: i64,
+    armed: Option<bool>,
+    landed: Option<Landed>,
+    too_slow: Option<TooSlow>,
+    fault: Option<Fault>,
+    /// The drone has touched something.
+    contact: bool,
+    plan: Plan,
+}
+
+impl<'a> Rehearsal<'a> {
+    fn begin(args: &'a RehearseArgs, plan: Plan) -> Result<Rehearsal<'a>, CliError> {
+        let own = || std::env::current_exe().doing("looking for this program");
+        let directory = plan.directory.path();
+        Ok(Rehearsal {
+            args,
+            program: args.program.clone().map_or_else(own, Ok)?,
+            observer: None,
+            drone: None,
+            vessel: None,
+            world: Service::start("world", &own()?, directory)?,
+            aboard: Follower::of(&plan.vessel.instance, "rehearse")?,
+            sensing: false,
+            stop: end_with_supervisor(args.supervised),
+            state: State::Idle,
+            states: Vec::new(),
+            commanded_ns: 0,
+            armed: None,
+            landed: None,
+            too_slow: None,
+            fault: args.fault().map(|spec| Fault::new(spec, args.seed)),
+            contact: false,
+            plan,
+        })
+    }
+
+    /// The steps in their order; Met when there was nothing left to wait for.
+    fn run(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        for step in [
+            Rehearsal::await_sensors,
+            Rehearsal::check_vessel,
+            Rehearsal::start_vessel,
+            Rehearsal::check_drone,
+            Rehearsal::start_drone,
+            Rehearsal::know,
+            Rehearsal::land,
+        ] {
+            let waited = step(self, list)?;
+            // A step that was not done leaves nothing to do for the next.
+            if waited != Waited::Met {
+                return Ok(waited);
+            }
+        }
+        Ok(Waited::Met)
+    }
+
+    /// Takes the world's report.
+    fn receive_report(&mut self) {
+        for line in self.world.output() {
+            self.sensing |= line == SENSING;
+            self.contact |= line == CONTACT;
+            match serde_json::from_str(&line) {
+                Ok(WorldReport::Landed(landed)) => self.landed = Some(*landed),
+                Ok(WorldReport::TooSlow(too_slow)) => self.too_slow = Some(too_slow),
+                Err(_) => {}
+            }
+        }
+    }
+    fn has_verdict(&self) -> bool {
+        self.landed.is_some() || self.too_slow.is_some()
+    }
+    /// One look at everything.
+    fn look(&mut self, list: &CheckList) -> Result<(), CliError> {
+        self.receive_report();
+        if !self.world.poll() && !self.has_verdict() {
+            // Its last line may still be under way.
+            pause(10 * POLL);
+            self.receive_report();
+            if !self.has_verdict() {
+                let why = self.world.complaints();
+                return Err(CliError(format!("the simulated world ended: {why}")));
+            }
+        }
+        for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
+            service.keep()?;
+        }
+        // Its newest reports are asked for later.
+        let _none = self.aboard.poll();
+        if let Some((_, observer)) = &mut self.observer {
+            observer.poll();
+            observer.ages_s.clear();
+            self.armed = observer.snapshot.autopilot.map(|a| a.armed).or(self.armed);
+            if let Some(m) = *observer.snapshot.mission
+                && m.state != self.state
+            {
+                self.state = m.state;
+                let t_s = (steady_ns() - self.commanded_ns) as f64 * 1e-9;
+                list.say(format_args!("{t_s:>9.2} s  {:<16} {}", m.state.name(), m.entered));
+                self.states.push((t_s, m.state.name(), m.entered.to_string()));
+            }
+        }
+        self.poll_fault(list)
+    }
+    /// Lets the fault happen when it is time.
+    fn poll_fault(&mut self, list: &CheckList) -> Result<(), CliError> {
+        let (Some(fault), Some((_, observer))) = (&mut self.fault, &self.observer) else {
+            return Ok(());
+        };
+        let (process, now_ns) = (fault.spec().process, steady_ns());
+        let aboard = self.aboard.poll().map(|(_, snapshot)| snapshot);
+        let of_vessel = process == ProcessKind::Vessel;
+        let of_computer = if of_vessel {
+            aboard
+        } else {
+            Some(&observer.snapshot)
+        };
+        let seen = Seen {
+            t_s: (now_ns - self.commanded_ns) as f64 * 1e-9,
+            mission: *observer.snapshot.mission,
+            process: of_computer.and_then(|s| s.processes.get(&process).copied()),
+            contact: self.contact,
+        };
+        let Some((pid, what)) = fault.poll(now_ns, &seen) else {
+            return Ok(());
+        };
+        let name = &fault.report.fault;
+        match (&mut self.vessel, what) {
+            (Some(vessel), Signal::Kill) if of_vessel => vessel.kill(),
+            _ => signal(pid, what).doing(format_args!("the fault {name}"))?,
+        }
+        if what != Signal::Continue {
+            list.say(format_args!("{:>9.2} s  fault {name}", seen.t_s));
+        }
+        Ok(())
+    }
+    /// Looks until `met`, at most so long.
+    fn until(
+        &mut self,
+        list: &CheckList,
+        timeout_s: f64,
+        mut met: impl FnMut(&mut Self) -> bool,
+    ) -> Result<Waited, CliError> {
+        let deadline_ns = steady_ns() + (timeout_s * 1e9) as i64;
+        loop {
+            if end_requested() || self.stop.load(Ordering::Relaxed) {
+                return Ok(Waited::Stopped);
+            }
+            self.look(list)?;
+            if self.too_slow.is_some() {
+                return Ok(Waited::TooSlow);
+            }
+            if met(self) {
+                return Ok(Waited::Met);
+            }
+            if steady_ns() >= deadline_ns {
+                return Ok(Waited::TooLong);
+            }
+            pause(POLL);
+        }
+    }
+    /// Time since the world's start of the landing, s.
+    fn world_s(&self) -> f64 {
+        (steady_ns() - self.plan.world.epoch_ns) as f64 * 1e-9 - self.args.warm_up_s()
+    }
+    fn file(&self, name: &str) -> String {
+        self.plan.directory.file(name).display().to_string()
+    }
+
+    /// Waits until the simulated vehicles send.
+    fn await_sensors(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let waited = self.until(list, WORLD_S, |r| r.sensing)?;
+        if waited != Waited::Met {
+            list.add(list::CHECK, "simulated vehicles", false, self.world.complaints());
+        }
+        Ok(waited)
+    }
+    /// `alight check` on the vessel, before its service is started: it listens to the sensors.
+    fn check_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.check("vessel", list)
+    }
+    /// `alight check` on the drone, which looks whether the vessel answers.
+    fn check_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.check("drone", list)
+    }
+    fn check(&mut self, side: &str, list: &mut CheckList) -> Result<Waited, CliError> {
+        let config = self.file(&format!("{side}.toml"));
+        let Some(output) = self.ask(list, &["check", "--json", "--config", &config])? else {
+            return Ok(Waited::Stopped);
+        };
+        let firmware = self.args.autopilot_at.is_some();
+        let findings = checked::findings(&output.stdout, firmware);
+        let of = |level: &'static str| findings.iter().filter(move |f| f["level"] == level);
+        let (ok, figure) = checked::judge(&findings, firmware);
+        list.add(list::CHECK, format!("alight check, {side}"), ok, figure);
+        for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
+            for finding in of(level) {
+                let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
+                list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
+            }
+        }
+        Ok(Waited::Met)
+    }
+    /// Runs one of the program's commands to its end; None when the rehearsal is stopped meanwhile.
+    fn ask(&mut self, list: &CheckList, words: &[&str]) -> Result<Option<Output>, CliError> {
+        let doing = format!("running {} {}", self.program.display(), words.join(" "));
+        let mut child: Child = command(&self.program, words).spawn().doing(&doing)?;
+        let mut ended = |_: &mut Self| !matches!(child.try_wait(), Ok(None));
+        match self.until(list, READY_S, &mut ended)? {
+            Waited::Met => child.wait_with_output().doing(doing).map(Some),
+            Waited::TooLong | Waited::Stopped | Waited::TooSlow => {
+                let _gone = child.kill().and_then(|()| child.wait());
+                Ok(None)
+            }
+        }
+    }
+
+    fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let directory = self.plan.directory.path();
+        // As the package leaves it: the crew found the deck free.
+        deck_file::write_first(directory, &self.plan.vessel).map_err(CliError)?;
+        self.vessel = Some(Service::start("vessel", &self.program, directory)?);
+        self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
+    }
+    fn start_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let directory = self.plan.directory.path();
+        self.drone = Some(Service::start("drone", &self.program, directory)?);
+        let waited = self.await_ready(list, list::DRONE, "alight-drone", |r| r.drone.as_ref())?;
+        let instance = Instance::new(&self.plan.drone.instance)?;
+        if waited == Waited::Met && is_running(&instance) {
+            let memory = Memory::join(&instance, "rehearse")?;
+            let observer = Observer::join(&memory)?;
+            self.observer = Some((memory, observer));
+        }
+        Ok(waited)
+    }
+    fn await_ready(
+        &mut self,
+        list: &mut CheckList,
+        step: u8,
+        what: &str,
+        which: impl Fn(&Self) -> Option<&Service>,
+    ) -> Result<Waited, CliError> {
+        let waited = self.until(list, READY_S, |r| which(r).is_some_and(|s| s.ready_s().is_some()))?;
+        let figure = match which(self).and_then(Service::ready_s) {
+            Some(ready_s) => format!("ready after {ready_s:.2} s"),
+            None => format!("not ready within {READY_S:.0} s"),
+        };
+        list.add(step, what, waited == Waited::Met, figure);
+        Ok(waited)
+    }
+
+    /// Waits for what install.md waits for before a landing is commanded: sensors, link, clocks.
+    fn know(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        let first = self.vessel_status();
+        let left_s = (-self.world_s()).max(0.0) + KNOWN_S;
+        let waited = self.until(list, left_s, |r| r.world_s() >= 0.0 && r.is_known())?;
+        if matches!(waited, Waited::Stopped | Waited::TooSlow) {
+            return Ok(waited);
+        }
+        let now = self.vessel_status();
+        self.show_sources(list, first, now);
+        let link = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.link);
+        let ms = |s: f64| {
+            if s.is_finite() {
+                format!("{:.0} ms", 1e3 * s)
+            } else {
+                "unknown".into()
+            }
+        };
+        let age_s = link.map_or(f64::INFINITY, |l| l.age_s);
+        let loss = link.map_or(0.0, |l| 100.0 * l.loss);
+        let figure = format!("{} old, {loss:.0} % lost", ms(age_s));
+        list.add(
+            list::DRONE,
+            "link, younger than 0.2 s",
+            age_s < LINK_AGE_S,
+            figure,
+        );
+        let (offset_s, sd_s) = link.map_or((0.0, f64::INFINITY), |l| (l.clock_offset_s, l.clock_offset_sd_s));
+        let figure = if sd_s.is_finite() {
+            format!(
+                "{:.1} ms apart, known to {:.1} ms",
+                1e3 * offset_s.abs(),
+                1e3 * sd_s
+            )
+        } else {
+            "unknown".into()
+        };
+        list.add(list::DRONE, "clocks, known to 10 ms", sd_s < CLOCK_SD_S, figure);
+        if self.args.autopilot_at.is_some() {
+            let autopilot = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.autopilot);
+            let rejection = autopilot.map(|a| match a.rejection {
+                suits if suits.code == ReasonCode::None => String::new(),
+                rejection => rejection.to_string(),
+            });
+            let (ok, figure) = checked::fitness(rejection.as_deref());
+            list.add(list::CHECK, "firmware, fit to land", ok, figure);
+        }
+        Ok(waited)
+    }
+    fn is_known(&self) -> bool {
+        let link = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.link);
+        link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
+    }
+    fn vessel_status(&mut self) -> Option<Situation> {
+        let known = Known::vessel(&self.plan.vessel);
+        let (_, seen) = self.aboard.poll()?;
+        Some(Situation::of(known, seen, steady_ns())).filter(|s| s.vessel().is_some())
+    }
+    /// Each sensor with the rate at which the estimator used it since `before`.
+    fn show_sources(&self, list: &mut CheckList, before: Option<Situation>, now: Option<Situation>) {
+        let Some(now) = now else {
+            list.add(
+                list::VESSEL,
+                "sensors",
+                false,
+                "the vessel's process does not report",
+            );
+            return;
+        };
+        let process = now.process(ProcessKind::Vessel).copied().unwrap_or_default();
+        let before = before.map(|b| (b.process(ProcessKind::Vessel).map_or(0, |p| p.at_ns), b.sources()));
+        for (k, (source, config)) in now
+            .sources()
+            .iter()
+            .zip(&self.plan.vessel.sensor.sources)
+            .enumerate()
+        {
+            let earlier = before
+                .as_ref()
+                .and_then(|(at_ns, sources)| Some((*at_ns, sources.get(k)?.uses.used)));
+            let (since_ns, used) = earlier.unwrap_or((process.began_ns, 0));
+            let span_s = ((process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
+            let rate_hz = (source.uses.used - used.min(source.uses.used)) as f64 / span_s;
+            let mut figure = format!("{rate_hz:.1} Hz used");
+            for (count, name) in [
+                (source.report.status.decoded.corrupted, "damaged"),
+                (source.report.status.decoded.undated, "undated"),
+                (source.uses.gated, "gated"),
+                (source.uses.rejected, "rejected"),
+            ] {
+                if count > 0 {
+                    figure += &format!(", {count} {name}");
+                }
+            }
+            if let Some(why) = &source.report.why {
+                figure += &format!("; {why}");
+            }
+            let format = format!("{:?}", config.format).to_lowercase();
+            let ok = rate_hz > 0.0 && source.report.why.is_none();
+            list.add(
+                list::VESSEL,
+                format!("sensor {} ({format})", source.name),
+                ok,
+                figure,
+            );
+        }
+        let e = now.vessel().map(|(_, v)| v.estimator).unwrap_or_default();
+        let age_s = e.estimate_age_s.unwrap_or(f64::INFINITY);
+        let waves = e.waves.map_or("waves unknown".into(), |[height_m, _]| {
+            format!("waves of {height_m:.1} m")
+        });
+        let figure = if age_s.is_finite() {
+            format!("{:.0} ms old, {waves}, {} restarts", 1e3 * age_s, e.restarts)
+        } else {
+            "none yet".into()
+        };
+        list.add(list::VESSEL, "vessel's estimate", age_s < 1.0, figure);
+    }
+
+    /// Commands the landing and watches it to the world's verdict.
+    fn land(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
+        self.commanded_ns = steady_ns();
+        let config = self.file("drone.toml");
+        let Some(output) = self.ask(list, &["command", "land", "--config", &config])? else {
+            return Ok(Waited::Stopped);
+        };
+        let printed = [output.stdout, output.stderr].concat();
+        let answer = String::from_utf8_lossy(&printed);
+        let answer = answer.lines().next().unwrap_or_default();
+        list.add(
+            list::LADDER,
+            "alight command land",
+            output.status.success(),
+            answer,
+        );
+        if !output.status.success() {
+            return Ok(Waited::Met);
+        }
+        let limit_s = f64::from(self.args.time_limit) + VERDICT_S;
+        let waited = self.until(list, limit_s, |r| r.landed.is_some())?;
+        if matches!(waited, Waited::Stopped | Waited::TooSlow) {
+            return Ok(waited);
+        }
+        self.show_vision(list);
+        self.show_contact(list);
+        self.show_fault(list);
+        self.show_verdict(list);
+        Ok(Waited::Met)
+    }
+    fn show_fault(&mut self, list: &mut CheckList) {
+        let Some((spec, report)) = self.fault.as_ref().map(|f| (f.spec(), f.report.clone())) else {
+            return;
+        };
+        let happened = match spec.kind {
+            FaultKind::Kill => "killed",
+            FaultKind::Freeze => "frozen",
+        };
+        let recovered = report.recovery_s.is_some();
+        if spec.process != ProcessKind::Vessel {
+            let what = format!("{}, {happened}", spec.process.name());
+            list.add(list::DRONE, what, recovered, report.to_string());
+            return;
+        }
+        let sources = self.vessel_status().map(|s| s.sources()).unwrap_or_default();
+        let young = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
+        let (back, all) = (sources.iter().filter(|s| young(s)).count(), sources.len());
+        let figure = format!("{report}, {back} of {all} sensors back");
+        let what = format!("alight-vessel, {happened}");
+        list.add(list::VESSEL, what, recovered && back == all, figure);
+    }
+    /// What the vessel knows of the drone, and who it is itself.
+    fn show_contact(&mut self, list: &mut CheckList) {
+        let number = self.plan.drone.bridge.drone_id;
+        let status = self.vessel_status();
+        let vessel = status.as_ref().and_then(Situation::vessel);
+        let drones = vessel.map(|(_, v)| &v.drones[..]).unwrap_or_default();
+        let received = drones.iter().find(|d| d.status.header.drone == number);
+        let figure = match (received, vessel.and_then(|(known, _)| known.certificate.as_ref())) {
+            (None, _) => format!("it does not receive drone {number}"),
+            (Some(d), Some(Ok(Certificate { name, .. }))) => {
+                format!(
+                    "{name} received it {:.1} s ago: {}",
+                    d.age_s,
+                    d.status.state.name()
+                )
+            }
+            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.status.state.name()),
+        };
+        list.add(
+            list::DRONE,
+            "drone's status on vessel",
+            received.is_some(),
+            figure,
+        );
+    }
+    fn show_vision(&self, list: &mut CheckList) {
+        let camera = self
+            .observer
+            .as_ref()
+            .and_then(|(_, o)| o.snapshot.processes.get(&ProcessKind::Camera));
+        let value = |name: MetricName| {
+            let metric = camera.and_then(|c| c.metrics.iter().find(|m| m.name == name));
+            metric.map(|m| m.value)
+        };
+        let count = |name| match value(name) {
+            Some(MetricValue::Count(n)) => n,
+            Some(_) | None => 0,
+        };
+        let seconds = |name| match value(name) {
+            Some(MetricValue::Seconds(s)) => s,
+            Some(_) | None => f64::NAN,
+        };
+        let (images, tags) = (count(MetricName::Images), count(MetricName::TagDetections));
+        let figure = format!(
+            "{tags} of {images} images, {:.0} ms old (99 %: {:.0})",
+            1e3 * seconds(MetricName::ExposureToFixP50),
+            1e3 * seconds(MetricName::ExposureToFixP99)
+        );
+        list.add(list::DRONE, "vision measurement", tags > 0, figure);
+    }
+    fn show_verdict(&self, list: &mut CheckList) {
+        let Some(landed) = &self.landed else {
+            list.add(
+                list::LADDER,
+                "landed",
+                false,
+                format!("not within {} s", self.args.time_limit),
+            );
+            return;
+        };
+        let o = &landed.outcome;
+        let figure = match (
+            o.success,
+            o.position_error_m,
+            o.touchdown_speed_mps,
+            o.tilt_error_deg,
+        ) {
+            (true, Some(off_m), Some(speed), Some(tilt)) => {
+                format!("{off_m:.2} m off centre, {speed:.2} m/s, {tilt:.1} deg")
+            }
+            _ => format!("{}: {}", o.outcome.name(), o.reason),
+        };
+        list.add(list::LADDER, "landed", o.success, figure);
+        let late_s = landed.latest_tick_s;
+        if !o.success && late_s > topics::DRONE_STATE.stale_after.secs() {
+            list.say(format_args!(
+                "the simulated world was up to {late_s:.2} s late: this computer was too busy; rehearse again without \
+                 other work on it"
+            ));
+        }
+        let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
+        let figure = match o.stop_time_s {
+            Some(s) => format!("{s:.2} s after the first contact"),
+            None => "motors on".into(),
+        };
+        list.add(list::LADDER, "disarmed", disarmed, figure);
+        flights::show(&self.plan, list);
+    }
+
+    /// What the services wrote last.
+    fn complain(&self, list: &CheckList) {
+        let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
+        for printed in services.into_iter().flatten().map(Service::complaints) {
+            if !printed.is_empty() {
+                list.say(printed);
+            }
+        }
+    }
+}
+
+impl Drop for Rehearsal<'_> {
+    fn drop(&mut self) {
+        // Nobody looks any more when the drone's memory is removed; and all are asked before one is waited for.
+        self.observer = None;
+        self.aboard.leave();
+        for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {
+            service.ask_to_end();
+        }
+        self.world.ask_to_end();
+    }
+}

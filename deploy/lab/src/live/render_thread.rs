@@ -1,0 +1,200 @@
+//! The simulated camera of a live landing: a thread that renders what the world's shutter took, and
+//! publishes the images in the drone's shared memory, or writes them where a device would deliver them.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
+
+use alight_computer::exit::CliError;
+use alight_computer::process::scheduling;
+use alight_computer::process::supervisor::pause;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::camera::CameraMount;
+use alight_sim::sensors::render::{Renderer, Shot};
+use alight_transport::clock::steady_ns;
+use alight_transport::images::{ImagePublisher, ImageTopic};
+use alight_transport::memory::{Instance, Memory};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+
+use crate::live::config::Devices;
+
+/// Shots that wait for the thread; more are lost, as a camera that is overrun loses images.
+const QUEUE_LENGTH: usize = 2;
+
+/// A device delivers an image within this time of its delay, or has lost it, ns: who reads it takes that for its age.
+const MAX_LATE_NS: i64 = 5_000_000;
+
+/// The way to that thread.
+pub struct RenderThread {
+    shots: SyncSender<Shot>,
+    /// Images that came to nobody.
+    lost: Arc<AtomicU64>,
+}
+
+/// Where images go.
+enum Sink {
+    /// The drone's shared memory, which is held for as long as its port.
+    Memory { images: ImagePublisher, _memory: Memory },
+    /// A device of the drone's computer.
+    Pipe(Pipe),
+}
+
+impl Sink {
+    /// False for an image that is lost.
+    fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) -> bool {
+        match self {
+            Sink::Memory { images, .. } => {
+                images.send(shot.at.nanos(), size, [0; 2], pixels);
+                true
+            }
+            Sink::Pipe(pipe) => pipe.write(shot.at.nanos(), pixels),
+        }
+    }
+    /// Whether an image that was exposed at this time would be lost. In memory it has its time with it, and never is.
+    fn too_late(&self, shot: &Shot) -> bool {
+        match self {
+            Sink::Memory { .. } => false,
+            Sink::Pipe(pipe) => pipe.early_ns(shot.at.nanos()) < -MAX_LATE_NS,
+        }
+    }
+}
+
+/// A named pipe of raw images, each at its time.
+struct Pipe {
+    devices: Devices,
+    open: Option<File>,
+}
+
+impl Pipe {
+    /// Time until an image is due that was exposed when the drone's clock, the steady one, read `at_ns`, ns.
+    fn early_ns(&self, at_ns: i64) -> i64 {
+        at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
+    }
+    /// Delivers the image that was exposed at `at_ns`. One that is too late, or that nobody reads, is lost, as a
+    /// camera's is.
+    fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
+        let early_ns = self.early_ns(at_ns);
+        if early_ns < -MAX_LATE_NS {
+            return false;
+        }
+        if early_ns > 0 {
+            pause(Duration::from_nanos(early_ns.unsigned_abs()));
+        }
+        if self.open.is_none() {
+            self.open = self.reader();
+        }
+        let written = self
+            .open
+            .as_mut()
+            .is_some_and(|pipe| pipe.write_all(pixels).is_ok());
+        if !written {
+            self.open = None;
+        }
+        written
+    }
+    /// The pipe's end, if it has a reader; what is written then waits for that one.
+    fn reader(&self) -> Option<File> {
+        let flags = OFlags::NONBLOCK.bits().cast_signed();
+        let pipe = OpenOptions::new()
+            .write(true)
+            .custom_flags(flags)
+            .open(&self.devices.camera)
+            .ok()?;
+        let flags = fcntl_getfl(&pipe).ok()?;
+        fcntl_setfl(&pipe, flags - OFlags::NONBLOCK).ok()?;
+        Some(pipe)
+    }
+}
+
+impl RenderThread {
+    /// The camera of a seed, into shared memory; None where the measurement model stands for it.
+    pub fn of(instance: &Instance, scenario: &Scenario, seed: u64) -> Result<Option<RenderThread>, CliError> {
+        let render = &scenario.sensors.render;
+        if !render.on {
+            return Ok(None);
+        }
+        let pixels = render.lens.width_px as usize * render.lens.height_px as usize;
+        let instance = instance.clone();
+        let open = move || {
+            // Shared memory's ports belong to the thread that uses them.
+            let memory = Memory::join(&instance, "render_thread")?;
+            let images = memory.image_publisher(ImageTopic::Simulated, pixels)?;
+            Ok(Sink::Memory {
+                images,
+                _memory: memory,
+            })
+        };
+        RenderThread::start(open, scenario, seed).map(Some)
+    }
+    /// The camera of a seed as a device of the drone's computer.
+    pub fn into_pipe(devices: &Devices, scenario: &Scenario, seed: u64) -> Result<RenderThread, CliError> {
+        let devices = devices.clone();
+        let open = move || Ok(Sink::Pipe(Pipe { devices, open: None }));
+        RenderThread::start(open, scenario, seed)
+    }
+
+    fn start(
+        open: impl FnOnce() -> Result<Sink, CliError> + Send + 'static,
+        scenario: &Scenario,
+        seed: u64,
+    ) -> Result<RenderThread, CliError> {
+        let (shots, waiting) = sync_channel::<Shot>(QUEUE_LENGTH);
+        let (result, joined) = sync_channel::<Result<(), CliError>>(1);
+        let scenario = scenario.clone();
+        let lost = Arc::<AtomicU64>::default();
+        let lost_here = Arc::clone(&lost);
+        std::thread::spawn(move || {
+            // What moves is before the images of it.
+            scheduling::leave_real_time();
+            let mut sink = match open() {
+                Ok(sink) => sink,
+                Err(e) => {
+                    let _gone = result.send(Err(e));
+                    return;
+                }
+            };
+            let (streams, airframe) = (Streams::new(seed), &scenario.airframe);
+            let mount = CameraMount::new(&scenario.sensors.camera_mount, airframe, &streams);
+            let mut renderer = Renderer::new(&scenario.sensors.render, &scenario.deck, &streams)
+                .below(airframe, &mount)
+                .at_night(scenario.sensors.night.as_ref());
+            if result.send(Ok(())).is_err() {
+                return;
+            }
+            // Ends with the world, which holds the other end.
+            while let Ok(shot) = waiting.recv() {
+                let image = if sink.too_late(&shot) {
+                    None
+                } else {
+                    renderer.image(&shot)
+                };
+                let delivered = image.is_some_and(|image| {
+                    let size = [image.width() as u32, image.height() as u32];
+                    sink.take(&shot, size, image.pixels())
+                });
+                lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);
+            }
+        });
+        match joined.recv() {
+            Ok(Ok(())) => Ok(RenderThread { shots, lost }),
+            Ok(Err(why)) => Err(why),
+            Err(e) => Err(CliError::because("starting the simulated camera", e)),
+        }
+    }
+    /// Renders these.
+    pub fn take(&mut self, shots: &[Shot]) {
+        for shot in shots {
+            let full = self.shots.try_send(*shot).is_err();
+            self.lost.fetch_add(u64::from(full), Ordering::Relaxed);
+        }
+    }
+    /// Images that came to nobody.
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,124 @@
+//! What a live landing says beside its outcome: what the processes used, how late things were, what
+//! a fault did.
+
+use alight_computer::process::snapshot::{Snapshot, time};
+use alight_shared::metrics::MetricName;
+use alight_shared::process::ProcessKind;
+use alight_sim::harness::outcome::Outcome;
+use serde::{Deserialize, Serialize};
+
+use crate::live::air::RadioReport;
+use crate::live::fault::FaultReport;
+
+/// What one process used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProcessUsage {
+    /// Its name.
+    pub process: String,
+    /// Processor time by time since its last start, per cent of one core.
+    pub cpu_percent: f64,
+    /// Resident memory, MB.
+    pub memory_mb: f64,
+    /// Median time of one step of its node, s.
+    pub step_p50_s: f64,
+    /// 99th percentile of the same, s.
+    pub step_p99_s: f64,
+}
+
+/// A mission state as it was entered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhaseEntry {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// The state's name.
+    pub state: String,
+    /// Why it was entered.
+    pub reason: String,
+}
+
+/// Beside the outcome.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveReport {
+    /// Starts of processes beyond the first.
+    pub restarts: u32,
+    /// What each process used.
+    pub processes: Vec<ProcessUsage>,
+    /// Measurement on the vessel to set-point on the drone, median and 99th percentile, s.
+    pub vessel_to_set_point_s: [f64; 2],
+    /// Odometry to set-point, the same, s.
+    pub odometry_to_set_point_s: [f64; 2],
+    /// The most that a tick of the simulated world was late, s.
+    pub world_late_s: f64,
+    /// Ticks of it more than one period late.
+    pub world_late_ticks: u64,
+    /// First contact, time since the start, s.
+    pub first_contact_s: Option<f64>,
+    /// Time on the deck with motors on, s.
+    #[serde(default)]
+    pub motors_on_deck_s: f64,
+    /// The mission's states.
+    pub phases: Vec<PhaseEntry>,
+    /// The link.
+    pub radio: RadioReport,
+    /// The faults that were asked for.
+    pub faults: Vec<FaultReport>,
+}
+
+/// An outcome and what a live landing says beside it: one JSON object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiveOutcome {
+    /// As of a trial.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+    /// Beside it.
+    pub live: LiveReport,
+}
+
+impl LiveReport {
+    /// From what the processes said last.
+    pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
+        let [pilot, world] = [ProcessKind::Pilot, ProcessKind::World]
+            .map(|kind| snapshot.processes.get(&kind).copied().unwrap_or_default());
+        LiveReport {
+            restarts,
+            processes: snapshot
+                .processes
+                .values()
+                .map(|p| ProcessUsage {
+                    process: p.kind.name().into(),
+                    cpu_percent: 100.0 * p.cpu_s / ((p.at_ns - p.began_ns) as f64 * 1e-9).max(1e-3),
+                    memory_mb: p.resident_bytes as f64 / 1e6,
+                    step_p50_s: p.step_p50_s,
+                    step_p99_s: p.step_p99_s,
+                })
+                .collect(),
+            vessel_to_set_point_s: [MetricName::VesselToSetPointP50, MetricName::VesselToSetPointP99]
+                .map(|m| pilot.seconds(m)),
+            odometry_to_set_point_s: [
+                MetricName::OdometryToSetPointP50,
+                MetricName::OdometryToSetPointP99,
+            ]
+            .map(|m| pilot.seconds(m)),
+            world_late_s: world.seconds(MetricName::LatestTick),
+            world_late_ticks: world.count(MetricName::LateTicks),
+            ..LiveReport::default()
+        }
+    }
+    /// In words, below the table of the processes.
+    pub fn text(&self) -> String {
+        let [a, b] = self.vessel_to_set_point_s.map(time);
+        let [c, d] = self.odometry_to_set_point_s.map(time);
+        let mut out = format!(
+            "  measurement on the vessel to set-point: {a} (p50), {b} (p99); odometry to set-point: {c}, {d}\n  \
+             the world's worst tick was {} late, {} ticks more than one period; {} restarts\n",
+            time(self.world_late_s),
+            self.world_late_ticks,
+            self.restarts
+        );
+        out.push_str(&self.radio.text());
+        for f in &self.faults {
+            out.push_str(&format!("  fault {}: {f}\n", f.fault));
+        }
+        out
+    }
+}

@@ -1,0 +1,176 @@
+//! Outcomes of trials for a person and as JSON.
+
+use alight_computer::cells;
+use alight_computer::table::{Cell, Table, verdict};
+use alight_sim::harness::outcome::{Ending, Outcome};
+use alight_sim::studies::statistics::{Summary, at_most_95, wilson};
+use serde_json::{Map, Value, json};
+
+/// The outcome of one trial.
+pub fn outcome(o: &Outcome) -> String {
+    let rows = [
+        (
+            "position error, m",
+            o.position_error_m,
+            3,
+            "deck centre to centre of feet at first contact",
+        ),
+        (
+            "position at rest, m",
+            o.rest_position_error_m,
+            3,
+            "the same when all is still",
+        ),
+        (
+            "touchdown speed, m/s",
+            o.touchdown_speed_mps,
+            2,
+            "along the deck's normal, limit 1.0",
+        ),
+        (
+            "tangential speed, m/s",
+            o.tangential_speed_mps,
+            2,
+            "along the deck, limit 1.0",
+        ),
+        (
+            "tilt error, deg",
+            o.tilt_error_deg,
+            2,
+            "between the normals, limit 10",
+        ),
+        ("roll error, deg", o.roll_error_deg, 2, "drone minus deck"),
+        ("pitch error, deg", o.pitch_error_deg, 2, "drone minus deck"),
+        ("yaw error, deg", o.yaw_error_deg, 2, "drone minus deck"),
+        (
+            "landing time, s",
+            o.landing_time_s,
+            1,
+            "first descent to first contact",
+        ),
+        (
+            "over deck, s",
+            o.over_deck_time_s,
+            1,
+            "first within 2 m to first contact",
+        ),
+        (
+            "motors stopped, s",
+            o.stop_time_s,
+            2,
+            "after first contact, limit 2",
+        ),
+        (
+            "simulated, s",
+            Some(o.sim_time_s),
+            1,
+            "warm-up of the vessel's estimator included",
+        ),
+        ("computed in, s", Some(o.wall_time_s), 2, ""),
+    ];
+    let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
+    // What a refused landing has no figure of is left out.
+    for (name, value, digits, meaning) in rows.into_iter().filter(|row| row.1.is_some()) {
+        table.row(cells![name, Cell::number(value, digits), meaning]);
+    }
+    let broken_off = matches!(o.outcome, Ending::GaveUp | Ending::Timeout) && o.unsafe_contacts == 0;
+    let name = if o.success || broken_off {
+        o.outcome.name().to_owned()
+    } else {
+        format!("UNSAFE, {}", o.outcome.name())
+    };
+    let plural = |n: u32, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    format!(
+        "{}: {}\nseed {}, sea {}, planner {}, {}, {}\n{}",
+        verdict(&name, o.success),
+        o.reason,
+        o.seed,
+        o.sea,
+        o.planner,
+        plural(o.attempts, "attempt"),
+        plural(o.unsafe_contacts, "unsafe contact"),
+        table.text()
+    )
+}
+
+/// Landings that were unsafe, and what can be said of their rate.
+pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
+    let rate = 100.0 * at_most_95(unsafe_trials, trials);
+    format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
+}
+
+/// The summary of many trials.
+pub fn summary(s: &Summary) -> String {
+    let (lo, hi) = wilson(s.successes, s.trials);
+    let mut table = Table::new(1.., ["metric", "mean", "sd", "p95", "max"]);
+    for (name, statistics) in &s.metrics {
+        let columns = statistics.map_or([None; 4], |f| [f.mean, f.sd, f.p95, f.max].map(Some));
+        let name = core::iter::once(Cell::from(name));
+        table.row(name.chain(columns.map(|v| Cell::number(v, 3))));
+    }
+    let collisions = s
+        .keep_out_collisions
+        .map_or(String::new(), |n| format!(", {n} keep-out collisions"));
+    format!(
+        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts{}\n{}\n{}",
+        s.successes,
+        s.trials,
+        100.0 * s.successes as f64 / s.trials.max(1) as f64,
+        100.0 * lo,
+        100.0 * hi,
+        s.unsafe_contacts,
+        collisions,
+        unsafe_bound(s.unsafe_trials, s.trials),
+        table.text()
+    )
+}
+
+/// How likely descents were thought to succeed, and how many did.
+pub fn likelihood(s: &Summary) -> String {
+    let mut table = Table::new(
+        1..,
+        ["likelihood", "descents", "predicted", "landed", "95 % interval"],
+    );
+    for b in &s.likelihood {
+        let [from, to] = b.between;
+        table.row(cells![
+            format!("{from:.2} to {to:.2}"),
+            b.descents,
+            Cell::number(Some(b.predicted), 3),
+            Cell::number(Some(b.landed as f64 / b.descents.max(1) as f64), 3),
+            format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
+        ]);
+    }
+    table.text()
+}
+
+/// The summary as the JSON object of `trials --json`.
+pub fn summary_json(s: &Summary) -> Map<String, Value> {
+    let (lo, hi) = wilson(s.successes, s.trials);
+    let mut map = Map::new();
+    for (name, value) in [
+        ("trials", json!(s.trials)),
+        ("successes", json!(s.successes)),
+        ("success_rate_95", json!([lo, hi])),
+        ("descents", json!(s.descents[0])),
+        ("descents_ended_badly", json!(s.descents[1])),
+        ("unsafe", json!(s.unsafe_trials)),
+        ("unsafe_at_most_95", json!(at_most_95(s.unsafe_trials, s.trials))),
+        ("unsafe_contacts", json!(s.unsafe_contacts)),
+        ("water_contacts", json!(s.water_contacts)),
+        ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
+        ("failures", json!(s.failures)),
+        ("likelihood", json!(s.likelihood)),
+    ] {
+        map.insert(name.into(), value);
+    }
+    if let Some(collisions) = s.keep_out_collisions {
+        map.insert("keep_out_collisions".into(), json!(collisions));
+    }
+    map.extend(
+        s.metrics
+            .iter()
+            .map(|(name, statistics)| ((*name).into(), json!(statistics))),
+    );
+    map
+}

@@ -1,0 +1,108 @@
+//! Documents of headings, texts, tables and charts, as Markdown and as one HTML page.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::table::{Table, escape};
+
+/// A part of a document.
+pub enum Block {
+    /// A heading.
+    Heading(String),
+    /// A paragraph.
+    Text(String),
+    /// A list.
+    Items(Vec<String>),
+    /// A table.
+    Table(Table),
+    /// A chart under its caption; on the page only.
+    Chart(Chart),
+    /// Lines as they are.
+    Lines(Vec<String>),
+}
+
+/// A drawing (SVG) and its caption.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Caption.
+    pub caption: String,
+    /// SVG.
+    pub svg: String,
+}
+
+/// A document.
+pub struct Document {
+    /// Its title.
+    pub title: String,
+    /// Its parts.
+    pub blocks: Vec<Block>,
+}
+
+/// Style of a page.
+const STYLE: &str = "\
+    *{box-sizing:border-box}\
+    body{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:100rem;padding:0 .8rem;color:#222}\
+    h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}\
+    .wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
+    th,td{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap;vertical-align:top}\
+    th{border-bottom:2px solid #999}\
+    .text{text-align:left}.new td{border-top:2px solid #bbb}.bad{color:#a02020;font-weight:600}\
+    .good{color:#1c6b34}small{color:#666}code{font-size:.9em;overflow-wrap:anywhere}\
+    svg{display:block;width:100%;max-width:60rem}\
+    td:first-child,th:first-child{position:sticky;left:0;background:#fff}\
+    pre{overflow-x:auto;background:#f6f6f6;padding:.6rem}";
+
+impl Document {
+    /// As Markdown, without its charts.
+    pub fn markdown(&self) -> String {
+        let mut out = format!("# {}\n", self.title);
+        for block in &self.blocks {
+            let _ = match block {
+                Block::Heading(text) => writeln!(out, "\n## {text}"),
+                Block::Text(text) => writeln!(out, "\n{text}"),
+                Block::Items(items) => writeln!(out, "\n- {}", items.join("\n- ")),
+                Block::Table(table) => write!(out, "\n{}", table.markdown()),
+                Block::Chart(_) => Ok(()),
+                Block::Lines(lines) => writeln!(out, "\n```\n{}\n```", lines.join("\n")),
+            };
+        }
+        out
+    }
+    /// As one HTML page, readable on a wide and a narrow screen.
+    pub fn html(&self) -> String {
+        let mut out = format!(
+            "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+             <title>{0}</title><style>{STYLE}</style><h1>{0}</h1>",
+            escape(&self.title)
+        );
+        for block in &self.blocks {
+            let _ = match block {
+                Block::Heading(text) => write!(out, "<h2>{}</h2>", escape(text)),
+                Block::Text(text) => write!(out, "<p>{}</p>", escape(text)),
+                Block::Items(items) => {
+                    let items: String = items.iter().map(|i| format!("<li>{}</li>", escape(i))).collect();
+                    write!(out, "<ul>{items}</ul>")
+                }
+                Block::Table(table) => write!(out, "{}", table.html()),
+                Block::Chart(Chart { caption, svg }) => {
+                    write!(out, "<h2>{}</h2><div class=\"wide\">{svg}</div>", escape(caption))
+                }
+                Block::Lines(lines) => write!(out, "<pre>{}</pre>", escape(&lines.join("\n"))),
+            };
+        }
+        out.push_str("</html>\n");
+        out
+    }
+}
+
+/// Writes files into the directory `out`, which is made when it is not there.
+pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
+    std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
+    for (name, text) in files {
+        let path = out.join(name);
+        std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+    }
+    Ok(())
+}

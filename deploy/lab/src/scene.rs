@@ -1,0 +1,224 @@
+//! From flags and files to a scenario and the configuration of the nodes.
+
+use std::path::Path;
+
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::terminal;
+use alight_shared::config::{self, Check, Keys, commented};
+use alight_sim::harness::outcome::TIME_LIMIT_S;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::sea::SeaConfig;
+use alight_uav::autopilot::modes::Firmware;
+use serde::de::DeserializeOwned;
+
+use crate::args::{Autopilot, SceneArgs, WindArg};
+
+/// Prints the simulated world's configuration with every default.
+pub fn print_defaults() -> Result<Exit, CliError> {
+    let text = commented(&Scenario::default());
+    let text = text.map_err(|e| CliError::because("writing the scenario as TOML", e))?;
+    terminal::line(text.trim_end());
+    Ok(Exit::Success)
+}
+
+/// What is flown.
+pub struct Scene {
+    /// The world.
+    pub scenario: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+    /// The sea as the person named it.
+    pub sea: String,
+    /// The flags that lead to this scene, for a replay command.
+    pub flags: String,
+    /// What a person should know of it.
+    pub remarks: Vec<String>,
+}
+
+impl Scene {
+    /// Files first, then flags over them; everything checked. Remarks are printed.
+    pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
+        let scene = Scene::unremarked(args)?;
+        // On standard error: the result stands alone on standard output.
+        scene.remarks.iter().for_each(|r| terminal::note(true, r));
+        Ok(scene)
+    }
+
+    /// The same, with nothing printed.
+    pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
+        let mut remarks = Vec::new();
+        let mut sea = "moderate".to_string();
+        let mut scenario = Scenario::default();
+        if let Some(path) = &args.scenario {
+            sea = "scenario".into();
+            scenario = config::load(path)?;
+        }
+        let vessel: VesselComputer = computer(args.vessel_config.as_deref())?;
+        let drone: DroneComputer = computer(args.drone_config.as_deref())?;
+        let mut nodes = NodeConfigs {
+            vessel: vessel.vessel,
+            deck: vessel.deck,
+            bridge: drone.bridge,
+            autopilot: drone.autopilot,
+            drone: drone.drone,
+            baseline: None,
+        };
+        if args.scenario.is_none() {
+            // The deck carries what the drone's file says.
+            scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
+        }
+        let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
+        if args.drone_config.is_some() && flies != believed {
+            remarks.push(format!(
+                "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config is what it believes \
+                 ({} kg): set both alike, unless the difference is meant",
+                flies.mass_kg, believed.mass_kg
+            ));
+        }
+        if let Some(given) = &args.sea {
+            sea = given.text.clone();
+            scenario.sea = given.config.clone();
+        } else if let Some(state) = args.sea_state {
+            sea = format!("sea state {state}");
+            scenario.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
+        } else if args.hull.is_some() && args.scenario.is_none() {
+            sea = "jonswap:1,5".into();
+            scenario.sea = SeaConfig::jonswap(1.0, 5.0);
+        }
+        if let Some(hull) = &args.hull {
+            let installed = scenario.install_hull(&mut nodes, hull);
+            installed.map_err(|e| CliError::because("--hull", e))?;
+        }
+        if let Some(planner) = args.planner {
+            planner.select(&mut nodes);
+        }
+        if let Some(autopilot) = args.autopilot {
+            scenario.drone.autopilot.firmware = match autopilot {
+                Autopilot::Px4 => Firmware::Px4,
+                Autopilot::Ardupilot => Firmware::ArduCopter,
+            };
+        }
+        if let Some(course) = args.vessel {
+            scenario.vessel.course = course.into();
+        }
+        if let Some(speed) = args.speed {
+            if !scenario.vessel.course.is_under_way() {
+                return Err(CliError(format!(
+                    "--speed {speed}: the vessel is not under way and has no speed; name her course with --vessel \
+                     straight, square, zigzag, turn or speed-change"
+                )));
+            }
+            scenario.vessel.speed_mps = speed;
+        }
+        match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
+            true => scenario.differ_from_belief(&mut nodes),
+            false => scenario.draws.on = false,
+        }
+        match args.wind {
+            None => {}
+            Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
+            Some(WindArg::Auto) => scenario.raise_wind(),
+        }
+        if let Some(stay_s) = args.stay {
+            scenario.stay_s = stay_s;
+        }
+        scenario.begin_anyway |= args.begin_anyway;
+        if let Some(outage) = args.outage_at {
+            scenario.radio_outage = outage.0.map(|state| StateOutage {
+                state,
+                after_s: 0.0,
+                duration_s: args.outage_duration.unwrap_or(f64::INFINITY),
+            });
+        }
+        if let Some(path) = &args.deck_motion {
+            let default = DeckMotionConfig::default();
+            scenario.deck_motion = Some(DeckMotionConfig {
+                file: path.into(),
+                scale: args.motion_scale.unwrap_or(default.scale),
+                speed: args.motion_speed.unwrap_or(default.speed),
+                start_s: args.motion_start.unwrap_or(default.start_s),
+                keep_mean: args.keep_mean || default.keep_mean,
+                ..default
+            });
+        }
+        let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
+        if let Some(motion) = &mut scenario.deck_motion
+            && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
+        {
+            let file = motion.file.display();
+            remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
+            let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
+            if facts.heave && !is_sea_given {
+                motion.water_follows = true;
+                scenario.sea = SeaConfig::paper(0.0, 5.0);
+                sea = "with the deck".into();
+            } else if facts.heave && args.deck_motion.is_some() {
+                remarks.push(format!(
+                    "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
+                     sink into the water; without --sea, --sea-state and --scenario the water follows"
+                ));
+            }
+        }
+        scenario.sensors.render.on |= args.render_camera;
+        scenario.check(&Keys::ROOT)?;
+        let given = args.given().into_iter().filter(|(name, _)| *name != "planner");
+        let planner = ("planner", nodes.planner_name().to_string());
+        let flags: Vec<String> = given.chain([planner]).map(|(n, v)| written(n, &v)).collect();
+        Ok(Scene {
+            flags: flags.join(" "),
+            scenario,
+            nodes,
+            sea,
+            remarks,
+        })
+    }
+    /// Makes the world what the configurations describe: deck, keep-out volumes, airframe, places of the sensors.
+    pub fn describe(&mut self) {
+        let (world, nodes) = (&mut self.scenario, &self.nodes);
+        world.describe(
+            &nodes.drone.deck,
+            &nodes.vessel.surroundings,
+            &nodes.drone.airframe,
+        );
+        world.sensors.vessel_gnss.antenna_m = nodes.vessel.gnss.antenna_m;
+        world.sensors.vessel_imu.lever_arm_m = nodes.vessel.imu.lever_arm_m;
+        world.drone.contact.friction = nodes.drone.mission.friction;
+    }
+}
+
+/// A flag as a shell reads it.
+fn written(name: &str, value: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
+    match value {
+        "" => format!("--{name}"),
+        v if v.chars().all(plain) => format!("--{name} {v}"),
+        v => format!("--{name} '{v}'"),
+    }
+}
+
+/// The configuration of a computer, its defaults without a file. A hull's file is none, and the error says where it
+/// belongs.
+fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
+    let Some(path) = file else {
+        return Ok(T::default());
+    };
+    config::load(path).map_err(|e| {
+        let table = path.with_extension("csv");
+        if !table.exists() {
+            return e.into();
+        }
+        CliError(format!(
+            "{e}\na hull's file is given with --hull {}",
+            table.display()
+        ))
+    })
+}
+
+/// Seconds since the call, by the computer's clock: only ever shown, never used.
+#[allow(clippy::disallowed_methods)]
+pub fn stopwatch() -> impl Fn() -> f64 {
+    let start = std::time::Instant::now();
+    move || start.elapsed().as_secs_f64()
+}

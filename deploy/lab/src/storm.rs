@@ -1,0 +1,342 @@
+//! `alight storm`: landings with several drawn faults each, what must hold in every tick, and the shortest list of what
+//! broke it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::terminal::{self, Form, note};
+use alight_sim::harness::storm::watch::{Rule, Violation};
+use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink};
+use alight_transport::wake::end_requested;
+use clap::Args;
+use serde::Serialize;
+
+use super::scene::stopwatch;
+use super::trials::{in_parallel, seeds};
+
+/// Largest list that is read, bytes.
+const MAX_LIST_BYTES: u64 = 1 << 20;
+/// Seeds between two looks at the clock, per worker.
+const BATCH: u32 = 8;
+
+/// Arguments of `alight storm`.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "A violation prints the shortest list that still breaks the rule, as a file for --list.\n\
+  alight storm --trials 100 --faults 4\n  alight storm --for 480 --save violations\n  \
+  alight storm --list violations/17.toml\n\n\
+Exit codes: 0 every rule held, 1 one was broken, 2 bad input."
+)]
+pub struct StormArgs {
+    /// Storms to fly.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    trials: u32,
+    /// Fly as many as fit into so many seconds instead.
+    #[arg(long = "for", value_name = "S", conflicts_with = "trials", value_parser = clap::value_parser!(u32).range(1..=604_800))]
+    seconds: Option<u32>,
+    /// First seed.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed0: u64,
+    /// Faults in each.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_FAULTS as i64))]
+    faults: u8,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Fly this list instead, and show what happens.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["trials", "seconds", "seed0", "faults", "jobs", "save"])]
+    list: Option<PathBuf>,
+    /// Write the shortest list of each violation there, SEED.toml.
+    #[arg(long, value_name = "DIRECTORY")]
+    save: Option<PathBuf>,
+    /// Output format.
+    #[command(flatten)]
+    form: Form,
+}
+
+/// A rule that a storm broke.
+#[derive(Serialize)]
+struct Broken {
+    seed: u64,
+    violation: Violation,
+    /// The list as drawn, and the shortest that still breaks the rule.
+    storm: Storm,
+    shrunk: Storm,
+}
+
+/// The same as a row.
+#[derive(Serialize)]
+struct BrokenRow<'a> {
+    seed: u64,
+    #[serde(flatten)]
+    violation: &'a Violation,
+}
+
+/// A storm's end.
+struct StormEnd {
+    flown: Flown,
+    broken: Option<Box<Broken>>,
+}
+
+/// Summary of many storms.
+#[derive(Default, Serialize)]
+struct Summary {
+    storms: usize,
+    landed: usize,
+    waits: usize,
+    crashed: usize,
+    violations: BTreeMap<Rule, usize>,
+    /// Faults that began, and how many pairs of a kind and a state of those that there are.
+    faults_begun: usize,
+    kinds_begun: usize,
+    kinds: usize,
+    pairs_begun: usize,
+    storms_per_s: f64,
+    broken: Vec<Broken>,
+}
+
+/// Flies, shrinks, reports.
+pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
+    // The first call installs the handler: a signal from here on ends with what was flown.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    if let Some(path) = &args.list {
+        return fly_list(path, args.form);
+    }
+    if let Some(directory) = &args.save {
+        std::fs::create_dir_all(directory)
+            .doing(format_args!("making the directory {}", directory.display()))?;
+    }
+    let elapsed = stopwatch();
+    let cores = || u32::try_from(rayon::current_num_threads()).unwrap_or(1);
+    let workers = args.jobs.map_or_else(cores, u32::from);
+    let mut all: Vec<StormEnd> = Vec::new();
+    let mut coverage = Coverage::default();
+    let mut next = args.seed0;
+    loop {
+        let left = args
+            .seconds
+            .map_or(args.trials.saturating_sub(flown_count(&all)), |_| u32::MAX);
+        let batch = seeds(next, left.min(BATCH * workers))?;
+        next = next.saturating_add(batch.len() as u64);
+        // Pairs of kind and state that began seldom are flown next.
+        let aims = coverage.aims(batch.len());
+        let batch: Vec<_> = batch.into_iter().zip(aims).collect();
+        let flown = in_parallel(args.jobs, "storms", &batch, |(seed, aim)| {
+            fly_seed(args, *seed, *aim)
+        })?;
+        let flown: Vec<StormEnd> = flown.into_iter().flatten().collect();
+        flown.iter().for_each(|end| coverage.add(&end.flown));
+        all.extend(flown);
+        let over = match args.seconds {
+            Some(s) => elapsed() >= f64::from(s),
+            None => flown_count(&all) >= args.trials,
+        };
+        if over || end_requested() {
+            break;
+        }
+    }
+    let summary = Summary::of(all, &coverage, elapsed());
+    if !args.form.print(&summary, &summary.rows())? {
+        terminal::line(summary.text());
+    }
+    Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
+}
+
+/// Storms that were flown so far.
+fn flown_count(all: &[StormEnd]) -> u32 {
+    u32::try_from(all.len()).unwrap_or(u32::MAX)
+}
+
+/// How often each kind began in each state, and how often a storm was aimed at that.
+#[derive(Default)]
+struct Coverage {
+    begun: BTreeMap<(Kind, &'static str), usize>,
+    aimed: BTreeMap<(Kind, &'static str), usize>,
+}
+
+impl Coverage {
+    fn add(&mut self, flown: &Flown) {
+        for (kind, state, _) in &flown.began {
+            *self.begun.entry((*kind, state.name())).or_default() += 1;
+        }
+    }
+    /// The next `n` pairs to aim at: those that began and were aimed at least often; none before anything was flown.
+    fn aims(&mut self, n: usize) -> Vec<Option<Pair>> {
+        if self.begun.is_empty() {
+            return vec![None; n];
+        }
+        let name = |(kind, state): &Pair| (*kind, state.name());
+        let count = |of: &BTreeMap<_, usize>, pair: &Pair| of.get(&name(pair)).copied().unwrap_or(0);
+        let mut all: Vec<Pair> = pairs().collect();
+        all.sort_by_key(|pair| count(&self.begun, pair) + count(&self.aimed, pair));
+        let aims: Vec<Option<Pair>> = all.into_iter().cycle().take(n).map(Some).collect();
+        for pair in aims.iter().flatten() {
+            *self.aimed.entry(name(pair)).or_default() += 1;
+        }
+        aims
+    }
+}
+
+/// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
+fn fly_seed(args: &StormArgs, seed: u64, aim: Option<Pair>) -> Result<Option<StormEnd>, CliError> {
+    if end_requested() {
+        return Ok(None);
+    }
+    let drawn = Storm::drawn(seed, usize::from(args.faults));
+    let storm = match aim {
+        Some(pair) => drawn.aimed(pair),
+        None => drawn,
+    };
+    let silent = &mut |_: f64, _: &str| {};
+    let doing = format!("setting up the storm of seed {seed}");
+    let flown = fly(&storm, silent).doing(&doing)?;
+    let broken = flown.violation.map(|violation| {
+        let breaks = |s: &Storm| {
+            if end_requested() {
+                return None;
+            }
+            let again = fly(s, &mut |_, _| {}).ok()?;
+            again.violation.map(|v| v.rule)
+        };
+        let shrunk = shrink(&storm, violation.rule, breaks);
+        Box::new(Broken {
+            seed,
+            violation,
+            storm,
+            shrunk,
+        })
+    });
+    if let Some(broken) = &broken {
+        show(args, broken)?;
+    }
+    Ok(Some(StormEnd { flown, broken }))
+}
+
+/// Reads a list.
+pub fn read_list(path: &Path) -> Result<Storm, CliError> {
+    let doing = format_args!("reading the list {}", path.display());
+    let length = std::fs::metadata(path).doing(doing)?.len();
+    if length > MAX_LIST_BYTES {
+        return Err(CliError(format!(
+            "{doing}: it has {length} bytes, and a list has at most {MAX_LIST_BYTES}"
+        )));
+    }
+    let text = std::fs::read_to_string(path).doing(doing)?;
+    Storm::read(&text).doing(doing)
+}
+
+/// Flies a list and shows what happens.
+fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
+    let storm = read_list(path)?;
+    let mut show = |t_s: f64, line: &str| note(form.alone(), format_args!("{t_s:>7.2} s  {line}"));
+    let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
+    if !form.print(&flown, &[&flown])? {
+        let end = match flown.ending {
+            Ending::Landed => "landed: every rule held",
+            Ending::Waits => "waits for a stated reason: every rule held",
+            Ending::Crashed => "crashed under a fault that excuses it: every rule held",
+            Ending::Violated => "a rule was broken",
+        };
+        terminal::line(format_args!("{:>7.2} s  {end}", flown.lasted_s));
+    }
+    Ok(Exit::of(flown.ending != Ending::Violated))
+}
+
+/// Prints a violation with its list, in one piece: several threads do.
+fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
+    let (seed, text) = (broken.seed, broken.shrunk.text());
+    let list = match &args.save {
+        Some(directory) => {
+            let path = directory.join(format!("{seed}.toml"));
+            std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+            format!("  replay: alight storm --list {}", path.display())
+        }
+        None => text.lines().map(|line| format!("  {line}\n")).collect(),
+    };
+    let list = list.trim_end();
+    note(
+        args.form.alone(),
+        format_args!("seed {seed}: {}\n{list}", broken.violation),
+    );
+    Ok(())
+}
+
+impl Summary {
+    fn of(all: Vec<StormEnd>, coverage: &Coverage, elapsed_s: f64) -> Summary {
+        let mut summary = Summary {
+            storms: all.len(),
+            kinds: Kind::ALL.len(),
+            storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
+            ..Summary::default()
+        };
+        for StormEnd { flown, broken } in all {
+            match flown.ending {
+                Ending::Landed => summary.landed += 1,
+                Ending::Waits => summary.waits += 1,
+                Ending::Crashed => summary.crashed += 1,
+                Ending::Violated => {}
+            }
+            if let Some(v) = flown.violation {
+                *summary.violations.entry(v.rule).or_default() += 1;
+            }
+            summary.faults_begun += flown.began.len();
+            summary.broken.extend(broken.map(|b| *b));
+        }
+        summary.pairs_begun = coverage.begun.len();
+        let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
+        summary.kinds_begun = kinds.len();
+        summary
+    }
+    /// The broken rules, without the lists of faults, which --save writes.
+    fn rows(&self) -> Vec<BrokenRow<'_>> {
+        self.broken
+            .iter()
+            .map(|b| BrokenRow {
+                seed: b.seed,
+                violation: &b.violation,
+            })
+            .collect()
+    }
+    fn text(&self) -> String {
+        let Summary {
+            storms,
+            landed,
+            waits,
+            crashed,
+            faults_begun,
+            kinds_begun,
+            kinds,
+            pairs_begun,
+            storms_per_s,
+            ..
+        } = self;
+        format!(
+            "{storms} storms: {landed} landed, {waits} wait for a stated reason, {crashed} crashed under a fault that excuses it, {} broke a rule\n\
+             {faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
+             {storms_per_s:.1} storms/s",
+            self.broken.len()
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aims_go_through_all_pairs() {
+        let mut coverage = Coverage::default();
+        assert!(coverage.aims(3).iter().all(Option::is_none));
+        // One began; the others never do, as of a state that is not reached.
+        let (kind, state) = pairs().next().unwrap();
+        coverage.begun.insert((kind, state.name()), 1);
+        let all = pairs().count();
+        let mut aimed: Vec<Pair> = (0..all).flat_map(|_| coverage.aims(1)).flatten().collect();
+        aimed.sort_by_key(|(kind, state)| (*kind, state.name()));
+        aimed.dedup();
+        assert!(aimed.len() + 1 >= all, "{} of {all}", aimed.len());
+    }
+}

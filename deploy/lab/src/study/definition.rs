@@ -1,0 +1,203 @@
+//! The file of a study: which scenes are flown, by which planners, and what is published of them.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use alight_computer::exit::{CliError, Doing};
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+/// The studies that the program has with it.
+const SHIPPED: [(&str, &str); 12] = [
+    ("table2", include_str!("../../../../tests/studies/table2.toml")),
+    ("seas", include_str!("../../../../tests/studies/seas.toml")),
+    ("moving", include_str!("../../../../tests/studies/moving.toml")),
+    ("rocking", include_str!("../../../../tests/studies/rocking.toml")),
+    ("wind", include_str!("../../../../tests/studies/wind.toml")),
+    ("sensors", include_str!("../../../../tests/studies/sensors.toml")),
+    ("size", include_str!("../../../../tests/studies/size.toml")),
+    ("link", include_str!("../../../../tests/studies/link.toml")),
+    ("faa", include_str!("../../../../tests/studies/faa.toml")),
+    ("budget", include_str!("../../../../tests/studies/budget.toml")),
+    (
+        "underway",
+        include_str!("../../../../tests/studies/underway.toml"),
+    ),
+    (
+        "ablation",
+        include_str!("../../../../tests/studies/ablation.toml"),
+    ),
+];
+
+/// What is published of a scene.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    position_error_m: f64,
+    landing_time_s: f64,
+    touchdown_speed_mps: f64,
+}
+
+impl Published {
+    /// The metric of that name.
+    pub fn metric(&self, name: &str) -> Option<f64> {
+        match name {
+            "position_error_m" => Some(self.position_error_m),
+            "landing_time_s" => Some(self.landing_time_s),
+            "touchdown_speed_mps" => Some(self.touchdown_speed_mps),
+            _ => None,
+        }
+    }
+}
+
+/// Changes of the scene that the command line describes.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Changes {
+    /// Its name in tables.
+    pub name: String,
+    /// The world is what the configurations describe: deck, keep-out volumes, airframe.
+    pub as_configured: bool,
+    /// The simulated vessel's engines are strong enough for her speed.
+    pub powered: bool,
+    /// What is published of it, by planner.
+    pub published: BTreeMap<String, Published>,
+    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files that
+    /// these flags name.
+    #[serde(flatten)]
+    pub flags: Table,
+}
+
+/// One thing that a grid varies.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// What it is.
+    pub name: String,
+    /// What it takes.
+    pub choice: Vec<Changes>,
+}
+
+/// Scenes by all combinations of the choices of its axes.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Its axes.
+    pub axis: Vec<Axis>,
+    /// Drawn as curves over one axis by the other.
+    #[serde(default)]
+    pub curves: bool,
+}
+
+/// What outcomes are pooled by, where this is no axis.
+pub const BY_ROW: &str = "row";
+
+/// A study.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Definition {
+    /// What it measures.
+    pub title: String,
+    /// Changes of every scene.
+    #[serde(default)]
+    pub all: Changes,
+    /// Planners, the first of which the others are compared with; the configured one where there are none.
+    #[serde(default)]
+    pub planner: Vec<Changes>,
+    /// Scenes, one by one.
+    #[serde(default)]
+    pub row: Vec<Changes>,
+    /// More scenes.
+    #[serde(default)]
+    pub grid: Vec<Grid>,
+    /// The axis by whose choices outcomes are pooled, or [`BY_ROW`].
+    pub pooled_by: Option<String>,
+    /// Whose published figures stand beside planners of which none are published.
+    #[serde(default)]
+    pub beat: String,
+    /// Published landings of how many, by planner, over all scenes.
+    #[serde(default)]
+    pub published_landed: BTreeMap<String, [u32; 2]>,
+}
+
+/// The text of the study called `name`, or of the file of that name.
+pub fn text(name: &str) -> Result<String, CliError> {
+    if let Some((_, text)) = SHIPPED.iter().find(|(n, _)| *n == name) {
+        return Ok((*text).into());
+    }
+    if Path::new(name).extension().is_none_or(|e| e != "toml") {
+        let known: Vec<&str> = SHIPPED.iter().map(|(n, _)| *n).collect();
+        return Err(CliError(format!(
+            "study {name}: neither a study ({}, camera, merge) nor a file FILE.toml; choose one of them",
+            known.join(", ")
+        )));
+    }
+    std::fs::read_to_string(name).doing(format_args!("reading the study {name}"))
+}
+
+/// Reads a study; `origin` names the text in errors.
+pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
+    let doing = || format!("reading the study {origin}");
+    let definition: Definition = toml::from_str(text).doing(doing())?;
+    let axes = definition.grid.iter().flat_map(|g| &g.axis);
+    let empty = axes.clone().find(|a| a.choice.is_empty());
+    if let Some(axis) = empty {
+        let why = format!("the axis `{}` has no choice; give it one", axis.name);
+        return Err(CliError::because(doing(), why));
+    }
+    let by = definition.pooled_by.as_deref().unwrap_or(BY_ROW);
+    if by != BY_ROW && axes.clone().all(|a| a.name != by) {
+        let why = format!("pooled_by = \"{by}\" is no axis; name one, or \"{BY_ROW}\"");
+        return Err(CliError::because(doing(), why));
+    }
+    if definition.row.is_empty() && definition.grid.is_empty() {
+        return Err(CliError::because(
+            doing(),
+            "no scene; write a [[row]] or a [[grid]]",
+        ));
+    }
+    Ok(definition)
+}
+
+/// The studies with what they measure, for `--help`.
+pub fn help() -> String {
+    let line = |(name, text): &(&str, &str)| {
+        let title = parse(text, name).map(|d| d.title).unwrap_or_default();
+        format!("  {name:<10} {title}\n")
+    };
+    let shipped: String = SHIPPED.iter().map(line).collect();
+    format!(
+        "Studies:\n{shipped}  camera     The camera node on rendered images, beside its measurement model\n  \
+         merge      Join the rows of shards: study merge --out ALL shard-1 shard-2\n\n\
+         A flag that an axis or every row sets leaves the scenes that agree with it, or takes their place; others hold for all."
+    )
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// The studies that the program has with it.
+    pub fn shipped() -> impl Iterator<Item = (&'static str, Definition)> {
+        SHIPPED
+            .iter()
+            .map(|(name, text)| (*name, parse(text, name).unwrap()))
+    }
+
+    #[test]
+    fn study_definition_rejections() {
+        for (text, why) in [
+            ("title = \"x\"", "no scene"),
+            ("title = \"x\"\nrows = []", "unknown field `rows`"),
+            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "no axis"),
+            (
+                "title = \"x\"\n[[grid]]\n[[grid.axis]]\nname = \"hull\"\nchoice = []",
+                "no choice",
+            ),
+        ] {
+            let e = parse(text, "own.toml").unwrap_err().0;
+            assert!(e.contains(why) && e.contains("own.toml"), "{e}");
+        }
+        assert!(super::text("nothing").unwrap_err().0.contains("table2"));
+    }
+}

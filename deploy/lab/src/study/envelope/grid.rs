@@ -1,0 +1,184 @@
+//! The grid of an envelope: what is flown, and what became of each cell.
+
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::statistics::{at_most_95, successes_to_show, wilson};
+use serde_json::{Value, json};
+
+use crate::args::EnvelopeArgs;
+
+/// Relative winds of the full grid and of the quick one, m/s.
+const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
+const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
+
+/// What is flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Sea states, WMO code table 3700.
+    pub states: Vec<u8>,
+    /// Ascending, m/s.
+    pub winds: Vec<f64>,
+    /// Evenly spaced, the first from ahead.
+    pub directions: u16,
+    /// Landings tried in each cell.
+    pub trials: u32,
+    /// Landing rate that the limit asks for.
+    pub rate: f64,
+}
+
+/// What a cell is filled with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// None was unsafe, and as many landed as are asked for.
+    Landed,
+    /// None was unsafe, fewer landed.
+    Refused,
+    /// At least one was unsafe.
+    Unsafe,
+}
+
+impl Class {
+    /// Its name in the table and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Class::Landed => "landed",
+            Class::Refused => "refused",
+            Class::Unsafe => "unsafe",
+        }
+    }
+}
+
+/// One wind in one sea, and what became of the drones.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Sea state.
+    pub state: u8,
+    /// Relative wind, m/s.
+    pub wind_mps: f64,
+    /// Where it and the waves come from, clockwise from the bow, deg.
+    pub from_deg: f64,
+    /// Landings tried.
+    pub trials: usize,
+    /// At rest on the deck.
+    pub landed: usize,
+    /// No landing in time, and no contact beyond its limits.
+    pub refused: usize,
+    /// Seeds of those that were unsafe.
+    pub unsafe_seeds: Vec<u64>,
+    /// The most frequent reason of those that did not land.
+    pub reason: String,
+    /// Force with which the deck has to hold a landed drone, N; None: no force up to 1 kN is enough.
+    pub hold_n: Option<f64>,
+}
+
+impl Cell {
+    /// How many were unsafe.
+    pub fn unsafe_count(&self) -> usize {
+        self.unsafe_seeds.len()
+    }
+    /// What was seen, measured by the landing rate asked for.
+    pub fn class(&self, rate: f64) -> Class {
+        if self.unsafe_count() > 0 {
+            Class::Unsafe
+        // 0.55 of 20 is a little more than 11 in binary digits.
+        } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
+            Class::Landed
+        } else {
+            Class::Refused
+        }
+    }
+    /// Whether it is shown that at `rate` or more is landed.
+    fn is_within(&self, rate: f64) -> bool {
+        self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= rate
+    }
+    /// With the intervals of its rates.
+    pub fn json(&self, rate: f64) -> Value {
+        json!({
+            "class": self.class(rate).name(), "unsafe_at_most_95": at_most_95(self.unsafe_count(), self.trials),
+            "sea_state": self.state, "wind_mps": self.wind_mps, "from_deg": self.from_deg, "trials": self.trials,
+            "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
+            "refused": self.refused, "refused_interval": wilson(self.refused, self.trials),
+            "hold_n": self.hold_n, "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
+        })
+    }
+}
+
+impl Grid {
+    /// As the flags have it.
+    pub fn of(args: &EnvelopeArgs) -> Grid {
+        let quick = args.quick;
+        let mut winds = args.winds.clone();
+        if winds.is_empty() {
+            winds = if quick {
+                QUICK_MPS.to_vec()
+            } else {
+                FULL_MPS.to_vec()
+            };
+        }
+        winds.sort_by(f64::total_cmp);
+        winds.dedup();
+        let mut states = args.sea_states.clone();
+        if states.is_empty() {
+            states = if quick { vec![2, 3, 4] } else { vec![1, 2, 3, 4] };
+        }
+        states.sort_unstable();
+        states.dedup();
+        let rate = f64::from(args.rate) / 100.0;
+        let enough = u32::try_from(successes_to_show(rate)).unwrap_or(u32::MAX);
+        Grid {
+            rate,
+            states,
+            winds,
+            directions: args.directions.unwrap_or(if quick { 8 } else { 12 }),
+            trials: args.trials.unwrap_or(if quick { 5 } else { enough }),
+        }
+    }
+    /// Why no limit can be drawn, where too few are flown for one.
+    pub fn too_few(&self) -> Option<String> {
+        let (trials, needed) = (self.trials as usize, successes_to_show(self.rate));
+        let shown = 100.0 * wilson(trials, trials).0;
+        (trials < needed).then(|| {
+            format!(
+                "{trials} landings a cell are too few for a limit: all of them landed shows {shown:.0} %, and {:.0} % is \
+                 asked for, which needs {needed} landings a cell (--trials {needed})",
+                100.0 * self.rate
+            )
+        })
+    }
+    /// A sea state with its waves.
+    pub fn sea_name(state: u8) -> String {
+        let systems = SeaConfig::of_sea_state(state).unwrap_or_default().systems;
+        let waves = systems
+            .first()
+            .map(|w| (w.significant_height_m, w.peak_period_s))
+            .unwrap_or_default();
+        format!("sea state {state}: {:.1} m, {:.1} s", waves.0, waves.1)
+    }
+    /// Directions, clockwise from the bow, deg.
+    pub fn bearings(&self) -> impl Iterator<Item = f64> + Clone + use<> {
+        let n = self.directions;
+        (0..n).map(move |k| 360.0 * f64::from(k) / f64::from(n))
+    }
+    /// All cells: sea state, wind, direction.
+    pub fn conditions(&self) -> impl Iterator<Item = (u8, f64, f64)> {
+        let winds_of = |state: &u8| self.winds.iter().map(|wind| (*state, *wind)).collect::<Vec<_>>();
+        let winds = self.states.iter().flat_map(winds_of);
+        winds.flat_map(|(state, wind)| self.bearings().map(move |from| (state, wind, from)))
+    }
+    /// The force that the deck has to hold with in every wind from there, N; None: no force up to 1 kN is enough.
+    pub fn hold_n(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+        let here = cells
+            .iter()
+            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
+        here.map(|c| c.hold_n)
+            .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
+    }
+    /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
+    pub fn limit(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+        let here = cells
+            .iter()
+            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
+        here.take_while(|c| c.is_within(self.rate))
+            .last()
+            .map(|c| c.wind_mps)
+    }
+}

@@ -1,0 +1,454 @@
+//! `alight envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
+//! her papers (what navies call ship-helicopter operating limits).
+
+mod grid;
+mod hold;
+mod polar;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::table::{Cell as TableCell, Table};
+use alight_computer::terminal::note;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
+use serde_json::{Value, json};
+
+use super::report::replay_command;
+use super::rows::Row;
+use super::run::{self, GridRun};
+use crate::args::EnvelopeArgs;
+use crate::report::document::{Block, Chart, Document, write_files};
+use crate::scene::Scene;
+use grid::{Cell, Grid};
+
+/// Unsafe landings that the page flies again by a command.
+const MAX_UNSAFE: usize = 12;
+/// What the second table shows.
+const HOLD_TITLE: &str =
+    "hold_n, N, with which a landed drone stays in every wind flown (0: friction is enough; -: over 1 kN)";
+
+fn name(state: u8, wind: f64, from: f64) -> String {
+    format!("sea state {state}, {wind} m/s from {from:.0} deg")
+}
+
+/// The scene of one condition: the bow to the north, wind and waves from where they come relative to her.
+fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> Row {
+    let mut world = base.scenario.clone();
+    world.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
+    world.sea.mean_direction_deg = Some((from + 180.0).rem_euclid(360.0));
+    world.vessel.heading_deg = Some(0.0);
+    let way = if world.vessel.course.is_under_way() {
+        world.vessel.speed_mps
+    } else {
+        0.0
+    };
+    let (east, north) = from.to_radians().sin_cos();
+    let (north, east) = (way - wind * north, -wind * east);
+    world.drone.wind.mean_mps = north.hypot(east);
+    world.drone.wind.to_deg = Some(east.atan2(north).to_degrees());
+    world.drone.wind.with_waves = false;
+    Row::of(name(state, wind, from), world, base.nodes.clone())
+}
+
+/// Why, without the judge's words before what the mission waits for.
+fn waits_for(failure: &FailureCount) -> String {
+    let why = failure.reason.rsplit("mission waiting: ").next();
+    why.unwrap_or_default().into()
+}
+
+/// What became of each condition.
+fn cells(grid: &Grid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<Cell> {
+    let cell = |((state, wind_mps, from_deg), hold_n): (_, &Option<f64>)| {
+        let name = name(state, wind_mps, from_deg);
+        let set: Vec<Outcome> = outcomes.iter().filter(|o| o.sea == name).cloned().collect();
+        let summary = Summary::of(&set);
+        Cell {
+            state,
+            wind_mps,
+            from_deg,
+            trials: summary.trials,
+            landed: summary.successes,
+            refused: set.iter().filter(|o| o.is_refused()).count(),
+            unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
+            reason: summary.failures.first().map(waits_for).unwrap_or_default(),
+            hold_n: *hold_n,
+        }
+    };
+    grid.conditions().zip(holds).map(cell).collect()
+}
+
+/// The base of all scenes: the boat and the drone as their configurations describe them.
+fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
+    let s = &args.scene;
+    let own = [
+        ("sea", s.sea.is_some()),
+        ("sea-state", s.sea_state.is_some()),
+        ("wind", s.wind.is_some()),
+        ("deck-motion", s.deck_motion.is_some()),
+    ];
+    if let Some((flag, _)) = own.iter().find(|(_, given)| *given) {
+        return Err(CliError(format!(
+            "--{flag}: the envelope flies seas and winds of its own; choose them with --sea-states, --winds and \
+             --directions"
+        )));
+    }
+    let mut base = Scene::of(s)?;
+    if s.scenario.is_none() {
+        base.describe();
+    }
+    Ok(base)
+}
+
+/// Flies what is missing of the envelope and draws it.
+pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
+    let (grid, base) = (Grid::of(args), base(args)?);
+    let scenes: Vec<Row> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
+    note(
+        args.form.alone(),
+        format_args!(
+            "envelope: {} landings on {boat}, {} in each of {} cells; a run that is cut off goes on where it stopped",
+            scenes.len() * grid.trials as usize,
+            grid.trials,
+            scenes.len()
+        ),
+    );
+    if let Some(why) = grid.too_few() {
+        note(true, format_args!("warning: {why}"));
+    }
+    let flights = GridRun {
+        study: "# alight envelope\n",
+        trials: grid.trials,
+        seed0: args.seed0,
+        jobs: args.jobs,
+        out: Some(&args.out),
+        shard: None,
+        within: None,
+        records_failed: false,
+        alone: args.form.alone(),
+    };
+    let outcomes = run::fly_grid(&flights, &scenes)?;
+    let holds = hold::needed_n(&scenes, args.seed0, args.jobs)?;
+    let cells = cells(&grid, &outcomes, &holds);
+    let hash = run::configuration_hash(&base.nodes);
+    let title = format!("Landing envelope of {boat}");
+    let limits = by_direction(&grid, |state, from| grid.limit(&cells, state, from));
+    let needed = by_direction(&grid, |state, from| grid.hold_n(&cells, state, from));
+    note(
+        args.form.alone(),
+        format_args!(
+            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)\n{}\n{}\n\
+             {HOLD_TITLE}\n{}",
+            100.0 * grid.rate,
+            limits.text(),
+            bound(&cells),
+            needed.text()
+        ),
+    );
+    let rows: Vec<Value> = cells.iter().map(|c| c.json(grid.rate)).collect();
+    let value = json!({
+        "hull": boat, "configuration": hash, "grid": { "sea_states": grid.states, "winds_mps": grid.winds,
+        "directions": grid.directions, "trials": grid.trials, "seed0": args.seed0 },
+        "rate": grid.rate, "too_few": grid.too_few(),
+        "cells": rows,
+    });
+    let svg = polar::draw(&grid, &cells, &title).map_err(|e| CliError::because("drawing the envelope", e))?;
+    let page = document(
+        &grid,
+        &cells,
+        [limits, needed],
+        (&title, &hash),
+        &svg,
+        &unsafe_landings(&args.out, &scenes, &outcomes),
+    );
+    write_files(
+        &args.out,
+        &[
+            ("envelope.svg", svg),
+            ("envelope.html", page.html()),
+            ("envelope.json", value.to_string()),
+        ],
+    )?;
+    note(
+        args.form.alone(),
+        format_args!("written: {}", args.out.join("envelope.html").display()),
+    );
+    args.form.print(&value, &rows)?;
+    Ok(Exit::Success)
+}
+
+/// What can be said of unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
+/// independent of each other.
+fn bound(cells: &[Cell]) -> String {
+    let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
+    let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
+    format!(
+        "unsafe: {} of {} landings, in {} of {draws} draws of sea and wind; of all draws, with 95 % confidence, at most \
+         {:.1} % are unsafe in a cell",
+        cells.iter().map(Cell::unsafe_count).sum::<usize>(),
+        cells.iter().map(|c| c.trials).sum::<usize>(),
+        seeds.len(),
+        100.0 * at_most_95(seeds.len(), draws)
+    )
+}
+
+/// A figure by direction (a row each) and sea state.
+fn by_direction(grid: &Grid, figure: impl Fn(u8, f64) -> Option<f64>) -> Table {
+    let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
+    let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
+    for from in grid.bearings() {
+        let of_state = |s: &u8| TableCell::number(figure(*s, from), 0);
+        let row = core::iter::once(TableCell::number(from, 0));
+        table.row(row.chain(grid.states.iter().map(of_state)));
+    }
+    table
+}
+
+/// The first unsafe landings, with the command that flies each again.
+fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String> {
+    let line = |o: &Outcome| {
+        let row = rows.iter().find(|r| r.scenario == o.sea);
+        let again = row.and_then(|r| replay_command(out, r)).unwrap_or_default();
+        format!(
+            "{}: {} ({})\n    {again} --seed {}",
+            o.sea,
+            o.outcome.name(),
+            o.reason,
+            o.seed
+        )
+    };
+    outcomes
+        .iter()
+        .filter(|o| o.is_unsafe())
+        .take(MAX_UNSAFE)
+        .map(line)
+        .collect()
+}
+
+fn document(
+    grid: &Grid,
+    cells: &[Cell],
+    [limits, needed]: [Table; 2],
+    (title, hash): (&str, &str),
+    svg: &str,
+    unsafe_landings: &[String],
+) -> Document {
+    let heads = [
+        "sea state",
+        "wind m/s",
+        "from deg",
+        "landed",
+        "95 %",
+        "refused",
+        "95 %",
+        "unsafe",
+        "95 %",
+        "class",
+        "hold N",
+        "mostly",
+    ];
+    let mut table = Table::new(1..9, heads);
+    for c in cells {
+        let interval = |n: usize| {
+            let (lo, hi) = wilson(n, c.trials);
+            TableCell::from(format_args!("{:.0}-{:.0} %", 100.0 * lo, 100.0 * hi))
+        };
+        let bad = c.unsafe_count();
+        let count = TableCell::from(bad);
+        table.row([
+            c.state.into(),
+            c.wind_mps.into(),
+            TableCell::number(c.from_deg, 0),
+            format_args!("{}/{}", c.landed, c.trials).into(),
+            interval(c.landed),
+            c.refused.into(),
+            interval(c.refused),
+            if bad == 0 { count } else { count.judged(false) },
+            interval(bad),
+            c.class(grid.rate).name().into(),
+            TableCell::number(c.hold_n, 0),
+            (&c.reason).into(),
+        ]);
+    }
+    let mut blocks = vec![
+        Block::Text(format!(
+            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
+             vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
+             come from where the wind does. Refused: no landing in time, and no contact beyond its limits. Unsafe: \
+             everything else that is no landing. A cell is unsafe where one landing was, landed where at least {rate:.0} % \
+             of those tried landed, refused otherwise. The line is the limit: up to it every cell was landed in at least \
+             {rate:.0} % of all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
+            grid.trials,
+            rate = 100.0 * grid.rate
+        )),
+        Block::Text(format!("Over all cells, {}.", bound(cells))),
+        Block::Chart(Chart {
+            caption: "Landed, refused, unsafe by relative wind and sea state".into(),
+            svg: svg.into(),
+        }),
+        Block::Heading("The limit, m/s (-: not shown for the lightest wind)".into()),
+        Block::Table(limits),
+        Block::Heading(HOLD_TITLE.into()),
+        Block::Table(needed),
+        Block::Heading("All cells".into()),
+        Block::Table(table),
+    ];
+    if let Some(why) = grid.too_few() {
+        blocks.insert(1, Block::Text(format!("No limit: {why}.")));
+    }
+    if !unsafe_landings.is_empty() {
+        blocks.push(Block::Heading("Unsafe landings".into()));
+        blocks.push(Block::Lines(unsafe_landings.to_vec()));
+    }
+    Document {
+        title: title.into(),
+        blocks,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grid::Class;
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        args: EnvelopeArgs,
+    }
+    fn args(words: &str) -> EnvelopeArgs {
+        let words = core::iter::once("envelope").chain(words.split_whitespace());
+        Flags::try_parse_from(words).unwrap().args
+    }
+    fn cell(wind_mps: f64, landed: usize, refused: usize) -> Cell {
+        Cell {
+            state: 3,
+            wind_mps,
+            from_deg: 90.0,
+            trials: 4,
+            landed,
+            refused,
+            unsafe_seeds: (0..(4_usize.saturating_sub(landed + refused)) as u64).collect(),
+            reason: String::new(),
+            hold_n: (wind_mps < 10.0).then_some(4.0 * wind_mps),
+        }
+    }
+
+    #[test]
+    fn envelope_grid_of_wind_direction_and_sea() {
+        let grid = Grid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
+        assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 5));
+        assert_eq!(grid.conditions().count(), 8);
+        assert_eq!(grid.bearings().collect::<Vec<_>>(), [0.0, 90.0, 180.0, 270.0]);
+    }
+
+    #[test]
+    fn envelope_scene_relative_wind() {
+        let base = base(&args("--vessel straight --speed 3")).unwrap();
+        let s = scene(&base, (3, 8.0, 90.0)).world;
+        let to = s.drone.wind.to_deg.unwrap().to_radians();
+        // From starboard onto a vessel at 3 m/s northwards.
+        let relative = [
+            s.drone.wind.mean_mps * to.cos() - 3.0,
+            s.drone.wind.mean_mps * to.sin(),
+        ];
+        assert!(
+            relative[0].abs() < 1e-9 && (relative[1] + 8.0).abs() < 1e-9,
+            "{relative:?}"
+        );
+        assert_eq!(s.sea.mean_direction_deg, Some(270.0));
+    }
+
+    #[test]
+    fn envelope_limit_at_the_first_cell_beyond() {
+        let grid = Grid::of(&args("--winds 4,8,12 --rate 50"));
+        let limit = |cells: &[Cell]| grid.limit(cells, 3, 90.0);
+        assert_eq!(
+            limit(&[cell(4.0, 4, 0), cell(8.0, 4, 0), cell(12.0, 3, 1)]),
+            Some(8.0)
+        );
+        assert_eq!(
+            limit(&[cell(4.0, 4, 0), cell(8.0, 3, 0), cell(12.0, 4, 0)]),
+            Some(4.0)
+        );
+        assert_eq!(limit(&[cell(4.0, 0, 4), cell(8.0, 4, 0)]), None);
+    }
+
+    #[test]
+    fn envelope_cell_class() {
+        let class = |landed, refused| cell(4.0, landed, refused).class(0.75);
+        assert_eq!([class(4, 0), class(3, 1)], [Class::Landed; 2]);
+        assert_eq!([class(2, 2), class(0, 4)], [Class::Refused; 2]);
+        let exact = Cell {
+            trials: 20,
+            ..cell(4.0, 11, 9)
+        };
+        assert_eq!(exact.class(0.55), Class::Landed);
+        // One unsafe landing of four outweighs the three that landed.
+        assert_eq!(class(3, 0), Class::Unsafe);
+    }
+
+    #[test]
+    fn envelope_limit_only_where_enough_landed() {
+        let grid = Grid::of(&args("--winds 4,8"));
+        assert_eq!((grid.trials, grid.too_few()), (35, None));
+        let flown = |trials, landed| Cell {
+            trials,
+            ..cell(4.0, landed, trials - landed)
+        };
+        let limit = |c: Cell| grid.limit(&[c], 3, 90.0);
+        assert_eq!(limit(flown(35, 35)), Some(4.0));
+        // All of 34, and 34 of 35: the lower ends are 89.8 % and 85.5 %.
+        assert_eq!([limit(flown(34, 34)), limit(flown(35, 34))], [None; 2]);
+        let few = Grid::of(&args("--quick")).too_few().unwrap();
+        assert!(
+            few.contains("shows 57 %") && few.contains("needs 35 landings"),
+            "{few}"
+        );
+        assert_eq!(Grid::of(&args("--quick --rate 50")).too_few(), None);
+    }
+
+    #[test]
+    fn envelope_holding_force_of_a_direction() {
+        let grid = Grid::of(&args("--winds 4,8,12"));
+        let needed = |winds: &[f64]| {
+            let cells: Vec<Cell> = winds.iter().map(|w| cell(*w, 4, 0)).collect();
+            grid.hold_n(&cells, 3, 90.0)
+        };
+        assert_eq!(needed(&[4.0, 8.0]), Some(32.0));
+        assert_eq!(needed(&[4.0, 8.0, 12.0]), None);
+        // In a breeze astern of a boat at rest in sea state 1 friction is enough; in state 4 from abeam it is not.
+        let base = base(&args("--hull mono-5m")).unwrap();
+        let scenes = [(1, 3.0, 180.0), (4, 10.0, 90.0)].map(|c| scene(&base, c));
+        let force = hold::needed_n(&scenes, 1, Some(1)).unwrap();
+        assert_eq!(force[0], Some(0.0));
+        assert!(force[1].is_none_or(|n| n > 0.0), "{force:?}");
+    }
+
+    #[test]
+    fn envelope_picture_of_every_cell() {
+        let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
+        let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
+        let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();
+        assert!(
+            svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("!1/4"),
+            "{svg}"
+        );
+        assert!(svg.contains("no limit") && svg.contains("35"), "{svg}");
+        assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
+        let tables = [
+            by_direction(&grid, |s, from| grid.limit(&cells, s, from)),
+            by_direction(&grid, |s, from| grid.hold_n(&cells, s, from)),
+        ];
+        let page = document(&grid, &cells, tables, ("E", "h"), &svg, &[]).html();
+        assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
+        assert!(
+            page.contains("unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 %"),
+            "{page}"
+        );
+    }
+}

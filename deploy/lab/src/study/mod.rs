@@ -1,0 +1,120 @@
+//! `alight study` and `alight rao`: one thing measured over many seeds.
+
+mod camera;
+pub mod definition;
+pub mod envelope;
+pub mod pooled;
+mod report;
+mod rows;
+mod run;
+mod tasks;
+
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::table::{Cell, Table};
+use alight_computer::terminal;
+use alight_sim::physics::vessel::VesselConfig;
+use alight_sim::studies::rao::{WAVELENGTHS_M, rao as simulated_rao};
+use serde_json::json;
+
+use super::args::{RaoArgs, StudyArgs};
+
+/// Runs a study.
+pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
+    if !args.dirs.is_empty() && args.name != "merge" {
+        return Err(CliError("directories are given to `study merge` only".into()));
+    }
+    match args.name.as_str() {
+        name if args.tasks.is_some() => print_tasks(args, name)?,
+        "camera" => camera::run(args)?,
+        "merge" => merge(args)?,
+        name => fly(args, name)?,
+    }
+    Ok(Exit::Success)
+}
+
+/// Prints the commands that fly the study in parts.
+fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
+    if ["camera", "merge"].contains(&name) {
+        return Err(CliError(format!("study {name} flies nothing: it has no --tasks")));
+    }
+    let definition = definition::parse(&definition::text(name)?, name)?;
+    let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    let given = std::env::args_os().map(std::ffi::OsString::into_string);
+    let given: Vec<String> = given
+        .collect::<Result<_, _>>()
+        .map_err(|word| CliError(format!("--tasks: {} is no text", word.display())))?;
+    let seeds = args.tasks.unwrap_or(args.trials);
+    for command in tasks::commands(args, seeds, rows.rows.len(), &given)? {
+        terminal::line(command);
+    }
+    Ok(())
+}
+
+/// Flies the study of that name, or of the file of that name.
+fn fly(args: &StudyArgs, name: &str) -> Result<(), CliError> {
+    let text = definition::text(name)?;
+    let definition = definition::parse(&text, name)?;
+    let mut rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    if let Some(row) = args.row {
+        rows.keep(row).doing(format_args!("study {name}"))?;
+    }
+    let outcomes = run::fly_grid(&run::GridRun::of(args, &text), &rows.rows)?;
+    let hash = rows.rows.first().map(|r| run::configuration_hash(&r.nodes));
+    let study = report::Study {
+        title: &definition.title,
+        definition: &definition,
+        rows: &rows,
+        hash: &hash.unwrap_or_default(),
+        outcomes: &outcomes,
+    };
+    report::publish(args, &study)
+}
+
+/// Joins the rows of shards into `--out`.
+fn merge(args: &StudyArgs) -> Result<(), CliError> {
+    let Some(out) = &args.out else {
+        return Err(CliError(
+            "study merge: give the directory for the joined rows with --out".into(),
+        ));
+    };
+    let Some(first) = args.dirs.first() else {
+        return Err(CliError("study merge: name the directories of the shards".into()));
+    };
+    let (outcomes, hash) = run::join(&args.dirs, out)?;
+    let file = first.join(run::STUDY_FILE).display().to_string();
+    let definition = definition::parse(&definition::text(&file)?, &file)?;
+    let rows = rows::expand(&definition, args).doing(format_args!("study {file}"))?;
+    let study = report::Study {
+        title: &definition.title,
+        definition: &definition,
+        rows: &rows,
+        hash: &hash,
+        outcomes: &outcomes,
+    };
+    report::publish(args, &study)
+}
+
+/// The response amplitude operators of the simulated vessel.
+pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
+    let rows = WAVELENGTHS_M.map(|length_m| simulated_rao(&VesselConfig::default(), length_m));
+    if args.form.print(&json!({ "rows": rows }), &rows)? {
+        return Ok(Exit::Success);
+    }
+    let mut table = Table::new(0.., ["wavelength m", "period s", "surge", "heave", "pitch"]);
+    for r in rows {
+        let values = [
+            (r.wavelength_m, 1),
+            (r.period_s, 2),
+            (r.surge, 3),
+            (r.heave, 3),
+            (r.pitch, 3),
+        ];
+        table.row(values.map(|(value, digits)| Cell::number(value, digits)));
+    }
+    terminal::line(format_args!(
+        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave\n\
+         amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1\nand 1.",
+        table.text()
+    ));
+    Ok(Exit::Success)
+}

@@ -1,0 +1,470 @@
+//! The rows of a study: its scenes, each by its planners, as its file and the command line describe them.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::terminal;
+use alight_shared::config::{Check, Keys};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::vessel::Course;
+use clap::{Parser, ValueEnum};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+use super::definition::{Axis, BY_ROW, Changes, Definition, Grid, Published};
+use crate::args::{Planner, SceneArgs, StudyArgs};
+use crate::scene::Scene;
+
+/// The tables of changes: flags whose files they stand for.
+const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
+
+/// A scene flown by a planner.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// The scene's name in tables.
+    pub scenario: String,
+    /// The planner's.
+    pub planner: String,
+    /// What it is pooled with.
+    pub group: String,
+    /// What is published of the scene, by planner.
+    pub published: BTreeMap<String, Published>,
+    /// The world.
+    pub world: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+}
+
+impl Row {
+    /// Of a scene, with the planner that its nodes name.
+    pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> Row {
+        Row {
+            planner: nodes.planner_name().into(),
+            group: scenario.clone(),
+            published: BTreeMap::new(),
+            scenario,
+            world,
+            nodes,
+        }
+    }
+    /// Whether this is the outcome of one of its trials.
+    pub fn is_of(&self, o: &Outcome) -> bool {
+        (&self.scenario, &self.planner) == (&o.sea, &o.planner)
+    }
+    /// The kind of its planner, as the command line names it.
+    pub fn kind(&self) -> &'static str {
+        self.nodes.planner_name()
+    }
+}
+
+/// The names of the choices of a grid's two axes, to draw curves.
+pub struct CurveAxes(pub [(String, Vec<String>); 2]);
+
+/// A scene's name: those of its choices.
+pub fn joined<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let names: Vec<&str> = names.into_iter().filter(|n| !n.is_empty()).collect();
+    names.join(", ")
+}
+
+impl Changes {
+    /// The value of a flag, as the command line has it.
+    fn value(&self, flag: &str) -> Option<String> {
+        let (_, value) = self.flags.iter().find(|(key, _)| subject(key) == flag)?;
+        Some(match value {
+            Value::String(text) => text.clone(),
+            Value::Float(v) => v.to_string(),
+            Value::Boolean(on) if flag == "draws" => if *on { "on" } else { "off" }.into(),
+            Value::Boolean(_) => String::new(),
+            Value::Integer(_) | Value::Array(_) | Value::Datetime(_) | Value::Table(_) => value.to_string(),
+        })
+    }
+    /// Its flags as words of a command line.
+    fn words(&self) -> impl Iterator<Item = String> {
+        let word = |(key, value): (&String, &Value)| {
+            if value.is_table() && TABLES.contains(&key.as_str())
+                || value.as_bool() == Some(false) && key != "draws"
+            {
+                return None;
+            }
+            Some(word(&key.replace('_', "-"), &self.value(&subject(key))?))
+        };
+        self.flags.iter().filter_map(word)
+    }
+    fn table(&self, name: &str) -> Option<&Table> {
+        self.flags.get(name).and_then(Value::as_table)
+    }
+}
+
+fn word(flag: &str, value: &str) -> String {
+    if value.is_empty() {
+        format!("--{flag}")
+    } else {
+        format!("--{flag}={value}")
+    }
+}
+
+/// What a flag or key describes: a sea state is a sea.
+fn subject(flag: &str) -> String {
+    match flag {
+        "sea_state" | "sea-state" => "sea".into(),
+        other => other.replace('_', "-"),
+    }
+}
+
+/// Leaves the choices that agree with the flags given; where none does, the flags themselves stand in their place. Rows
+/// that are listed one by one vary what all of them set.
+fn narrow(axis: &mut Axis, given: &[(&str, String)]) {
+    let varied = |flag: &str| {
+        let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
+        if axis.name == BY_ROW {
+            set.all(|s| s)
+        } else {
+            set.any(|s| s)
+        }
+    };
+    let own: Vec<&(&str, String)> = given.iter().filter(|(flag, _)| varied(flag)).collect();
+    if own.is_empty() {
+        return;
+    }
+    let agrees = |c: &Changes| {
+        let same = |(flag, value): &&(&str, String)| c.value(&subject(flag)).as_ref() == Some(value);
+        own.iter().all(same)
+    };
+    if axis.choice.iter().any(agrees) {
+        axis.choice.retain(agrees);
+        return;
+    }
+    let name = |(flag, value): &&(&str, String)| match value.parse::<f64>() {
+        Ok(_) => format!("{} {value}", flag.replace('-', " ")),
+        Err(_) => value.clone(),
+    };
+    axis.choice = vec![Changes {
+        name: own.iter().map(name).collect::<Vec<_>>().join(" "),
+        ..Changes::default()
+    }];
+}
+
+/// The flags of a scene alone.
+#[derive(Parser)]
+#[command(no_binary_name = true, args_override_self = true)]
+struct SceneFlags {
+    #[command(flatten)]
+    scene: SceneArgs,
+}
+
+/// Lays a table over another, key by key.
+fn lay(over: &Table, base: &mut Table) {
+    for (key, value) in over {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay(above, below),
+            (Some(_) | None, _) => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// A configuration with the tables of that name laid over it.
+fn with<T: Serialize + DeserializeOwned + Check>(
+    base: T,
+    name: &str,
+    changes: &[&Changes],
+) -> Result<T, CliError> {
+    let mut over = Table::new();
+    changes
+        .iter()
+        .filter_map(|c| c.table(name))
+        .for_each(|t| lay(t, &mut over));
+    if over.is_empty() {
+        return Ok(base);
+    }
+    let mut table = Table::try_from(&base).doing(name)?;
+    lay(&over, &mut table);
+    let changed: T = table.try_into().doing(name)?;
+    changed.check(&Keys::ROOT)?;
+    Ok(changed)
+}
+
+/// The scene of the command line's flags with changes, those of later ones over those of earlier ones.
+fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> Result<Scene, CliError> {
+    let given = given.iter().map(|(flag, value)| word(flag, value));
+    let words = changes
+        .iter()
+        .flat_map(|c| c.words())
+        .chain(given)
+        .chain(planner.words());
+    let flags = SceneFlags::try_parse_from(words).map_err(|e| {
+        let why = e.to_string();
+        CliError(why.lines().next().unwrap_or_default().replace("error: ", ""))
+    })?;
+    let mut scene = Scene::unremarked(&flags.scene)?;
+    let changes = [changes, &[planner]].concat();
+    scene.scenario = with(scene.scenario, TABLES[0], &changes)?;
+    let nodes = &mut scene.nodes;
+    let vessel = VesselComputer {
+        vessel: nodes.vessel.clone(),
+        deck: nodes.deck.clone(),
+        ..VesselComputer::default()
+    };
+    let vessel = with(vessel, TABLES[1], &changes)?;
+    (nodes.vessel, nodes.deck) = (vessel.vessel, vessel.deck);
+    let drone = DroneComputer {
+        bridge: nodes.bridge.clone(),
+        autopilot: nodes.autopilot.clone(),
+        drone: nodes.drone.clone(),
+        ..DroneComputer::default()
+    };
+    let drone = with(drone, TABLES[2], &changes)?;
+    (nodes.bridge, nodes.autopilot, nodes.drone) = (drone.bridge, drone.autopilot, drone.drone);
+    if changes.iter().any(|c| c.as_configured) {
+        scene.describe();
+    }
+    let vessel = &mut scene.scenario.vessel;
+    if changes.iter().any(|c| c.powered) {
+        // A change of speed goes up by half as well.
+        let most = if vessel.course == Course::SpeedChange {
+            1.5
+        } else {
+            1.0
+        };
+        vessel.power_for(most * vessel.speed_mps);
+    }
+    scene.scenario.check(&Keys::ROOT)?;
+    Ok(scene)
+}
+
+/// All combinations of the axes' choices.
+fn combinations(axes: &[Axis]) -> Vec<Vec<&Changes>> {
+    let mut rows: Vec<Vec<&Changes>> = vec![Vec::new()];
+    for axis in axes {
+        let longer = rows
+            .iter()
+            .flat_map(|row| axis.choice.iter().map(|c| [&row[..], &[c]].concat()));
+        rows = longer.collect();
+    }
+    rows
+}
+
+/// The planners of the command line, else the study's, else the configured one.
+fn planners(definition: &Definition, wanted: &[Planner]) -> Result<Vec<Changes>, CliError> {
+    let mut all: Vec<Changes> = Vec::new();
+    for name in wanted.iter().filter_map(Planner::to_possible_value) {
+        let name = name.get_name();
+        if all.iter().all(|c| c.name != name) {
+            all.push(Changes {
+                name: name.into(),
+                flags: Table::from_iter([("planner".into(), name.into())]),
+                ..Changes::default()
+            });
+        }
+    }
+    if all.is_empty() {
+        all.clone_from(&definition.planner);
+    }
+    for planner in &all {
+        let mut keys = planner.flags.keys();
+        if planner.as_configured || planner.powered || keys.any(|k| k != "planner" && k != TABLES[2]) {
+            return Err(CliError(format!(
+                "the planner `{}`: only `planner` and `drone_config` may differ among planners; put the rest into rows",
+                planner.name
+            )));
+        }
+    }
+    if all.is_empty() {
+        all.push(Changes::default());
+    }
+    Ok(all)
+}
+
+/// A study as it is flown.
+pub struct Rows {
+    /// All of them, by scene, then by planner.
+    pub rows: Vec<Row>,
+    /// Grids that are drawn as curves.
+    pub curves: Vec<CurveAxes>,
+    /// No flag has left a scene out.
+    pub whole: bool,
+}
+
+impl Rows {
+    /// Keeps the row with this number, counted from 1.
+    pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
+        let (count, index) = (self.rows.len(), number as usize - 1);
+        if index >= count {
+            return Err(CliError(format!("--row {number}: there are {count} rows")));
+        }
+        self.rows = vec![self.rows.swap_remove(index)];
+        self.whole = false;
+        Ok(())
+    }
+}
+
+/// The rows of a study with the command line's flags.
+pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliError> {
+    let given = args.scene.given();
+    let planners = planners(definition, &args.planners)?;
+    let rows = Axis {
+        name: BY_ROW.into(),
+        choice: definition.row.clone(),
+    };
+    let rows = (!definition.row.is_empty()).then(|| Grid {
+        axis: vec![rows],
+        curves: false,
+    });
+    let mut grids: Vec<Grid> = rows.into_iter().chain(definition.grid.iter().cloned()).collect();
+    let count = |grids: &[Grid]| grids.iter().map(|g| combinations(&g.axis).len()).sum::<usize>();
+    let all = count(&grids);
+    grids
+        .iter_mut()
+        .flat_map(|g| &mut g.axis)
+        .for_each(|axis| narrow(axis, &given));
+    let mut out = Rows {
+        rows: Vec::new(),
+        curves: Vec::new(),
+        whole: count(&grids) == all,
+    };
+    let (mut names, mut remarks) = (BTreeSet::new(), BTreeSet::new());
+    for grid in &grids {
+        let pooled = grid
+            .axis
+            .iter()
+            .position(|a| Some(&a.name) == definition.pooled_by.as_ref());
+        for choices in combinations(&grid.axis) {
+            let name = joined(choices.iter().map(|c| c.name.as_str()));
+            if !names.insert(name.clone()) {
+                return Err(CliError(format!(
+                    "two rows are called `{name}`; give each a name of its own"
+                )));
+            }
+            let changes = [&[&definition.all][..], &choices].concat();
+            for planner in &planners {
+                let scene = scene(&given, &changes, planner).doing(format_args!("the row `{name}`"))?;
+                remarks.extend(scene.remarks);
+                let mut row = Row::of(name.clone(), scene.scenario, scene.nodes);
+                row.published = choices.iter().flat_map(|c| c.published.clone()).collect();
+                if let Some(choice) = pooled.and_then(|k| choices.get(k)) {
+                    row.group = choice.name.clone();
+                }
+                if !planner.name.is_empty() {
+                    row.planner = planner.name.clone();
+                }
+                out.rows.push(row);
+            }
+        }
+        let named = |a: &Axis| (a.name.clone(), a.choice.iter().map(|c| c.name.clone()).collect());
+        if let (true, [a, b]) = (grid.curves, &grid.axis[..]) {
+            out.curves.push(CurveAxes([named(a), named(b)]));
+        }
+    }
+    remarks.iter().for_each(|r| terminal::note(true, r));
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::definition::{parse, tests::shipped};
+    use super::*;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        args: StudyArgs,
+    }
+    fn expanded(definition: &Definition, words: &str) -> Result<Vec<Row>, CliError> {
+        let words = ["study", "x"].into_iter().chain(words.split_whitespace());
+        expand(definition, &Flags::parse_from(words).args).map(|e| e.rows)
+    }
+    fn of(name: &str) -> Definition {
+        shipped().find(|(n, _)| *n == name).unwrap().1
+    }
+
+    #[test]
+    fn shipped_studies_have_rows_that_differ() {
+        for (name, definition) in shipped() {
+            let rows = expanded(&definition, "").unwrap_or_else(|e| panic!("{name}: {e}"));
+            for (k, a) in rows.iter().enumerate() {
+                let same = |b: &&Row| (&a.world, &a.nodes) == (&b.world, &b.nodes);
+                let twin = rows[..k].iter().find(same).map(|b| (&b.scenario, &b.planner));
+                assert!(twin.is_none(), "{name}: {} {} is {twin:?}", a.scenario, a.planner);
+            }
+        }
+    }
+
+    #[test]
+    fn sizes_of_world_and_nodes() {
+        for row in expanded(&of("size"), "").unwrap() {
+            let (world, nodes, name) = (&row.world, &row.nodes, &row.scenario);
+            assert_eq!(
+                (world.deck, nodes.vessel.deck),
+                (nodes.drone.deck, nodes.drone.deck),
+                "{name}"
+            );
+            assert_eq!(world.airframe, nodes.drone.airframe, "{name}");
+            assert!(world.deck.largest_tag_m() < world.deck.width_m, "{name}");
+        }
+    }
+
+    #[test]
+    fn flags_beside_the_rows() {
+        let names = |study: &str, words: &str| -> Vec<String> {
+            let rows = expanded(&of(study), words).unwrap();
+            rows.into_iter().map(|r| r.scenario).collect()
+        };
+        assert_eq!(names("wind", "--wind 5"), ["5 m/s"]);
+        assert_eq!(names("wind", "--wind 6"), ["wind 6"]);
+        assert_eq!(names("wind", "--sea rough").len(), 7);
+        assert_eq!(names("seas", "--hull mono-5m").len(), 6);
+        assert_eq!(
+            names("seas", "--hull mono-5m --sea-state 3"),
+            ["mono-5m, sea state 3"]
+        );
+        let moving = names("moving", "--vessel straight --speed 7");
+        assert!(
+            moving.len() == 10 && moving.iter().all(|n| n.starts_with("straight 7 m/s, ")),
+            "{moving:?}"
+        );
+        let rows = expanded(&of("moving"), "--vessel drift --draws off").unwrap();
+        assert!(
+            rows.len() == 10
+                && rows
+                    .iter()
+                    .all(|r| !r.world.draws.on && r.world.vessel.course == Course::Drift)
+        );
+    }
+
+    #[test]
+    fn own_study_changes_flags_and_files() {
+        let text = "title = \"ours\"\n[[row]]\nname = \"a\"\nsea_state = 2\nvessel = \"straight\"\nspeed = 1\n\
+                    scenario.start.warm_up_s = 30\ndrone_config.drone.mission.steady_s = 3.0\n";
+        let rows = expanded(&parse(text, "own").unwrap(), "--planners alight,mpc").unwrap();
+        assert_eq!(
+            rows.iter().map(|r| r.planner.as_str()).collect::<Vec<_>>(),
+            ["alight", "mpc"]
+        );
+        for row in rows {
+            assert_eq!(
+                (row.world.start.warm_up_s, row.world.vessel.speed_mps),
+                (30.0, 1.0)
+            );
+            assert_eq!(row.nodes.drone.mission.steady_s, 3.0);
+        }
+        // A flag that one row sets.
+        let text = "title = \"ours\"\n[[row]]\nname = \"a\"\n[[row]]\nname = \"b\"\nwind = 6\n";
+        let rows = expanded(&parse(text, "own").unwrap(), "--wind 8").unwrap();
+        assert!(rows.len() == 2 && rows.iter().all(|r| r.world.drone.wind.mean_mps == 8.0));
+        for (text, why) in [
+            ("see = \"rough\"", "--see"),
+            ("sea = \"stormy\"", "stormy"),
+            ("scenario.sea.height = 1", "height"),
+            ("drone_config.drone.airframe.mass_kg = -1", "mass_kg"),
+            ("table.sea = 1", "--table"),
+        ] {
+            let own = parse(&format!("title = \"ours\"\n[[row]]\nname = \"a\"\n{text}"), "own").unwrap();
+            let e = expanded(&own, "").unwrap_err().0;
+            assert!(e.contains(why) && e.contains("the row `a`"), "{e}");
+        }
+    }
+}

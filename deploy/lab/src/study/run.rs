@@ -1,0 +1,354 @@
+//! Runs a grid of scenes and planners: resumable, sharded, every trial a row in a CSV.
+
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use alight_computer::config::{DroneFile, VesselComputer};
+use alight_computer::exit::CliError;
+use alight_computer::terminal::note;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::trial::Watch;
+use alight_sim::studies::statistics::wilson;
+use alight_uav::planner::PlannerKind;
+
+use super::rows::Row;
+use crate::args::{Shard, StudyArgs};
+use crate::record::{self, Subject};
+use crate::trials::{fly_seed, in_parallel, seeds};
+
+/// How a grid is flown.
+pub struct GridRun<'a> {
+    /// The study's file.
+    pub study: &'a str,
+    /// Trials of each scene by each planner.
+    pub trials: u32,
+    /// Their first seed.
+    pub seed0: u64,
+    /// Threads; None: all cores.
+    pub jobs: Option<u16>,
+    /// Where rows and scenes are kept.
+    pub out: Option<&'a Path>,
+    /// Only this part.
+    pub shard: Option<Shard>,
+    /// A row is flown no further once its landing rate is known to this, up and down.
+    pub within: Option<f64>,
+    /// The first failed trials are flown again and recorded.
+    pub records_failed: bool,
+    /// The result stands alone on standard output.
+    pub alone: bool,
+}
+
+impl<'a> GridRun<'a> {
+    /// A study as its flags have it.
+    pub fn of(args: &'a StudyArgs, study: &'a str) -> Self {
+        GridRun {
+            study,
+            trials: args.trials,
+            seed0: args.seed0,
+            jobs: args.jobs,
+            out: args.out.as_deref(),
+            shard: args.shard,
+            within: args.within.map(|percent| f64::from(percent) / 100.0),
+            records_failed: true,
+            alone: args.form.alone(),
+        }
+    }
+}
+
+/// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
+pub fn configuration_hash(nodes: &NodeConfigs) -> String {
+    let mut drone = DroneFile {
+        bridge: nodes.bridge.clone(),
+        drone: nodes.drone.clone(),
+    };
+    drone.drone.planner.kind = PlannerKind::default();
+    let text = [toml::to_string(&nodes.vessel), toml::to_string(&drone)]
+        .map(Result::unwrap_or_default)
+        .concat();
+    // FNV-1a.
+    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+        (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}
+
+fn rows_file(out: &Path) -> PathBuf {
+    out.join("rows.csv")
+}
+
+/// The rows that `dir` already holds.
+fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
+    let path = rows_file(dir);
+    let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
+    let mut reader = csv::Reader::from_path(&path).map_err(reading)?;
+    reader.deserialize().map(|r| r.map_err(reading)).collect()
+}
+
+/// Joins what `dirs` hold into `out`: rows, and the files that fly a trial again. All have to be of
+/// one configuration, whose hash is given.
+pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
+    let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
+    let mut outcomes = Vec::new();
+    let mut hashes = BTreeSet::new();
+    std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
+    for dir in dirs {
+        outcomes.extend(read_rows(dir)?);
+        hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
+        for part in ["scenarios", "configs/vessel", "configs/drone"] {
+            // What is not there was the default.
+            for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
+                let folder = out.join(part);
+                std::fs::create_dir_all(&folder).map_err(|e| writing(&e))?;
+                std::fs::copy(entry.path(), folder.join(entry.file_name())).map_err(|e| writing(&e))?;
+            }
+        }
+    }
+    if hashes.len() > 1 {
+        return Err(CliError(format!(
+            "study merge: the directories are of different configurations ({}); join those of one",
+            hashes.into_iter().collect::<Vec<_>>().join(", ")
+        )));
+    }
+    if let Some(dir) = dirs.first() {
+        std::fs::copy(dir.join(STUDY_FILE), out.join(STUDY_FILE)).map_err(|e| writing(&e))?;
+    }
+    outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
+    outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
+    let hash = hashes.into_iter().next().unwrap_or_default();
+    std::fs::write(out.join(HASH_FILE), format!("{hash}\n")).map_err(|e| writing(&e))?;
+    let mut writer = csv::Writer::from_path(rows_file(out)).map_err(|e| writing(&e))?;
+    for o in &outcomes {
+        writer.serialize(o).map_err(|e| writing(&e))?;
+    }
+    writer.flush().map_err(|e| writing(&e))?;
+    Ok((outcomes, hash))
+}
+
+/// Where a study keeps the scene of a row.
+pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
+    out.join("scenarios").join(file_name(scenario))
+}
+
+/// Where a study keeps the configurations of vessel and drone that are not the defaults.
+pub fn config_files(out: &Path, row: &Row) -> [PathBuf; 2] {
+    let name = file_name(&format!("{} {}", row.scenario, row.planner));
+    ["vessel", "drone"].map(|side| out.join("configs").join(side).join(&name))
+}
+
+/// The file with the hash of the configuration that a directory's rows were flown with.
+const HASH_FILE: &str = "configuration";
+
+/// The study whose rows a directory holds.
+pub const STUDY_FILE: &str = "study.toml";
+
+/// The hash that `dir` says, if it says one.
+fn read_hash(dir: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
+    Some(text.trim().into())
+}
+
+/// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
+/// another study, configuration or scene.
+fn prepare(study: &str, out: &Path, rows: &[Row]) -> Result<(), CliError> {
+    let doing = || format!("preparing the directory {}", out.display());
+    let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
+    let Some(base) = rows.first().map(|r| &r.nodes) else {
+        return Ok(());
+    };
+    let mut files = vec![
+        (out.join(STUDY_FILE), study.to_owned()),
+        (out.join(HASH_FILE), configuration_hash(base) + "\n"),
+    ];
+    for row in rows {
+        let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
+        files.push((scenario_file(out, &row.scenario), text));
+        let nodes = row.nodes.clone();
+        let [vessel, drone] = config_files(out, row);
+        if nodes.vessel != NodeConfigs::default().vessel {
+            let computer = VesselComputer {
+                vessel: nodes.vessel,
+                ..VesselComputer::default()
+            };
+            files.push((vessel, toml::to_string(&computer).map_err(|e| because(&e))?));
+        }
+        let file = DroneFile {
+            bridge: nodes.bridge,
+            drone: nodes.drone,
+        };
+        let mut plain = DroneFile::default();
+        plain.drone.planner.kind = file.drone.planner.kind;
+        if file != plain {
+            files.push((drone, toml::to_string(&file).map_err(|e| because(&e))?));
+        }
+    }
+    let used = rows_file(out).exists();
+    for (path, text) in files {
+        if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
+            return Err(CliError(format!(
+                "{} was written by another study, or one with another configuration or scene: its rows would be \
+                 mixed with these; give another directory",
+                path.display()
+            )));
+        }
+        if let Some(dir) = path.parent() {
+            std::fs::create_dir_all(dir).map_err(|e| because(&e))?;
+        }
+        std::fs::write(&path, text).map_err(|e| because(&e))?;
+    }
+    Ok(())
+}
+
+fn file_name(scenario: &str) -> String {
+    let safe: String = scenario
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || c == '.' {
+                c
+            } else {
+                '-'
+            }
+        })
+        .collect();
+    format!("{safe}.toml")
+}
+
+/// Scenario, planner and seed of a trial.
+type TrialKey = (String, String, u64);
+
+fn key_of(o: &Outcome) -> TrialKey {
+    (o.sea.clone(), o.planner.clone(), o.seed)
+}
+fn wanted_key((row, seed): &(&Row, u64)) -> TrialKey {
+    (row.scenario.clone(), row.planner.clone(), *seed)
+}
+
+/// The rows' file of a study.
+struct RowsWriter(Mutex<csv::Writer<File>>);
+
+impl RowsWriter {
+    /// Opens it, and reads what was flown before.
+    fn open(args: &GridRun<'_>, out: &Path, rows: &[Row]) -> Result<(RowsWriter, Vec<Outcome>), CliError> {
+        prepare(args.study, out, rows)?;
+        let path = rows_file(out);
+        let fresh = !path.exists();
+        let done = if fresh { Vec::new() } else { read_rows(out)? };
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        let file = file.map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
+        let lines = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
+        Ok((RowsWriter(Mutex::new(lines)), done))
+    }
+    fn add(&self, outcome: &Outcome) -> Result<(), CliError> {
+        // Whoever panicked while writing has ended the study.
+        let Ok(mut writer) = self.0.lock() else {
+            return Ok(());
+        };
+        writer
+            .serialize(outcome)
+            .and_then(|()| writer.flush().map_err(Into::into))
+            .map_err(|e| CliError::because("writing a row", e))
+    }
+}
+
+/// Flies what is not flown yet; all outcomes in the order of rows and seeds.
+pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliError> {
+    let seeds = seeds(args.seed0, args.trials)?;
+    let opened = args
+        .out
+        .map(|out| RowsWriter::open(args, out, rows))
+        .transpose()?;
+    let (writer, mut done) = opened.map_or((None, Vec::new()), |(writer, done)| (Some(writer), done));
+    let known: BTreeSet<_> = done.iter().map(key_of).collect();
+    let all = || {
+        rows.iter()
+            .flat_map(|row| seeds.iter().map(move |seed| (row, *seed)))
+    };
+    let wanted: BTreeSet<_> = all().map(|trial| wanted_key(&trial)).collect();
+    if !done.is_empty() {
+        let taken = wanted.intersection(&known).count();
+        let text = format!(
+            "{taken} of {} trials were flown before and are taken from rows.csv",
+            wanted.len()
+        );
+        note(args.alone, text);
+    }
+    let fly = |(row, seed): &(&Row, u64)| {
+        let outcome = Outcome {
+            planner: row.planner.clone(),
+            ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
+        };
+        writer.as_ref().map_or(Ok(()), |w| w.add(&outcome))?;
+        Ok(outcome)
+    };
+    done.retain(|o| wanted.contains(&key_of(o)));
+    if let Some(within) = args.within {
+        for block in seeds.chunks(LOOKED_AT) {
+            let open: Vec<&Row> = rows.iter().filter(|row| !is_known(row, &done, within)).collect();
+            let work = open.iter().flat_map(|row| block.iter().map(|seed| (*row, *seed)));
+            let work: Vec<_> = work.filter(|t| !known.contains(&wanted_key(t))).collect();
+            done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
+        }
+    } else {
+        let mine = |number: usize| args.shard.is_none_or(|s| number as u64 % s.count == s.index - 1);
+        let work: Vec<_> = all()
+            .enumerate()
+            .filter(|(number, trial)| mine(*number) && !known.contains(&wanted_key(trial)))
+            .map(|(_, trial)| trial)
+            .collect();
+        done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
+    }
+    let place = |o: &Outcome| rows.iter().position(|r| r.is_of(o));
+    done.sort_by_key(|o| (place(o), o.seed));
+    if let Some(out) = args.out.filter(|_| args.records_failed) {
+        record_failed(args, out, rows, &done)?;
+    }
+    Ok(done)
+}
+
+/// Trials of a row between two looks at its interval.
+const LOOKED_AT: usize = 20;
+
+/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. That a row ends by its own
+/// trials makes the interval cover a little less than it says.
+fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
+    let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
+    let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
+    let (low, high) = wilson(landed, flown);
+    let rate = landed as f64 / flown.max(1) as f64;
+    flown >= LOOKED_AT && (rate - low).max(high - rate) <= within
+}
+
+/// Failed trials that are flown again and recorded.
+const MAX_RECORDED_FAILURES: usize = 5;
+
+/// Flies the first failed trials again, with a recording of each.
+fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome]) -> Result<(), CliError> {
+    let dir = out.join("failed");
+    for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
+        let Some(row) = rows.iter().find(|r| r.is_of(o)) else {
+            continue;
+        };
+        let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
+        let path = dir.join(format!("{name}-{}.mcap", o.seed));
+        if path.exists() {
+            continue;
+        }
+        std::fs::create_dir_all(&dir)
+            .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
+        let subject = Subject {
+            scenario: &row.world,
+            nodes: &row.nodes,
+            seed: o.seed,
+            sea: &row.scenario,
+        };
+        let watch = Watch {
+            on_event: &mut |_| {},
+            trace_step_s: None,
+        };
+        record::fly(Some(&path), &subject, watch, None)?.1?;
+        note(args.alone, format_args!("recorded: {}", path.display()));
+    }
+    Ok(())
+}

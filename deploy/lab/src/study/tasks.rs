@@ -1,0 +1,139 @@
+//! `alight study --tasks`: a study as commands that fly a row and a block of seeds each, one a line, for a scheduler that
+//! gives the next one to whoever is free (HyperQueue's `--each-line`, GNU parallel, xargs).
+
+use alight_computer::exit::CliError;
+
+use crate::args::StudyArgs;
+
+/// Commands, at most: a scheduler takes more badly than fewer and longer ones.
+const TASKS: u64 = 100_000;
+/// Flags that each command has of its own, with their values.
+const OWN: [&str; 5] = ["--tasks", "--trials", "--seed0", "--out", "--jobs"];
+
+/// The commands for `rows` rows; `given` is the command line that asked for them, from the program's name on.
+pub fn commands(
+    args: &StudyArgs,
+    seeds: u32,
+    rows: usize,
+    given: &[String],
+) -> Result<Vec<String>, CliError> {
+    let blocks = args.trials.div_ceil(seeds);
+    let count = rows as u64 * u64::from(blocks);
+    if count > TASKS {
+        return Err(CliError(format!(
+            "--tasks {seeds}: {count} commands are more than {TASKS}; give each more seeds"
+        )));
+    }
+    let Some(out) = &args.out else {
+        return Err(CliError(
+            "--tasks: name the directory for the rows of all commands with --out".into(),
+        ));
+    };
+    let shared = kept(given)
+        .iter()
+        .map(|a| quoted(a))
+        .collect::<Vec<_>>()
+        .join(" ");
+    let command = |row: usize, block: u32| {
+        let from = u64::from(block * seeds);
+        let trials = seeds.min(args.trials - block * seeds);
+        let seed0 = args.seed0.saturating_add(from);
+        let out = out.join(format!("row-{row}-seed-{seed0}"));
+        let out = quoted(&out.display().to_string());
+        format!("{shared} --row {row} --seed0 {seed0} --trials {trials} --jobs 1 --out {out}")
+    };
+    Ok((1..=rows)
+        .flat_map(|row| (0..blocks).map(move |block| (row, block)))
+        .map(|(row, block)| command(row, block))
+        .collect())
+}
+
+/// A command line without the flags that each command has of its own.
+fn kept(given: &[String]) -> Vec<&str> {
+    let mut kept = Vec::new();
+    let mut all = given.iter().map(String::as_str);
+    while let Some(argument) = all.next() {
+        if OWN.contains(&argument) {
+            let _value = all.next();
+        } else if !OWN
+            .iter()
+            .any(|own| argument.split_once('=').is_some_and(|(flag, _)| flag == *own))
+        {
+            kept.push(argument);
+        }
+    }
+    kept
+}
+
+/// As a POSIX shell reads it back.
+fn quoted(argument: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
+    if !argument.is_empty() && argument.chars().all(plain) {
+        argument.into()
+    } else {
+        format!("'{}'", argument.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        args: StudyArgs,
+    }
+    fn of(words: &[&str], rows: usize) -> Result<Vec<String>, CliError> {
+        let args = Flags::try_parse_from(core::iter::once(&"study").chain(words))
+            .unwrap()
+            .args;
+        let given: Vec<String> = ["alight", "study"]
+            .iter()
+            .chain(words)
+            .map(|w| (*w).to_owned())
+            .collect();
+        commands(&args, args.tasks.unwrap(), rows, &given)
+    }
+
+    #[test]
+    fn tasks_of_rows_and_blocks_of_seeds() {
+        let words = [
+            "my study.toml",
+            "--tasks",
+            "20",
+            "--trials=50",
+            "--seed0",
+            "7",
+            "--out",
+            "all",
+            "--wind",
+            "6",
+        ];
+        let all = of(&words, 2).unwrap();
+        assert_eq!(all.len(), 6);
+        assert_eq!(
+            all[0],
+            "alight study 'my study.toml' --wind 6 --row 1 --seed0 7 --trials 20 --jobs 1 --out all/row-1-seed-7"
+        );
+        assert!(
+            all[5].ends_with("--row 2 --seed0 47 --trials 10 --jobs 1 --out all/row-2-seed-47"),
+            "{}",
+            all[5]
+        );
+        // Each command is one that this program takes, and asks for no commands again.
+        let args = Flags::try_parse_from(
+            all[5]
+                .replace('\'', "")
+                .split_whitespace()
+                .skip(1)
+                .filter(|w| *w != "my"),
+        );
+        assert!(args.is_ok_and(|f| f.args.tasks.is_none() && f.args.row == Some(2)));
+        let without = of(&["wind", "--tasks", "1"], 1);
+        assert!(without.is_err_and(|e| e.to_string().contains("--out")));
+        let many = of(&["wind", "--tasks", "1", "--trials", "1000000", "--out", "x"], 9);
+        assert!(many.is_err_and(|e| e.to_string().contains("give each more seeds")));
+    }
+}

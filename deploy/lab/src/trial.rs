@@ -1,0 +1,90 @@
+//! `alight trial`: one landing.
+
+use alight_computer::config::view::ViewConfig;
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::playback::{StartViewer, Viewer};
+use alight_computer::situation::Known;
+use alight_computer::terminal::{self, note};
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+
+use crate::args::TrialArgs;
+use crate::scene::{Scene, stopwatch};
+use crate::{chart, outcome_table, record};
+
+/// Flies one landing, shows its phases, ends with a table.
+pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
+    let scene = Scene::of(&args.scene)?;
+    if let Some(path) = &args.plot {
+        chart::can_write(path)?;
+    }
+    let elapsed = stopwatch();
+    let mut show = |event: &Event| {
+        let Event::Phase { t_s, name, reason } = event;
+        let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
+        // With --json the object is the only thing on standard output.
+        note(args.form.alone(), line);
+    };
+    let watch = Watch {
+        on_event: &mut show,
+        trace_step_s: args.plot.as_ref().map(|_| 0.05),
+    };
+    let (flight, recorded) = flown(args, &scene, watch, viewer)?;
+    let mut outcome = flight.outcome;
+    outcome.wall_time_s = elapsed();
+    if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
+        chart::landing::write(trace, &chart::landing::title(&outcome), path)?;
+    }
+    if !args.form.print(&outcome, &[&outcome])? {
+        terminal::line(format_args!("\n{}", outcome_table::outcome(&outcome)));
+        if let Some(path) = &args.plot {
+            terminal::line(format_args!("plot: {}", path.display()));
+        }
+        if let Some(path) = args.record.as_ref().filter(|_| recorded.is_ok()) {
+            terminal::line(format_args!("recording: {}", path.display()));
+        }
+    }
+    recorded?;
+    Ok(Exit::of(outcome.success))
+}
+
+fn flown(
+    args: &TrialArgs,
+    scene: &Scene,
+    watch: Watch<'_>,
+    viewer: StartViewer<'_>,
+) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
+    let mut watcher = watcher(args, scene, viewer)?;
+    if args.record.is_none() && watcher.is_none() {
+        let flown = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch);
+        return Ok((flown.doing("setting up the trial")?, Ok(())));
+    }
+    let subject = record::Subject {
+        scenario: &scene.scenario,
+        nodes: &scene.nodes,
+        seed: args.seed,
+        sea: &scene.sea,
+    };
+    record::fly(args.record.as_deref(), &subject, watch, watcher.as_deref_mut())
+}
+
+/// Who looks on, if anybody is to.
+fn watcher(
+    args: &TrialArgs,
+    scene: &Scene,
+    start: StartViewer<'_>,
+) -> Result<Option<Box<dyn Viewer>>, CliError> {
+    let Some(view) = args.view.over(&ViewConfig::default()) else {
+        return Ok(None);
+    };
+    let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
+    let known = Known {
+        title: format!("trial, sea {}, seed {}", scene.sea, args.seed),
+        deck: Some(*deck),
+        disarm: scene.nodes.autopilot.disarm,
+        ..Known::default()
+    };
+    let bodies = Some((*deck, *airframe));
+    let (watcher, lines) = start(&view, "trial", known, bodies)?;
+    lines.into_iter().for_each(|line| note(args.form.alone(), line));
+    Ok(Some(watcher))
+}

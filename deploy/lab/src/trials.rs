@@ -1,0 +1,148 @@
+//! `alight trials`: many landings, spread over the cores.
+
+use std::path::Path;
+
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::terminal::{self, note};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::studies::statistics::Summary;
+use alight_transport::wake::end_requested;
+use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+
+use super::args::TrialsArgs;
+use super::outcome_table;
+use super::scene::{Scene, stopwatch};
+
+/// Maps `items` by `run` on `jobs` threads (all cores when None) behind a progress bar, which is hidden where
+/// standard error is no terminal. Results come in the order of the items, whatever the threads.
+pub fn in_parallel<T: Sync, R: Send>(
+    jobs: Option<u16>,
+    what: &str,
+    items: &[T],
+    run: impl Fn(&T) -> Result<R, CliError> + Sync + Send,
+) -> Result<Vec<R>, CliError> {
+    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left");
+    let progress = ProgressBar::new(items.len() as u64)
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        .with_message(what.to_string());
+    let results = rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.map_or(0, usize::from))
+        .build()
+        .doing("starting the worker threads")?
+        .install(|| {
+            let items = items.par_iter().progress_with(progress.clone());
+            items.map(run).collect()
+        });
+    progress.finish_and_clear();
+    results
+}
+
+/// One landing that nobody watches, with the time that it took.
+pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) -> Result<Outcome, CliError> {
+    let elapsed = stopwatch();
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    let flown = fly(scenario, nodes, seed, sea, watch)
+        .doing(format_args!("setting up the trial of seed {seed} at sea {sea}"))?;
+    Ok(Outcome {
+        wall_time_s: elapsed(),
+        ..flown.outcome
+    })
+}
+
+/// The seeds from `seed0` on.
+pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
+    let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
+        CliError(format!(
+            "--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"
+        ))
+    })?;
+    Ok((seed0..end).collect())
+}
+
+/// Flies and sums up.
+pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+    let scene = Scene::of(&args.scene)?;
+    // The first question puts the handler in place: a signal from here on ends the study with what was flown.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    let seeds = seeds(args.seed0, args.trials)?;
+    let rows = args.rows.as_deref().map(rows_writer).transpose()?;
+    let motion = scene.scenario.deck_motion.as_ref();
+    let facts = motion.map_or(Ok(None), |m| m.facts(0.0));
+    let facts = facts.map_err(|e| CliError(e.to_string()))?;
+    let recording_s = facts.map(|f| f.duration_s);
+    let motion_start = |seed: u64| {
+        let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
+        let start = motion.start_s + stride * (seed - args.seed0) as f64;
+        // Beyond its end it starts over.
+        Some(start % recording_s.unwrap_or(f64::INFINITY))
+    };
+    let flown = in_parallel(args.jobs, "landings", &seeds, |seed| {
+        if end_requested() {
+            return Ok(None);
+        }
+        let mut scenario = scene.scenario.clone();
+        if let (Some(start_s), Some(motion)) = (motion_start(*seed), scenario.deck_motion.as_mut()) {
+            motion.start_s = start_s;
+        }
+        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea).map(Some)
+    })?;
+    let outcomes: Vec<Outcome> = flown.into_iter().flatten().collect();
+    let interrupted = outcomes.len() < seeds.len();
+    if interrupted {
+        let (flown, all) = (outcomes.len(), seeds.len());
+        note(
+            args.form.alone(),
+            format_args!("interrupted after {flown} of {all} landings"),
+        );
+    }
+    if outcomes.is_empty() {
+        return Ok(Exit::Failed);
+    }
+    if let Some(mut rows) = rows {
+        let mut written = outcomes.iter().map(|o| rows.serialize(o));
+        let written = written.try_for_each(|r| r);
+        written.doing("writing the rows")?;
+    }
+    let summary = Summary::of(&outcomes);
+    for o in outcomes.iter().filter(|o| !o.success) {
+        let start = motion_start(o.seed).map_or_else(String::new, |s| format!(" --motion-start {s}"));
+        note(
+            args.form.alone(),
+            format_args!(
+                "seed {0}: {1} ({2})\n  replay: alight trial --seed {0} {3}{start} --plot seed-{0}.svg",
+                o.seed,
+                o.outcome.name(),
+                o.reason,
+                scene.flags
+            ),
+        );
+    }
+    if !args
+        .form
+        .print(&outcome_table::summary_json(&summary), &outcomes)?
+    {
+        terminal::line(outcome_table::summary(&summary));
+        if scene.scenario.begin_anyway {
+            terminal::line(outcome_table::likelihood(&summary));
+        }
+    }
+    Ok(Exit::of(!interrupted && summary.successes == summary.trials))
+}
+
+/// A file of one row per outcome.
+fn rows_writer(path: &Path) -> Result<csv::Writer<std::fs::File>, CliError> {
+    csv::Writer::from_path(path).map_err(|e| {
+        CliError::because(
+            format!("writing the rows {}", path.display()),
+            format!("{e}; choose another path"),
+        )
+    })
+}

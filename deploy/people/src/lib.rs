@@ -1,0 +1,7 @@
+//! What people see and do: [`status`]; [`view`], [`ros2`] and [`signalk`]; [`tools`]. Each uses only those before it.
+
+pub mod ros2;
+pub mod signalk;
+pub mod status;
+pub mod tools;
+pub mod view;

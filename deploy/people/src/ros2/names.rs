@@ -1,0 +1,255 @@
+//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens by which ROS's
+//! graph knows a node and what it has, and the attachment of each message.
+//!
+//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0.
+
+use alight_computer::exit::CliError;
+use xxhash_rust::xxh3::xxh3_128;
+
+use crate::ros2::messages::RosType;
+
+/// Domains of ROS 2, at most: ROS_DOMAIN_ID.
+pub const MAX_DOMAIN: u32 = 232;
+/// Length of a namespace, at most.
+const MAX_NAMESPACE: usize = 64;
+
+/// What a token stands for beside a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entity {
+    /// Publisher of a topic.
+    Publisher,
+    /// Server of a service.
+    Server,
+}
+
+impl Entity {
+    const fn letters(self) -> &'static str {
+        match self {
+            Entity::Publisher => "MP",
+            Entity::Server => "SS",
+        }
+    }
+}
+
+/// A topic or a service.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Endpoint {
+    /// Its name with all that goes before, such as `/alight/drone_1/odometry`.
+    pub name: String,
+    /// Its type.
+    pub kind: RosType,
+    /// What it is here.
+    pub entity: Entity,
+    /// Messages that a receiver is to keep (quality of service; reliable, volatile, keep last).
+    pub depth: u32,
+}
+
+/// A node of ROS.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RosNode {
+    domain: u32,
+    namespace: String,
+    name: String,
+}
+
+/// A part of a ROS name.
+fn is_name(part: &str) -> bool {
+    let starts = part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+    starts && part.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+}
+
+impl RosNode {
+    /// In this domain and this namespace, such as `alight` or `fleet/alight`; empty: the root.
+    pub fn new(domain: u32, namespace: &str, name: String) -> Result<RosNode, CliError> {
+        let inner = namespace.trim_matches('/');
+        let fits = inner.is_empty() || inner.split('/').all(is_name) && inner.len() <= MAX_NAMESPACE;
+        if !fits {
+            return Err(CliError(format!(
+                "the namespace {namespace:?}: letters, digits and _ in parts between /, none of which begins with a \
+                 digit; {MAX_NAMESPACE} at most"
+            )));
+        }
+        let namespace = if inner.is_empty() {
+            String::new()
+        } else {
+            format!("/{inner}")
+        };
+        Ok(RosNode {
+            domain,
+            namespace,
+            name,
+        })
+    }
+    /// Its name in its namespace.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// What is its own: `~/name`.
+    pub fn private(&self, name: &str) -> String {
+        format!("{}/{}/{name}", self.namespace, self.name)
+    }
+    /// The key on which a topic is published, or a service answers.
+    pub fn key(&self, at: &Endpoint) -> String {
+        let name = at.name.trim_start_matches('/');
+        format!("{}/{name}/{}/{}", self.domain, at.kind.name, at.kind.hash)
+    }
+    /// The token of the node itself, in the session `zid`.
+    pub fn token(&self, zid: &str) -> String {
+        // The node is the entity 0.
+        format!("{}/0/NN/{}", self.of_session(zid), self.place())
+    }
+    /// The token of what the node has, as its entity `number`.
+    pub fn token_of(&self, zid: &str, number: usize, at: &Endpoint) -> String {
+        let depth = at.depth;
+        format!(
+            "{}/{number}/{}/{}/{}/{}/{}/::,{depth}:,:,:,,",
+            self.of_session(zid),
+            at.entity.letters(),
+            self.place(),
+            escaped(&at.name),
+            at.kind.name,
+            at.kind.hash
+        )
+    }
+    fn of_session(&self, zid: &str) -> String {
+        format!("@ros2_lv/{}/{zid}/0", self.domain)
+    }
+    /// Enclave (of SROS 2, none), namespace, name.
+    fn place(&self) -> String {
+        format!("%/{}/{}", escaped(&self.namespace), self.name)
+    }
+}
+
+/// A name as one part of a key.
+fn escaped(name: &str) -> String {
+    if name.is_empty() {
+        return "%".into();
+    }
+    name.replace('/', "%")
+}
+
+/// Identity of whoever sends, in the form of rmw_zenoh: a hash of its token.
+pub fn gid(token: &str) -> [u8; 16] {
+    xxh3_128(token.as_bytes()).to_le_bytes()
+}
+
+/// The gid's length goes before it.
+const GID_LENGTH: u8 = 16;
+/// Sequence number, time, length, gid.
+const ATTACHMENT_BYTES: usize = 8 + 8 + 1 + 16;
+/// Where the time is in it.
+const TIME: core::ops::Range<usize> = 8..16;
+
+/// What goes with a message: its number, when it was sent (ns since 1970), by whom.
+pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
+    let mut all = Vec::with_capacity(ATTACHMENT_BYTES);
+    all.extend(number.to_le_bytes());
+    all.extend(sent_ns.to_le_bytes());
+    all.push(GID_LENGTH);
+    all.extend(gid);
+    all
+}
+
+/// When a message with this attachment was sent, ns since 1970 by its sender's clock; None where that is no attachment.
+pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
+    let bytes = attachment.get(TIME)?.try_into().ok()?;
+    Some(i64::from_le_bytes(bytes))
+}
+
+/// What goes with the response to a request with this attachment: the same number and gid, by which the client knows it,
+/// and the time. None where that is no attachment; newer versions of rmw_zenoh leave the gid's length out.
+pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
+    let fits = (ATTACHMENT_BYTES - 1..=ATTACHMENT_BYTES).contains(&request.len());
+    let mut all = fits.then(|| request.to_vec())?;
+    all.get_mut(TIME)?.copy_from_slice(&sent_ns.to_le_bytes());
+    Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ros2::messages::{Message, Odometry, TRIGGER, TfMessage};
+
+    // Of pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
+    const ZID: &str = "aabbccddeeff00112233445566778899";
+    const SESSION: &str = "@ros2_lv/0/aabbccddeeff00112233445566778899/0/";
+    const GID: &str = "5911a5503778ca320ecf58280fb03ec7";
+
+    fn drone(namespace: &str) -> RosNode {
+        RosNode::new(0, namespace, "drone_1".into()).unwrap()
+    }
+    fn publisher<M: Message>(name: String, depth: u32) -> Endpoint {
+        Endpoint {
+            name,
+            kind: M::TYPE,
+            entity: Entity::Publisher,
+            depth,
+        }
+    }
+
+    #[test]
+    fn ros_keys_and_tokens() {
+        let node = drone("alight");
+        assert_eq!(node.token(ZID), format!("{SESSION}0/NN/%/%alight/drone_1"));
+        let odometry = publisher::<Odometry>(node.private("odometry"), 10);
+        let kind = format!("nav_msgs::msg::dds_::Odometry_/{}", Odometry::TYPE.hash);
+        assert_eq!(node.key(&odometry), format!("0/alight/drone_1/odometry/{kind}"));
+        let token = node.token_of(ZID, 1, &odometry);
+        let place = "MP/%/%alight/drone_1/%alight%drone_1%odometry";
+        assert_eq!(token, format!("{SESSION}1/{place}/{kind}/::,10:,:,:,,"));
+        let hex: String = gid(&token).iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(hex, GID);
+
+        let tf = node.token_of(ZID, 2, &publisher::<TfMessage>("/tf".into(), 100));
+        assert!(tf.contains("/%tf/tf2_msgs::msg::dds_::TFMessage_/"), "{tf}");
+        assert!(tf.ends_with("/::,100:,:,:,,"), "{tf}");
+        let land = Endpoint {
+            name: node.private("land"),
+            kind: TRIGGER,
+            entity: Entity::Server,
+            depth: 10,
+        };
+        let kind = format!("std_srvs::srv::dds_::Trigger_/{}", TRIGGER.hash);
+        assert_eq!(node.key(&land), format!("0/alight/drone_1/land/{kind}"));
+        let place = "SS/%/%alight/drone_1/%alight%drone_1%land";
+        assert_eq!(
+            node.token_of(ZID, 3, &land),
+            format!("{SESSION}3/{place}/{kind}/::,10:,:,:,,")
+        );
+    }
+
+    #[test]
+    fn ros_namespaces() {
+        assert_eq!(
+            drone("/fleet/alight/").private("land"),
+            "/fleet/alight/drone_1/land"
+        );
+        let root = drone("");
+        assert_eq!(root.private("land"), "/drone_1/land");
+        assert!(root.token(ZID).ends_with("/NN/%/%/drone_1"));
+        let long = "a".repeat(MAX_NAMESPACE + 1);
+        for wrong in ["a b", "1a", "a//b", "a/*", "a/$b", "~", &long] {
+            assert!(RosNode::new(0, wrong, "drone_1".into()).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn ros_attachments() {
+        // Of pyzeros 0.1.0: `Attachment(...).serialize()[4:]`.
+        let gid: [u8; 16] = core::array::from_fn(|k| k as u8);
+        let all = attachment(7, 1_700_000_000_123_456_789, gid);
+        let hex: String = all.iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(
+            hex,
+            "070000000000000015cd853dfe9c971710000102030405060708090a0b0c0d0e0f"
+        );
+        assert_eq!(sent_ns(&all), Some(1_700_000_000_123_456_789));
+        assert_eq!(sent_ns(&all[..15]), None);
+        assert_eq!(response_attachment(&all, 5), Some(attachment(7, 5, gid)));
+        assert!(response_attachment(&all[..32], 5).is_some_and(|r| r.len() == 32));
+        for length in [0, 8, 31] {
+            assert_eq!(response_attachment(&all[..length], 5), None);
+        }
+        assert_eq!(response_attachment(&[0; 34], 5), None);
+    }
+}

@@ -1,0 +1,228 @@
+//! Orders of ROS's services to the mission of this computer: given as `alight command` gives them, and answered by what
+//! the mission shows.
+
+use alight_computer::config::DroneComputer;
+use alight_computer::process::local_command::{LocalCommand, answer};
+use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::time::Span;
+use alight_shared::topics;
+
+/// Who called a service and waits for its response.
+pub trait Caller {
+    /// Answers it.
+    fn reply(self, taken: bool, message: &str);
+}
+
+/// A request may be stamped so far ahead of this computer's clock.
+const AHEAD: Span = Span::from_millis(1000);
+
+/// Why a request that was sent at `sent_ns` by its client's clock is not flown at `now_ns`: its client may have gone while the
+/// network held it back. An abort counts however old it is.
+pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
+    let (age, limit) = (
+        Span::from_nanos(now_ns.saturating_sub(sent_ns)),
+        topics::COMMAND.stale_after,
+    );
+    if kind == CommandKind::Abort || (-AHEAD..=limit).contains(&age) {
+        return None;
+    }
+    let (age_s, limit_s) = (age.secs(), limit.secs());
+    Some(format!(
+        "not ordered: {age_s:.1} s old by its own stamp (limit {limit_s:.0} s): order again, and set the clocks of both \
+         computers if this stays"
+    ))
+}
+
+/// Callers that wait for one order, at most.
+const MAX_CALLERS: usize = 8;
+
+/// An order under way, and who waits for it.
+struct UnderWay<C> {
+    kind: CommandKind,
+    command: LocalCommand,
+    callers: Vec<C>,
+}
+
+/// Passes orders on, one at a time.
+pub struct Orders<C> {
+    under_way: Option<UnderWay<C>>,
+}
+
+impl<C> Default for Orders<C> {
+    fn default() -> Self {
+        Orders { under_way: None }
+    }
+}
+
+const fn name(kind: CommandKind) -> &'static str {
+    match kind {
+        CommandKind::Land => "landing",
+        CommandKind::Abort => "abort",
+        CommandKind::Hold => "hold",
+        CommandKind::TakeOff => "take-off",
+        CommandKind::Ready => "ready",
+        CommandKind::Station(_) => "station",
+    }
+}
+
+impl<C: Caller> Orders<C> {
+    /// Takes an order at `now_ns` of the steady clock. Whoever asks for what is under way waits for the same answer; an
+    /// abort takes the place of another order, and nothing takes an abort's.
+    pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputer, now_ns: i64) {
+        match &mut self.under_way {
+            Some(same) if same.kind == kind && same.callers.len() < MAX_CALLERS => same.callers.push(caller),
+            Some(other) if other.kind == kind || kind != CommandKind::Abort => {
+                caller.reply(
+                    false,
+                    &format!("not ordered: an order ({}) is under way", name(other.kind)),
+                );
+            }
+            Some(_) | None => {
+                self.answer(false, "an abort took the place of this order");
+                self.under_way = Some(UnderWay {
+                    kind,
+                    command: LocalCommand::new(computer, Some(kind), now_ns),
+                    callers: vec![caller],
+                });
+            }
+        }
+    }
+    /// Looks at the mission's newest state, and answers who waits once it shows that it took the order, or has not in time.
+    /// What is to be sent to it now.
+    pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
+        let under_way = self.under_way.as_mut()?;
+        let taken = mission.and_then(|m| under_way.command.taken(m));
+        if taken.is_none() && !under_way.command.is_over(now_ns) {
+            return under_way.command.due(now_ns);
+        }
+        let taken = taken == Some(true);
+        let text = mission.map_or_else(
+            || format!("no mission answers on the computer of drone {drone}"),
+            |m| answer(drone, m, taken).join("; "),
+        );
+        self.answer(taken, &text);
+        None
+    }
+    /// Answers everybody who waits.
+    pub fn answer(&mut self, taken: bool, text: &str) {
+        let callers = self.under_way.take().map(|u| u.callers);
+        callers.into_iter().flatten().for_each(|c| c.reply(taken, text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Header, State};
+    use alight_shared::time::Time;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    type Answers = Rc<RefCell<Vec<(&'static str, bool, String)>>>;
+    struct Known(&'static str, Answers);
+    impl Caller for Known {
+        fn reply(self, taken: bool, message: &str) {
+            self.1.borrow_mut().push((self.0, taken, message.into()));
+        }
+    }
+
+    const NOW: i64 = 10_000_000_000;
+
+    fn shows(ns: i64, state: State) -> MissionState {
+        MissionState {
+            header: Header::new(1, 1, 7, 1, Time::from_nanos(ns)),
+            state,
+            ..MissionState::default()
+        }
+    }
+    /// The orders given, and who was answered what.
+    fn given(all: &[(CommandKind, &'static str)]) -> (Orders<Known>, Answers) {
+        let (mut orders, answers) = (Orders::default(), Answers::default());
+        for (kind, who) in all {
+            orders.take(
+                *kind,
+                Known(who, Rc::clone(&answers)),
+                &DroneComputer::default(),
+                NOW,
+            );
+        }
+        (orders, answers)
+    }
+
+    #[test]
+    fn ros_abort_by_what_the_mission_shows() {
+        let (mut orders, answers) = given(&[(CommandKind::Abort, "a"), (CommandKind::Abort, "b")]);
+        // It gave up by itself, which is no answer.
+        let before = shows(NOW + 1, State::GaveUp);
+        let sent = orders.poll(1, Some(&before), NOW).unwrap();
+        assert_eq!(sent.kind, CommandKind::Abort);
+        assert_eq!(orders.poll(1, Some(&before), NOW + 1_000_000), None);
+        assert!(answers.borrow().is_empty());
+        let after = MissionState {
+            abort: Some([sent.header.boot, sent.header.sequence]),
+            ..shows(NOW + 2_000_000, State::GaveUp)
+        };
+        assert_eq!(orders.poll(1, Some(&after), NOW + 2_000_000), None);
+        let answers = answers.borrow();
+        assert_eq!(answers.len(), 2);
+        assert!(
+            answers
+                .iter()
+                .all(|(_, taken, text)| *taken && text.starts_with("drone 1: Gave up")),
+            "{answers:?}"
+        );
+    }
+
+    #[test]
+    fn ros_order_that_is_not_taken() {
+        let (mut orders, answers) = given(&[(CommandKind::Land, "a")]);
+        let late = NOW + 3_000_000_000;
+        let idle = shows(late, State::GaveUp);
+        assert_eq!(orders.poll(1, Some(&idle), late), None);
+        let (mut silent, none) = given(&[(CommandKind::Land, "a")]);
+        assert_eq!(silent.poll(1, None, late), None);
+        let text = |answers: &Answers| answers.borrow()[0].clone();
+        assert!(text(&answers).2.contains("did not take the command"));
+        assert!(!text(&answers).1 && !text(&none).1);
+        assert!(text(&none).2.starts_with("no mission answers"));
+    }
+
+    #[test]
+    fn ros_abort_before_other_orders() {
+        let (mut orders, answers) = given(&[
+            (CommandKind::Land, "land"),
+            (CommandKind::Abort, "abort"),
+            (CommandKind::Land, "late"),
+        ]);
+        let sent = orders.poll(1, None, NOW);
+        assert_eq!(sent.map(|c| c.kind), Some(CommandKind::Abort));
+        let refused: Vec<_> = answers
+            .borrow()
+            .iter()
+            .map(|(who, taken, _)| (*who, *taken))
+            .collect();
+        assert_eq!(refused, [("land", false), ("late", false)]);
+    }
+
+    #[test]
+    fn ros_request_held_back_by_the_network() {
+        let late = |kind, age_s: f64| is_late(kind, NOW - (age_s * 1e9) as i64, NOW);
+        assert_eq!(
+            [late(CommandKind::Land, 4.9), late(CommandKind::Land, -0.9)],
+            [None, None]
+        );
+        let text = late(CommandKind::Land, 7.2).unwrap();
+        assert!(text.starts_with("not ordered: 7.2 s old"), "{text}");
+        assert!(late(CommandKind::Land, -1.1).is_some());
+        // Whatever the stamp is.
+        assert!(is_late(CommandKind::Land, i64::MIN, NOW).is_some());
+        assert_eq!(late(CommandKind::Abort, 600.0), None);
+    }
+
+    #[test]
+    fn ros_callers_at_most() {
+        let (_, answers) = given(&[(CommandKind::Abort, "a"); MAX_CALLERS + 1]);
+        assert_eq!(answers.borrow().len(), 1);
+        assert!(answers.borrow()[0].2.contains("abort"));
+    }
+}

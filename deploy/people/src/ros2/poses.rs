@@ -1,0 +1,203 @@
+//! Where drone and deck are, as odometry, pose and transforms, whenever something newer is known of them.
+//!
+//! `map` is east, north, up from where the drone's autopilot began; it goes on where the autopilot's estimate jumps
+//! ([`DroneState::datum_offset`]), so that a map frame of other sensors is another one.
+
+use alight_computer::process::snapshot::Snapshot;
+use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use crate::ros2::frames::{self, Motion};
+use crate::ros2::messages::{
+    Header, Odometry, Pose, PoseWithCovariance, PoseWithCovarianceStamped, Stamp, TfMessage,
+    TransformStamped, Twist, TwistWithCovariance,
+};
+
+/// What is published when something newer is known.
+#[derive(Default)]
+pub struct NewPoses {
+    /// The drone's.
+    pub drone: Option<Odometry>,
+    /// The deck's.
+    pub deck: Option<Odometry>,
+}
+
+impl NewPoses {
+    /// The deck's pose alone.
+    pub fn deck_pose(&self) -> Option<PoseWithCovarianceStamped> {
+        self.deck.as_ref().map(|deck| PoseWithCovarianceStamped {
+            header: deck.header.clone(),
+            pose: deck.pose,
+        })
+    }
+    /// Both as transforms; None where there is neither.
+    pub fn transforms(&self) -> Option<TfMessage> {
+        let all = [&self.drone, &self.deck].into_iter().flatten();
+        let transforms: Vec<TransformStamped> = all.map(transform).collect();
+        (!transforms.is_empty()).then_some(TfMessage { transforms })
+    }
+}
+
+fn transform(of: &Odometry) -> TransformStamped {
+    TransformStamped {
+        header: of.header.clone(),
+        child_frame_id: of.child_frame_id.clone(),
+        translation: of.pose.pose.position,
+        rotation: of.pose.pose.orientation,
+    }
+}
+
+/// Makes poses of messages that are newer than those before.
+pub struct Poses {
+    map: String,
+    base_link: String,
+    deck: String,
+    drone_at: Option<Time<DroneClock>>,
+    deck_at: Option<Time<DroneClock>>,
+}
+
+impl Poses {
+    /// In frames whose names begin so.
+    pub fn new(prefix: &str) -> Poses {
+        let named = |name: &str| format!("{prefix}{name}");
+        Poses {
+            map: named("map"),
+            base_link: named("base_link"),
+            deck: named("deck"),
+            drone_at: None,
+            deck_at: None,
+        }
+    }
+    /// Of what was received; `stamp` reads a time of the drone's clock as nanoseconds since 1970.
+    pub fn newer(&mut self, seen: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
+        let drone = seen.drone.filter(|d| Some(d.header.at) != self.drone_at);
+        let forecast = seen.forecast.filter(|f| Some(f.header.at) != self.deck_at);
+        self.drone_at = seen.drone.map(|d| d.header.at);
+        self.deck_at = seen.forecast.map(|f| f.header.at);
+        let header = |at| Header {
+            stamp: Stamp::from_nanos(stamp(at)),
+            frame_id: self.map.clone(),
+        };
+        NewPoses {
+            drone: drone.map(|d| of_drone(&d, header(d.header.at), &self.base_link)),
+            deck: forecast.and_then(|f| of_deck(&f, header(f.header.at), &self.deck)),
+        }
+    }
+}
+
+/// Variance of what no autopilot states, (rad/s)²: so large that no filter rests on it.
+const NOT_KNOWN: f64 = 1e6;
+
+fn of_drone(drone: &DroneState, header: Header, child: &str) -> Odometry {
+    let motion = Motion {
+        velocity: [drone.velocity, drone.velocity_sd],
+        rates: Vector3::from(drone.rates),
+        rates_covariance: Matrix3::from_diagonal_element(NOT_KNOWN),
+    };
+    let pose_sd = (drone.position_sd, drone.euler_sd);
+    odometry(header, child, drone.position, pose_sd, &drone.attitude(), &motion)
+}
+
+/// The deck at the first stage, which is about now; None of a forecast without any.
+fn of_deck(forecast: &DeckForecast, header: Header, child: &str) -> Option<Odometry> {
+    let now: &DeckStage = forecast.stages.first()?;
+    let motion = Motion::of_euler_rates(
+        [now.velocity, now.velocity_sd],
+        now.euler,
+        [now.euler_rates, now.euler_rates_sd],
+    );
+    let pose_sd = (now.position_sd, now.euler_sd);
+    let attitude = frames::of_euler(now.euler);
+    Some(odometry(header, child, now.position, pose_sd, &attitude, &motion))
+}
+
+fn odometry(
+    header: Header,
+    child: &str,
+    position: [f64; 3],
+    (position_sd, euler_sd): ([f64; 3], [f64; 3]),
+    ned_from_frd: &UnitQuaternion<f64>,
+    motion: &Motion,
+) -> Odometry {
+    let [linear, angular] = motion.twist(ned_from_frd);
+    Odometry {
+        header,
+        child_frame_id: child.into(),
+        pose: PoseWithCovariance {
+            pose: Pose {
+                position: frames::enu(position),
+                orientation: frames::attitude(ned_from_frd),
+            },
+            covariance: frames::pose_covariance(position_sd, euler_sd),
+        },
+        twist: TwistWithCovariance {
+            twist: Twist { linear, angular },
+            covariance: motion.covariance(ned_from_frd),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header as Identity;
+
+    fn seen(drone_ns: i64, deck_ns: i64) -> Snapshot {
+        let drone = DroneState {
+            header: Identity::new(1, 1, 7, 1, Time::from_nanos(drone_ns)),
+            position: [1.0, 2.0, -3.0],
+            position_sd: [0.1, 0.2, 0.3],
+            ..DroneState::default()
+        };
+        let mut forecast = DeckForecast {
+            header: Identity::new(1, 1, 7, 1, Time::from_nanos(deck_ns)),
+            ..DeckForecast::default()
+        };
+        let stage = DeckStage {
+            position: [4.0, 5.0, 0.5],
+            euler_sd: [0.01, 0.02, 0.03],
+            ..DeckStage::default()
+        };
+        let _fits = forecast.stages.push(stage);
+        Snapshot {
+            drone: drone.into(),
+            forecast: forecast.into(),
+            ..Snapshot::default()
+        }
+    }
+
+    #[test]
+    fn poses_in_the_map() {
+        let mut poses = Poses::new("a/");
+        let new = poses.newer(&seen(10, 20), |at| at.nanos() + 1_000_000_000);
+        let (drone, deck) = (new.drone.as_ref().unwrap(), new.deck.as_ref().unwrap());
+        assert_eq!(drone.header.stamp, Stamp { sec: 1, nanosec: 10 });
+        assert_eq!(
+            (drone.header.frame_id.as_str(), drone.child_frame_id.as_str()),
+            ("a/map", "a/base_link")
+        );
+        assert_eq!(drone.pose.pose.position, frames::enu([1.0, 2.0, -3.0]));
+        assert!((drone.pose.covariance[0][0] - 0.04).abs() < 1e-12);
+        assert_eq!(deck.header.stamp.nanosec, 20);
+        assert!((deck.pose.covariance[5][5] - 9e-4).abs() < 1e-12);
+        assert_eq!(new.deck_pose().map(|p| p.pose), Some(deck.pose));
+        let children = new.transforms().unwrap().transforms;
+        let children: Vec<&str> = children.iter().map(|t| t.child_frame_id.as_str()).collect();
+        assert_eq!(children, ["a/base_link", "a/deck"]);
+    }
+
+    #[test]
+    fn poses_only_when_newer() {
+        let mut poses = Poses::new("");
+        let mut new = |drone, deck| {
+            let new = poses.newer(&seen(drone, deck), |at| at.nanos());
+            (new.drone.is_some(), new.deck.is_some())
+        };
+        assert_eq!(new(10, 20), (true, true));
+        assert_eq!(new(10, 20), (false, false));
+        assert_eq!(new(11, 20), (true, false));
+        let nothing = poses.newer(&Snapshot::default(), |at| at.nanos());
+        assert!(nothing.transforms().is_none() && nothing.deck_pose().is_none());
+    }
+}

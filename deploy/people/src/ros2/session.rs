@@ -1,0 +1,394 @@
+//! Session of Zenoh in which the node lives: opened and opened again until there is one, its topics published without
+//! waiting, its services' requests in a queue of fixed length.
+
+use std::marker::PhantomData;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+
+use alight_computer::process::wall::wall_ns;
+use alight_shared::msg::CommandKind;
+use zenoh::bytes::Encoding;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::CongestionControl;
+use zenoh::query::{Query, Queryable};
+use zenoh::{Wait, config::WhatAmI};
+
+use crate::ros2::cdr;
+use crate::ros2::messages::{Message, TRIGGER, TriggerResponse};
+use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns};
+use crate::ros2::orders::Caller;
+
+/// A session that could not be opened is tried again after this long, ns.
+const RETRY_NS: i64 = 1_000_000_000;
+/// Whether somebody is connected is looked for this often, ns.
+const LOOK_NS: i64 = 1_000_000_000;
+/// Requests that wait; what comes on top is refused.
+const INBOX: usize = 16;
+/// Longest request, bytes: one of `Trigger` has five.
+const MAX_REQUEST: usize = 64;
+/// Longest message that the middleware puts together of its parts, bytes.
+const MAX_MESSAGE_BYTES: u32 = 65_536;
+/// An attempt to open a session is given up after this long, ms.
+const OPEN_MS: u32 = 3000;
+/// A response that finds no room in the middleware's queue waits this long, us, before its link is closed.
+const CONGESTED_US: u32 = 500_000;
+/// Length of a service's history (`rmw_qos_profile_services_default`).
+const SERVICE_DEPTH: u32 = 10;
+
+/// Where ROS's side is.
+#[derive(Clone, Debug)]
+pub enum Place {
+    /// A router listens there, as rmw_zenohd does.
+    Router(String),
+    /// It comes to this endpoint.
+    Here(String),
+}
+
+impl Place {
+    fn config(&self) -> Result<zenoh::Config, String> {
+        let (mode, list, endpoint) = match self {
+            Place::Router(endpoint) => (WhatAmI::Client, "connect/endpoints", endpoint),
+            Place::Here(endpoint) => (WhatAmI::Peer, "listen/endpoints", endpoint),
+        };
+        let settings = [
+            ("mode", format!("{:?}", mode.to_str())),
+            (list, format!("{:?}", [endpoint])),
+            ("scouting/multicast/enabled", "false".into()),
+            ("scouting/gossip/enabled", "false".into()),
+            ("transport/unicast/open_timeout", OPEN_MS.to_string()),
+            (
+                "transport/link/rx/max_message_size",
+                MAX_MESSAGE_BYTES.to_string(),
+            ),
+            (
+                "transport/link/tx/queue/congestion_control/block/wait_before_close",
+                CONGESTED_US.to_string(),
+            ),
+        ];
+        let mut config = zenoh::Config::default();
+        for (key, value) in settings {
+            let inserted = config.insert_json5(key, &value);
+            inserted.map_err(|e| format!("setting {key} to {value}: {e}"))?;
+        }
+        Ok(config)
+    }
+    /// What is so while somebody is connected, or nobody is.
+    fn contact(&self, is_there: bool) -> String {
+        match (self, is_there) {
+            (Place::Router(at), true) => format!("connected to the router at {at}"),
+            (Place::Router(at), false) => format!(
+                "no router at {at}: tried again until there is one (ros2 run rmw_zenoh_cpp rmw_zenohd)"
+            ),
+            (Place::Here(at), true) => format!("connected at {at}"),
+            (Place::Here(at), false) => format!("nobody is connected at {at}"),
+        }
+    }
+}
+
+/// A topic with messages `M`.
+pub struct Topic<M>(usize, PhantomData<fn(M)>);
+
+/// A publisher of the open session.
+struct Published {
+    port: Publisher<'static>,
+    gid: [u8; 16],
+    number: i64,
+}
+
+/// The open session. What is declared in it ends with it.
+struct Open {
+    publishers: Vec<Published>,
+    _servers: Vec<Queryable<()>>,
+    _tokens: Vec<LivelinessToken>,
+    session: zenoh::Session,
+}
+
+enum State {
+    /// Opened again at that time.
+    Closed(i64),
+    /// A thread of its own opens it, which may take as long as the network lets it.
+    Opening(Receiver<Result<Open, String>>),
+    Open(Open),
+}
+
+/// What the node has.
+#[derive(Clone)]
+struct Parts {
+    place: Place,
+    node: RosNode,
+    topics: Vec<Endpoint>,
+    services: Vec<(Endpoint, CommandKind)>,
+    inbox: SyncSender<Request>,
+}
+
+/// The node, in a session or on its way into one.
+pub struct Session {
+    parts: Parts,
+    inbox: Receiver<Request>,
+    state: State,
+    looked_ns: i64,
+    /// Whether somebody was connected; None: not looked for yet.
+    contact: Option<bool>,
+    /// The newest error of opening.
+    why: String,
+}
+
+impl Session {
+    /// Of a node without topics and services.
+    pub fn of(node: RosNode, place: Place) -> Session {
+        let (sender, inbox) = sync_channel(INBOX);
+        Session {
+            parts: Parts {
+                place,
+                node,
+                topics: Vec::new(),
+                services: Vec::new(),
+                inbox: sender,
+            },
+            inbox,
+            state: State::Closed(i64::MIN),
+            looked_ns: i64::MIN,
+            contact: None,
+            why: String::new(),
+        }
+    }
+    /// Gives it a topic of this whole name, before it is opened; a receiver is to keep `depth` messages.
+    pub fn topic<M: Message>(&mut self, name: String, depth: u32) -> Topic<M> {
+        self.parts.topics.push(Endpoint {
+            name,
+            kind: M::TYPE,
+            entity: Entity::Publisher,
+            depth,
+        });
+        Topic(self.parts.topics.len() - 1, PhantomData)
+    }
+    /// Gives it a service of this whole name that orders `kind`, before it is opened.
+    pub fn service(&mut self, name: String, kind: CommandKind) {
+        let endpoint = Endpoint {
+            name,
+            kind: TRIGGER,
+            entity: Entity::Server,
+            depth: SERVICE_DEPTH,
+        };
+        self.parts.services.push((endpoint, kind));
+    }
+    /// Goes on opening it, and looks who is connected; a line for a person where that has changed.
+    pub fn poll(&mut self, now_ns: i64) -> Option<String> {
+        match &self.state {
+            State::Closed(at_ns) if now_ns >= *at_ns => {
+                let (sender, opened) = sync_channel(1);
+                let parts = self.parts.clone();
+                // Whoever waits for it may have ended.
+                std::thread::spawn(move || drop(sender.send(Open::of(&parts))));
+                self.state = State::Opening(opened);
+            }
+            State::Closed(_) => {}
+            State::Opening(opened) => match opened.try_recv() {
+                Ok(Ok(open)) => self.state = State::Open(open),
+                Ok(Err(why)) => self.fail(why, now_ns),
+                Err(TryRecvError::Empty) => {}
+                Err(TryRecvError::Disconnected) => self.fail("opening it has ended".into(), now_ns),
+            },
+            State::Open(_) => {}
+        }
+        self.changed_contact(now_ns)
+    }
+    fn fail(&mut self, why: String, now_ns: i64) {
+        self.why = why;
+        self.state = State::Closed(now_ns + RETRY_NS);
+    }
+    /// Who is connected, where that has changed.
+    fn changed_contact(&mut self, now_ns: i64) -> Option<String> {
+        let (is_there, why) = match &self.state {
+            State::Open(open) if now_ns.saturating_sub(self.looked_ns) >= LOOK_NS => {
+                self.looked_ns = now_ns;
+                (open.has_contact(), "")
+            }
+            State::Closed(_) => (false, self.why.as_str()),
+            State::Open(_) | State::Opening(_) => return None,
+        };
+        if self.contact == Some(is_there) {
+            return None;
+        }
+        self.contact = Some(is_there);
+        let line = self.parts.place.contact(is_there);
+        Some(if why.is_empty() {
+            line
+        } else {
+            format!("{line}: {why}")
+        })
+    }
+    /// Publishes a message where there is a session; one that finds no room in its queue is dropped.
+    pub fn publish<M: Message>(&mut self, topic: &Topic<M>, message: &M) {
+        let State::Open(open) = &mut self.state else {
+            return;
+        };
+        let Some(to) = open.publishers.get_mut(topic.0) else {
+            return;
+        };
+        let Some(bytes) = cdr::encode(message) else { return };
+        to.number += 1;
+        let put = to.port.put(bytes);
+        // A lost message is not reported: the next one is newer.
+        let _sent = put.attachment(attachment(to.number, wall_ns(), to.gid)).wait();
+    }
+    /// The next request that waits.
+    pub fn request(&self) -> Option<Request> {
+        self.inbox.try_recv().ok()
+    }
+}
+
+impl Open {
+    fn of(parts: &Parts) -> Result<Open, String> {
+        // The middleware's errors end with the place in its sources.
+        let reason = |e: String| {
+            e.split(" at /")
+                .next()
+                .unwrap_or_default()
+                .trim_end_matches([' ', '!'])
+                .to_owned()
+        };
+        Open::declare(parts).map_err(|e| reason(e.to_string()))
+    }
+    fn declare(parts: &Parts) -> zenoh::Result<Open> {
+        let session = zenoh::open(parts.place.config()?).wait()?;
+        let (node, zid) = (&parts.node, session.zid().to_string());
+        let token = |text: String| session.liveliness().declare_token(text).wait();
+        let mut tokens = vec![token(node.token(&zid))?];
+        let mut publishers = Vec::with_capacity(parts.topics.len());
+        for topic in &parts.topics {
+            let text = node.token_of(&zid, tokens.len(), topic);
+            let port = session
+                .declare_publisher(node.key(topic))
+                .encoding(Encoding::APPLICATION_CDR)
+                .congestion_control(CongestionControl::Drop)
+                .wait()?;
+            publishers.push(Published {
+                port,
+                gid: gid(&text),
+                number: 0,
+            });
+            tokens.push(token(text)?);
+        }
+        let mut servers = Vec::with_capacity(parts.services.len());
+        for (service, kind) in &parts.services {
+            let (inbox, kind, key) = (parts.inbox.clone(), *kind, node.key(service));
+            let server = session
+                .declare_queryable(key.clone())
+                .complete(true)
+                .callback(move |query| Request::receive(query, kind, &key, &inbox))
+                .wait()?;
+            servers.push(server);
+            tokens.push(token(node.token_of(&zid, tokens.len(), service))?);
+        }
+        Ok(Open {
+            publishers,
+            _servers: servers,
+            _tokens: tokens,
+            session,
+        })
+    }
+    fn has_contact(&self) -> bool {
+        let info = self.session.info();
+        info.routers_zid().wait().next().is_some() || info.peers_zid().wait().next().is_some()
+    }
+}
+
+/// A client's request that waits for its response.
+pub struct Request {
+    /// What it orders.
+    pub kind: CommandKind,
+    /// When it was sent, ns since 1970 by its client's clock.
+    pub sent_ns: i64,
+    query: Query,
+    attachment: Vec<u8>,
+}
+
+impl Request {
+    /// Puts a client's request for the service on `key` into the queue. One that finds no room, is invalid or asks for more
+    /// services than this one is rejected with the reason.
+    fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
+        if !names(query.key_expr().as_str(), key) {
+            refuse(
+                &query,
+                "not ordered: a wildcard in place of the service's name and type",
+            );
+            return;
+        }
+        let attachment = query.attachment().map(|a| a.to_bytes().into_owned());
+        let is_client = attachment
+            .as_ref()
+            .is_some_and(|a| response_attachment(a, 0).is_some());
+        let fits = query.payload().is_some_and(|p| p.len() <= MAX_REQUEST);
+        let request = attachment.filter(|_| is_client && fits);
+        let Some((attachment, sent_ns)) = request.and_then(|a| sent_ns(&a).map(|sent| (a, sent))) else {
+            refuse(&query, "no request of std_srvs/srv/Trigger in rmw_zenoh's form");
+            return;
+        };
+        let request = Request {
+            kind,
+            sent_ns,
+            query,
+            attachment,
+        };
+        match inbox.try_send(request) {
+            Ok(()) => {}
+            Err(TrySendError::Full(r) | TrySendError::Disconnected(r)) => {
+                // A client of ROS waits for ever for what it takes for no response.
+                r.reply(false, "not ordered: too many requests wait");
+            }
+        }
+    }
+}
+
+/// Whether `asked` names the service on `key` alone: all but the hash of its type.
+fn names(asked: &str, key: &str) -> bool {
+    let named = |key: &str| key.rsplit_once('/').map(|(name, _)| name.to_owned());
+    named(asked).is_some() && named(asked) == named(key)
+}
+
+fn refuse(query: &Query, why: &str) {
+    // Who asked may have gone.
+    let _gone = query.reply_err(why).encoding(Encoding::TEXT_PLAIN).wait();
+}
+
+impl Caller for Request {
+    fn reply(self, taken: bool, message: &str) {
+        let response = TriggerResponse {
+            success: taken,
+            message: message.into(),
+        };
+        let attachment = response_attachment(&self.attachment, wall_ns());
+        let (Some(bytes), Some(attachment)) = (cdr::encode(&response), attachment) else {
+            return;
+        };
+        let reply = self.query.reply(self.query.key_expr().clone(), bytes);
+        // Who asked may have gone.
+        let _gone = reply
+            .encoding(Encoding::APPLICATION_CDR)
+            .attachment(attachment)
+            .wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ros_service_by_its_name() {
+        let key = "0/alight/drone_1/land/std_srvs::srv::dds_::Trigger_/RIHS01_ee";
+        let asked = |name: &str| names(&format!("0/alight/drone_1/{name}"), key);
+        assert!(names(key, key) && asked("land/std_srvs::srv::dds_::Trigger_/*"));
+        for several in [
+            "*/std_srvs::srv::dds_::Trigger_/RIHS01_ee",
+            "l$*/std_srvs::srv::dds_::Trigger_/*",
+            "land/**",
+            "**",
+            "land/*/RIHS01_ee",
+        ] {
+            assert!(!asked(several), "{several}");
+        }
+        assert!(!names("**", key));
+    }
+}

@@ -1,0 +1,128 @@
+//! `alight status`: status of this computer, from another terminal.
+
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::process::instance::is_running;
+use alight_computer::process::observer::Follower;
+use alight_computer::process::supervisor::pause;
+use alight_computer::situation::{Known, OBSERVATION_S, Situation};
+use alight_computer::subject::{Computer, Subject};
+use alight_computer::terminal;
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::Instance;
+use alight_transport::wake::end_requested;
+use clap::Args;
+
+use super::finding::Level;
+use super::{Status, watch};
+
+/// What runs.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
+Exit codes on a vessel: 0 fine, 1 warnings or nothing runs, 2 broken. On a drone: 0 runs, 1 nothing runs."
+)]
+pub struct StatusArgs {
+    #[command(flatten)]
+    subject: Subject,
+    /// Show everything: each finding, each process, each topic as each process reads it, the radio
+    #[arg(long, conflicts_with_all = ["watch", "json"])]
+    all: bool,
+    /// Go on showing until stopped (q); without a terminal a line for each change
+    #[arg(long)]
+    watch: bool,
+    /// Print as one JSON object, which the page of alight view draws, too
+    #[arg(long)]
+    json: bool,
+}
+
+/// Time between two JSON objects.
+const JSON_PERIOD: Duration = Duration::from_secs(1);
+/// Messages are read this often: their age is known to this.
+const POLL_PERIOD: Duration = Duration::from_millis(50);
+
+/// Looks at a computer's processes.
+struct Look<'a> {
+    computer: &'a Computer,
+    known: Known,
+    instance: Instance,
+    follower: Follower,
+    /// It has waited for every report.
+    has_waited: bool,
+}
+
+impl<'a> Look<'a> {
+    fn at(computer: &'a Computer) -> Result<Look<'a>, CliError> {
+        let name = computer.instance();
+        Ok(Look {
+            computer,
+            known: Known::of(computer),
+            instance: Instance::new(name)?,
+            follower: Follower::of(name, "status")?,
+            has_waited: false,
+        })
+    }
+    /// Reads for so long; at first for as long as every process takes to report. None: nothing runs, or it was asked to end.
+    fn read(&mut self, span: Duration) -> Option<Status> {
+        let first = Duration::from_secs_f64(OBSERVATION_S);
+        let mut left = if self.has_waited { span } else { first };
+        while !left.is_zero() {
+            pause(left.min(POLL_PERIOD));
+            left = left.saturating_sub(POLL_PERIOD);
+            if end_requested() || !is_running(&self.instance) {
+                return None;
+            }
+            self.follower.poll();
+        }
+        self.has_waited = true;
+        self.known.refresh_for(self.computer, steady_ns());
+        let (_, seen) = self.follower.poll()?;
+        Some(Status::of(Situation::of(self.known.clone(), seen, steady_ns())))
+    }
+}
+
+/// Shows once, or until stopped.
+pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
+    let computer = args.subject.computer()?;
+    let mut look = Look::at(&computer)?;
+    let Some(first) = look.read(Duration::ZERO) else {
+        if end_requested() {
+            return Ok(Exit::Success);
+        }
+        show(args, &Status::absent(&look.known))?;
+        return Ok(Exit::Failed);
+    };
+    let mut worst = first.worst;
+    let mut next = Some(first);
+    if args.watch && !args.json {
+        watch::run(|span| {
+            let status = next.take().or_else(|| look.read(span));
+            worst = status.as_ref().map_or(worst, |s| s.worst);
+            Ok(status)
+        })?;
+    } else {
+        while let Some(status) = next.take() {
+            worst = status.worst;
+            show(args, &status)?;
+            next = args.watch.then(|| look.read(JSON_PERIOD)).flatten();
+        }
+    }
+    let judged = if look.known.vessel.is_some() {
+        worst
+    } else {
+        Level::Fine
+    };
+    Ok(judged.exit())
+}
+
+fn show(args: &StatusArgs, status: &Status) -> Result<(), CliError> {
+    if args.json {
+        terminal::json(status)?;
+    } else if args.all {
+        terminal::line(status.all());
+    } else {
+        terminal::line(status.text());
+    }
+    Ok(())
+}

@@ -1,0 +1,237 @@
+//! Wind, waves and advised heading relative to the vessel's bow, as far as they are known.
+
+use alight_computer::situation::Situation;
+use alight_shared::frames::wrap_angle;
+use alight_shared::geodesy::KNOT_MPS;
+use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
+use serde::Serialize;
+
+use super::Figure;
+
+/// A slower vessel has no course over ground, m/s.
+const STILL_MPS: f64 = 0.3;
+/// What a wind is called that is too light for a direction.
+const CALM: &str = "calm";
+/// A direction this close to the bow or the stern is named after it, deg.
+const ABOUT_DEG: f64 = 5.0;
+
+/// Directions clockwise from the bow, -180 to 180 deg; None: not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Compass {
+    /// The vessel's mean heading, deg from north.
+    pub heading_deg: f64,
+    /// Where the wind comes from.
+    pub wind_from_deg: Option<f64>,
+    /// Where the waves come from.
+    pub waves_from_deg: Option<f64>,
+    /// The heading to turn to before a landing, where one is worth it.
+    pub advised_deg: Option<f64>,
+    /// All of it in words.
+    pub text: String,
+}
+
+/// A wind for people: in knots where the configuration asks for them.
+pub fn wind(wind: Wind, knots: bool) -> String {
+    let text = wind.to_string();
+    if !knots || text == CALM {
+        return text;
+    }
+    format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
+}
+
+/// A vessel's speed over ground for the operator, by its velocity to north and east, m/s; and where to, unless it lies still.
+pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
+    let mps = north.hypot(east);
+    let text = if knots {
+        format!("{:.1} kn", mps / KNOT_MPS)
+    } else {
+        format!("{mps:.1} m/s")
+    };
+    let course_deg = east.atan2(north).to_degrees().rem_euclid(360.0);
+    (text, (mps >= STILL_MPS).then_some(course_deg))
+}
+
+/// A direction (deg, clockwise from north) seen from the bow.
+fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
+    let turn = wrap_angle((direction_deg - heading_deg).to_radians()).to_degrees();
+    (10.0 * turn).round() / 10.0
+}
+
+/// In words: `40° to starboard of the bow`.
+fn words(from_bow_deg: f64) -> String {
+    let size = from_bow_deg.abs();
+    let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };
+    if size <= ABOUT_DEG {
+        "ahead".into()
+    } else if size >= 180.0 - ABOUT_DEG {
+        "astern".into()
+    } else {
+        format!("{size:.0}° to {side} of the bow")
+    }
+}
+
+/// What the drone knows: the forecast's heading, the mission's wind, the vessel's advice.
+pub fn of_drone(s: &Situation) -> Option<Compass> {
+    let heading_deg = s
+        .seen
+        .forecast
+        .fresh(s.now_ns)?
+        .mean_heading
+        .to_degrees()
+        .rem_euclid(360.0);
+    let blows = s
+        .seen
+        .mission
+        .fresh(s.now_ns)
+        .and_then(|m| m.wind)
+        .map(Wind::towards);
+    // A calm comes from nowhere.
+    let comes = blows.filter(|w| wind(*w, false) != CALM);
+    let wind_from_deg = comes.map(|w| from_bow(w.from_deg as f64, heading_deg));
+    let text = match (comes, wind_from_deg) {
+        (Some(w), Some(from)) => {
+            let speed = wind(w, s.known.knots);
+            let speed = speed.split(" from").next().unwrap_or_default();
+            format!("wind {speed} from {}", words(from))
+        }
+        _ if blows.is_some() => CALM.into(),
+        _ => "wind unknown".into(),
+    };
+    let received = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
+    Some(Compass {
+        heading_deg,
+        wind_from_deg,
+        waves_from_deg,
+        advised_deg: advised_deg.flatten(),
+        text: received
+            .as_ref()
+            .map_or(text.clone(), |a| format!("{text}; {}", advice(a))),
+    })
+}
+
+/// A direction clockwise from north, rad, as a bearing, deg.
+pub fn bearing_deg(rad: f32) -> f64 {
+    f64::from(rad).to_degrees().rem_euclid(360.0)
+}
+
+/// Waves and advised course in words: `waves from 20° to port of the bow; turn to 030°, ...`.
+pub fn advice(a: &CourseAdvice) -> String {
+    let [now, best] = a.heading.map(bearing_deg);
+    let waves = words(from_bow(bearing_deg(a.waves_to) + 180.0, now));
+    let percent = a.likelihood.map(|p| format!("{:.0} %", 100.0 * p));
+    let tilt = a.tilt.map(|rad| format!("{:.1}°", rad.to_degrees()));
+    if !a.is_change() {
+        return format!(
+            "waves from {waves}; no other course is better: {} of landings succeed, the deck tilts {}",
+            percent[0], tilt[0]
+        );
+    }
+    let turn = from_bow(best, now);
+    let heading = if turn == 0.0 {
+        "keep the heading".to_owned()
+    } else {
+        format!("turn to {best:03.0}°, {}", words(turn))
+    };
+    let slower = if a.speed[0] == a.speed[1] {
+        String::new()
+    } else {
+        format!(", at {:.0} m/s", a.speed[1])
+    };
+    format!(
+        "waves from {waves}; {heading}{slower}: {} of landings succeed instead of {}, the deck tilts {} instead of {} \
+         ({:.0} s; {:.0} m of way a minute)",
+        percent[1], percent[0], tilt[1], tilt[0], a.turn_s, a.way_lost_m
+    )
+}
+
+/// The vessel's heading, with the advice.
+pub fn figure(a: &CourseAdvice) -> Figure {
+    Figure::of(
+        "heading",
+        format!("{:03.0} deg", bearing_deg(a.heading[0])),
+        advice(a),
+    )
+}
+
+/// Where the waves come from and the advised turn, deg from the bow; None where no other course is advised.
+fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
+    let [now, best] = a.heading.map(bearing_deg);
+    let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);
+    (waves, a.is_change().then(|| from_bow(best, now)))
+}
+
+/// What the vessel knows: the waves, and the advice of its own estimate.
+pub fn of_vessel(status: &VesselStatus) -> Option<Compass> {
+    let a = status.estimator.advice?;
+    let (waves, advised_deg) = of_advice(&a);
+    Some(Compass {
+        heading_deg: bearing_deg(a.heading[0]),
+        waves_from_deg: Some(waves),
+        advised_deg,
+        text: advice(&a),
+        wind_from_deg: None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_from_the_bow() {
+        assert_eq!(words(from_bow(10.0, 350.0)), "20° to starboard of the bow");
+        assert_eq!(words(from_bow(300.0, 350.0)), "50° to port of the bow");
+        assert_eq!(words(from_bow(352.0, 350.0)), "ahead");
+        assert_eq!(words(from_bow(168.0, 350.0)), "astern");
+    }
+
+    #[test]
+    fn wind_in_knots() {
+        let w = Wind::towards([-6.2, 0.0]);
+        assert_eq!(
+            (wind(w, false), wind(w, true)),
+            ("6 m/s from 0°".into(), "12 kn from 0°".into())
+        );
+        assert_eq!(wind(Wind::towards([0.1, 0.0]), true), "calm");
+    }
+
+    #[test]
+    fn speed_in_knots() {
+        assert_eq!(speed([0.0, -2.0], true), ("3.9 kn".into(), Some(270.0)));
+        assert_eq!(speed([2.0, 0.0], false), ("2.0 m/s".into(), Some(0.0)));
+        assert_eq!(speed([0.1, 0.2], false), ("0.2 m/s".into(), None));
+    }
+
+    #[test]
+    fn advised_heading_of_a_vessel() {
+        let mut status = VesselStatus::default();
+        assert_eq!(of_vessel(&status), None);
+        let rad = |deg: f64| deg.to_radians() as f32;
+        let mut a = CourseAdvice {
+            heading: [rad(350.0), rad(30.0)],
+            speed: [5.0, 3.0],
+            likelihood: [0.81, 0.97],
+            tilt: [rad(4.0), rad(2.0)],
+            turn_s: 7.0,
+            way_lost_m: 162.0,
+            waves_to: rad(210.0),
+        };
+        status.estimator.advice = Some(a);
+        let compass = of_vessel(&status).unwrap();
+        assert_eq!(
+            (compass.waves_from_deg, compass.advised_deg),
+            (Some(40.0), Some(40.0))
+        );
+        let text = compass.text;
+        assert!(
+            text.contains("turn to 030°, 40° to starboard of the bow, at 3 m/s: 97 % of landings succeed instead of 81 %"),
+            "{text}"
+        );
+        a.heading[1] = a.heading[0];
+        assert!(advice(&a).contains("keep the heading, at 3 m/s"));
+        a.speed[1] = a.speed[0];
+        status.estimator.advice = Some(a);
+        assert_eq!(of_vessel(&status).unwrap().advised_deg, None);
+    }
+}

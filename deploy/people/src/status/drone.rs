@@ -1,0 +1,661 @@
+//! The drone's computer: findings, state and figures.
+
+use alight_computer::io::mavlink_key;
+use alight_computer::process::snapshot::{minutes, time};
+use alight_computer::situation::Situation;
+use alight_shared::geodesy::Datum;
+use alight_shared::metrics::MetricName;
+use alight_shared::msg::{
+    AttitudeResponse, AutopilotState, DECK_CLOSED, LandedState, LandingMode, MissionState, ReasonCode,
+    ShadowComparison, State, VesselLevel, Wind, still_armed,
+};
+use alight_shared::process::ProcessKind;
+use alight_shared::time::Time;
+use alight_shared::topics;
+use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
+
+use super::finding::{Finding, Topic};
+use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
+
+/// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
+const OLD_LINK: f64 = 0.5;
+/// Tags that were seen so lately are in sight, s.
+const FRESH_TAGS_S: f64 = 1.0;
+
+/// What a drone's situation means.
+pub fn findings(s: &Situation) -> Vec<Finding> {
+    let mut all = Vec::new();
+    if let Some(for_s) = s.still_armed_s() {
+        all.push(Topic("armed").broken(still_armed(for_s as f32), ARMED_REMEDY));
+    }
+    all.extend(s.seen.mission.as_ref().into_iter().flat_map(|m| mission(s, m)));
+    if let Some(a) = s.seen.autopilot.fresh(s.now_ns)
+        && a.rejection.code != ReasonCode::None
+    {
+        let found = format!("no landing: {}", a.rejection);
+        all.push(Topic("autopilot").stopping(found, "docs/troubleshooting.md names each reason"));
+    }
+    if let Some(p) = s.process(ProcessKind::Autopilot)
+        && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
+    {
+        all.push(Topic("signatures").warning(signatures, remedy_of_signatures));
+    }
+    all.extend(link(s));
+    all.extend(battery_low(s));
+    if s.seen
+        .grant
+        .fresh(s.now_ns)
+        .is_some_and(|g| g.owner == DECK_CLOSED)
+    {
+        let remedy = "its crew opens it: alight command deck open";
+        all.push(Topic("deck").stopping("the vessel has closed it: nothing descends", remedy));
+    }
+    all.extend(s.seen.frame().map(frame));
+    all
+}
+
+/// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
+fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("mission");
+    const REMEDY: &str = "docs/troubleshooting.md names each reason";
+    if s.seen.mission.is_old(s.now_ns) {
+        let age = minutes(s.seen.mission.age_s(s.now_ns));
+        let found = format!("no message from the mission for {age}");
+        return vec![TOPIC.broken(found, "it is started again by itself; else take the drone over")];
+    }
+    let mut all = Vec::new();
+    let entered = m.state.because(&m.entered);
+    if m.state == State::GaveUp {
+        all.push(TOPIC.broken(entered, REMEDY));
+    } else if m.was_entered_in_trouble() {
+        all.push(TOPIC.stopping(entered, REMEDY));
+    }
+    if m.waits_in_trouble() {
+        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), REMEDY));
+    }
+    all
+}
+
+/// The vessel's newest estimate, and who sends it.
+fn link(s: &Situation) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("link");
+    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+        return Vec::new();
+    };
+    let limit_s = topics::ESTIMATE.stale_after.secs();
+    let found = format!("the vessel's newest estimate is {} old", time(age_s));
+    let remedy = "is alight-vessel running, its radio in reach, its certificate admitted?";
+    let otherwise = known_otherwise(s);
+    let mut all = vec![if let (true, Some(by)) = (age_s.is_infinite(), otherwise) {
+        TOPIC.warning(
+            format!("no vessel received yet: it is known by its {by} alone"),
+            remedy,
+        )
+    } else if age_s.is_infinite() {
+        TOPIC.stopping("no vessel received yet", remedy)
+    } else if let (true, Some(by)) = (age_s > limit_s, otherwise) {
+        TOPIC.warning(format!("{found}: it is known by its {by} alone"), remedy)
+    } else if age_s > limit_s {
+        TOPIC.broken(found, remedy)
+    } else if age_s > OLD_LINK * limit_s {
+        TOPIC.warning(found, remedy)
+    } else {
+        TOPIC.fine(found)
+    }];
+    let bridge = s.seen.processes.get(&ProcessKind::Bridge);
+    let has_session = bridge.is_some_and(|p| p.count(MetricName::VesselSession) > 0);
+    if age_s > limit_s && has_session {
+        let remedy = "look there with alight status: does its estimator run?";
+        all.push(TOPIC.warning(
+            "the vessel's Zenoh session is up, only its estimates are missing",
+            remedy,
+        ));
+    }
+    all.extend(l.second_sender.map(|boot| {
+        let found =
+            format!("a SECOND COMPUTER sends as the vessel (boot {boot:08x}); its messages are rejected");
+        TOPIC.broken(found, "switch one off")
+    }));
+    all
+}
+
+/// By what a vessel is known that need not be received: its tags are in sight, or a beacon gives its place.
+fn known_otherwise(s: &Situation) -> Option<&'static str> {
+    let forecast = s.seen.forecast.fresh(s.now_ns)?;
+    let least = s.seen.mission.as_ref()?.least_vessel;
+    let beacon = forecast.beacon.is_some() && least <= VesselLevel::Beacon;
+    let tags = forecast.vision_age_s < FRESH_TAGS_S && (beacon || least == VesselLevel::Tag);
+    if tags {
+        Some("tags")
+    } else {
+        beacon.then_some("beacon")
+    }
+}
+
+/// A battery that does not last for the way to the deck and one attempt.
+fn battery_low(s: &Situation) -> Option<Finding> {
+    let reserve = s.seen.mission.as_ref()?.battery_reserve;
+    let charge = s.seen.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
+    let found = format!(
+        "battery at {:.0} %, the deck and one attempt need {:.0} %",
+        100.0 * charge,
+        100.0 * reserve
+    );
+    Some(Topic("battery").broken(found, "land while it lasts, or change it"))
+}
+
+/// The frame of a drone that runs, and the vessel in it.
+pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
+    const TOPIC: Topic = Topic("origin");
+    let begins = format!(
+        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
+        origin.latitude_deg, origin.longitude_deg, origin.height_m
+    );
+    match deck_m {
+        Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
+            format!("{begins}, the vessel is {m:.0} m away"),
+            "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
+        ),
+        Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
+        None => TOPIC.fine(format!("{begins}; no vessel is known")),
+    }
+}
+
+/// What is not known that a landing needs.
+pub fn unknown(s: &Situation) -> Option<&'static str> {
+    let seen = &s.seen;
+    if seen.mission.fresh(s.now_ns).is_none() {
+        Some("no mission reports")
+    } else if seen.autopilot.fresh(s.now_ns).is_none() {
+        Some("no message of the autopilot")
+    } else if seen.forecast.fresh(s.now_ns).is_none() {
+        Some("no forecast of the deck")
+    } else {
+        None
+    }
+}
+
+/// The state of its mission.
+pub fn state(s: &Situation) -> Option<StateView> {
+    let m = s.seen.mission.as_ref()?;
+    let since_s = if m.since == Time::EPOCH {
+        0.0
+    } else {
+        (m.header.at - m.since).secs() + s.seen.mission.age_s(s.now_ns)
+    };
+    Some(StateView {
+        name: m.state.name().into(),
+        does: m.state.does(),
+        since_s,
+        entered: m.entered.to_string(),
+        waiting: m.waits(),
+        stages: go::stages(m.state),
+        stale: s.seen.mission.is_old(s.now_ns),
+    })
+}
+
+/// The state in one clause.
+pub fn headline(state: Option<&StateView>) -> String {
+    let Some(state) = state else {
+        return "no mission reports".into();
+    };
+    let mut text = state.name.clone();
+    if state.since_s > 0.0 {
+        text += &format!(" since {:.1} s", state.since_s);
+    }
+    if !state.entered.is_empty() {
+        text += &format!(": {}", state.entered);
+    }
+    if state.stale { text + " (old)" } else { text }
+}
+
+/// Its figures.
+pub fn figures(s: &Situation) -> Vec<Figure> {
+    let mut all = vec![
+        distance(s),
+        link_figure(s),
+        battery(s),
+        deck(s),
+        wind(s),
+        waves(s),
+        autopilot(s),
+        touchdown(s),
+    ];
+    all.extend(
+        s.seen
+            .mission
+            .as_ref()
+            .and_then(|m| mode(m, s.seen.autopilot.as_ref()))
+            .map(|f| f.stale(s.seen.mission.is_old(s.now_ns))),
+    );
+    let advice = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    all.extend(advice.as_ref().map(compass::figure));
+    all.extend(s.seen.response.as_ref().map(response));
+    all.extend(processes(s));
+    all
+}
+
+/// From the drone to the deck's centre: horizontally, and upwards.
+fn distance(s: &Situation) -> Figure {
+    const NAME: &str = "distance";
+    let deck = s.seen.forecast.and_then(|f| f.stages.first().copied());
+    let (Some(drone), Some(forecast), Some(deck)) = (*s.seen.drone, *s.seen.forecast, deck) else {
+        let note = "no forecast of the deck".into();
+        return Figure {
+            note,
+            ..Figure::unknown(NAME)
+        };
+    };
+    let [north, east, down] = core::array::from_fn(|k| drone.position[k] - deck.position[k]);
+    let level = match forecast.vessel_level() {
+        VesselLevel::Computer => "",
+        VesselLevel::Tag => ", by tags alone",
+        VesselLevel::Beacon => "",
+    };
+    let seen = if let (VesselLevel::Beacon, Some([sd_m, age_s])) = (forecast.vessel_level(), forecast.beacon)
+    {
+        format!("vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
+    } else if forecast.vision_age_s.is_finite() {
+        format!("seen {} ago{level}", time(forecast.vision_age_s))
+    } else {
+        "not seen yet".into()
+    };
+    let old = s.seen.forecast.is_old(s.now_ns) || s.seen.drone.is_old(s.now_ns);
+    let value = format!("{:.1} m", f64::hypot(north, east));
+    Figure::of(NAME, value, format!("{:.1} m above the deck, {seen}", -down)).stale(old)
+}
+
+fn link_figure(s: &Situation) -> Figure {
+    const NAME: &str = "link";
+    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+        let note = "no report of the bridge".into();
+        return Figure {
+            note,
+            ..Figure::unknown(NAME)
+        };
+    };
+    if age_s.is_infinite() {
+        return Figure::unknown(NAME);
+    }
+    let note = format!(
+        "{:.1} % lost, latency {} / {} (p50/p99), clocks +- {}",
+        100.0 * l.loss,
+        time(l.latency_p50_s),
+        time(l.latency_p99_s),
+        time(l.clock_offset_sd_s)
+    );
+    let old = age_s > topics::ESTIMATE.stale_after.secs();
+    Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
+}
+
+/// The battery, and what the way to the deck and one attempt cost of it.
+fn battery(s: &Situation) -> Figure {
+    const NAME: &str = "battery";
+    let Some(a) = *s.seen.autopilot else {
+        return Figure::unknown(NAME);
+    };
+    let note: Vec<String> = [
+        s.seen
+            .mission
+            .map(|m| format!("needs {:.0} %", 100.0 * m.battery_reserve)),
+        s.seen
+            .mission
+            .and_then(|m| m.turns_in_s)
+            .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
+        (s.seen.mission.map(|m| m.sorties))
+            .filter(|[_, most]| *most > 0)
+            .map(|[begun, most]| format!("sortie {begun} of {most}")),
+        a.battery_v.map(|v| format!("{v:.1} V")),
+        a.battery_a.map(|i| format!("{i:.1} A")),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    Figure {
+        value: a.battery.map(|b| format!("{:.0} %", 100.0 * b)),
+        note: note.join(", "),
+        stale: s.seen.autopilot.is_old(s.now_ns),
+        ..Figure::unknown(NAME)
+    }
+}
+
+/// Whose the vessel's deck is, and what the helm states.
+fn deck(s: &Situation) -> Figure {
+    const NAME: &str = "deck";
+    let Some(g) = *s.seen.grant else {
+        return Figure::unknown(NAME);
+    };
+    let own = s.seen.mission.map_or(g.header.drone, |m| m.header.drone);
+    let owner = match g.owner {
+        DECK_CLOSED => "CLOSED".into(),
+        0 => "free".into(),
+        owner if owner == own => "ours".into(),
+        owner => format!("drone {owner}'s"),
+    };
+    let course = course(g.course.after(s.seen.grant.age_s(s.now_ns)));
+    let occupied = if g.occupied { "occupied, " } else { "" };
+    let note = format!("{occupied}course {course}");
+    Figure::of(NAME, owner, note).stale(s.seen.grant.is_old(s.now_ns))
+}
+
+fn wind(s: &Situation) -> Figure {
+    const NAME: &str = "wind";
+    match s.seen.mission.and_then(|m| m.wind) {
+        None => Figure::unknown(NAME),
+        Some(wind) => {
+            let text = compass::wind(Wind::towards(wind), s.known.knots);
+            Figure::of(NAME, text, "").stale(s.seen.mission.is_old(s.now_ns))
+        }
+    }
+}
+
+fn waves(s: &Situation) -> Figure {
+    const NAME: &str = "waves";
+    match *s.seen.wave {
+        None => Figure::unknown(NAME),
+        Some(w) => Figure::of(
+            NAME,
+            format!("{:.1} m", w.significant_height_m),
+            format!("forecast quality {:.0} %", 100.0 * w.confidence),
+        )
+        .stale(s.seen.wave.is_old(s.now_ns)),
+    }
+}
+
+fn autopilot(s: &Situation) -> Figure {
+    const NAME: &str = "autopilot";
+    let Some(AutopilotState {
+        mode, armed, landed, ..
+    }) = *s.seen.autopilot
+    else {
+        return Figure::unknown(NAME);
+    };
+    let landed = match landed {
+        LandedState::Unknown => "",
+        LandedState::OnGround => ", on the ground",
+        LandedState::InAir => ", in the air",
+    };
+    let armed = if armed { "armed" } else { "disarmed" };
+    let old = s.seen.autopilot.is_old(s.now_ns);
+    Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
+}
+
+/// When the plan touches down.
+fn touchdown(s: &Situation) -> Figure {
+    const NAME: &str = "touchdown";
+    let Some(p) = *s.seen.plan else {
+        return Figure::unknown(NAME);
+    };
+    let (age_s, stale) = (s.seen.plan_age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
+    let stands = s.seen.mission.as_ref().is_some_and(|m| m.state == State::Landed);
+    let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
+    Figure {
+        value: match left_s {
+            _ if stands => Some("done".into()),
+            // The countdown of an old plan is none.
+            Some(_) if stale => None,
+            Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
+            None => Some("not planned".into()),
+        },
+        note: format!("plan {} old, {:?}", time(age_s), p.solve).to_lowercase(),
+        stale: stale && !stands,
+        ..Figure::unknown(NAME)
+    }
+}
+
+/// How the attitude answers set-points.
+fn response(r: &AttitudeResponse) -> Figure {
+    let [roll, pitch] = r.lag_s;
+    let source = if r.identified {
+        "identified in flight"
+    } else {
+        "as configured, not flown yet"
+    };
+    let (dead, roll, pitch) = (time(r.dead_time_s), time(roll), time(pitch));
+    let value = format!("{dead} dead time");
+    Figure::of(
+        "response",
+        value,
+        format!("then roll {roll}, pitch {pitch}; {source}"),
+    )
+}
+
+/// How far the landing goes, when not onto the deck.
+fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
+    match m.settings.mode {
+        LandingMode::Land => None,
+        LandingMode::Match => {
+            let lowest_m = m.lowest_clearance_m.unwrap_or_default();
+            let note = "follows the deck there and climbs";
+            Some(Figure::of(
+                "match",
+                format!("{lowest_m:.1} m above the deck"),
+                note,
+            ))
+        }
+        LandingMode::Shadow => Some(match a.and_then(|a| a.shadow) {
+            None => Figure::of("shadow", "a pilot flies", "nothing to compare yet"),
+            Some(s) => shadow(&s),
+        }),
+    }
+}
+
+/// What would be commanded, compared with what is flown.
+fn shadow(s: &ShadowComparison) -> Figure {
+    let [roll, pitch] = s.tilt.map(f64::to_degrees);
+    let motors = if s.stops { "; would stop the motors" } else { "" };
+    let value = format!(
+        "would command roll {roll:.1} pitch {pitch:.1} deg, thrust {:.2}",
+        s.thrust
+    );
+    let apart = format!(
+        "apart by {:.1} deg, {:.2} m/s{motors}",
+        s.apart_rad.to_degrees(),
+        s.apart_mps
+    );
+    Figure::of("shadow", value, apart)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::Status;
+    use alight_computer::process::snapshot::Newest;
+    use alight_computer::process::snapshot::Snapshot;
+    use alight_computer::situation::Known;
+    use alight_shared::msg::{DeckForecast, Header, LinkState, MissionSettings, Reason};
+    use alight_shared::plain::Plain;
+    use alight_shared::process::ProcessState;
+
+    const NOW_NS: i64 = 100_000_000_000;
+
+    fn mission(state: State, waiting: ReasonCode) -> MissionState {
+        MissionState {
+            header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
+            state,
+            since: Time::from_secs(12.0),
+            entered: ReasonCode::InSight.into(),
+            waiting: Reason::new(waiting, 0.31, 0.2),
+            battery_reserve: 0.34,
+            ..MissionState::default()
+        }
+    }
+    /// It came just now.
+    fn came<T: Plain>(value: T) -> Newest<T> {
+        let mut newest = Newest::default();
+        newest.set(NOW_NS, Some(value));
+        newest
+    }
+    fn status(seen: &Snapshot, now_ns: i64) -> Status {
+        let known = Known {
+            title: "default".into(),
+            processes: ProcessKind::DRONE.into(),
+            ..Known::default()
+        };
+        Status::of(Situation::of(known, seen, now_ns))
+    }
+    fn flying() -> Snapshot {
+        let report = |kind| ProcessState {
+            kind,
+            at_ns: NOW_NS,
+            ..ProcessState::default()
+        };
+        Snapshot {
+            processes: ProcessKind::DRONE.into_iter().map(|k| (k, report(k))).collect(),
+            mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
+            autopilot: came(AutopilotState {
+                armed: true,
+                battery: Some(0.8),
+                ..AutopilotState::default()
+            }),
+            link: came(LinkState {
+                age_s: 0.06,
+                ..LinkState::default()
+            }),
+            ..Snapshot::default()
+        }
+    }
+    fn texts(snapshot: &Snapshot) -> Vec<String> {
+        let text = status(snapshot, NOW_NS).text();
+        text.lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn status_page_of_a_flying_drone() {
+        let lines = texts(&flying());
+        assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
+        for (label, part) in [
+            ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
+            ("distance", "no forecast"),
+            ("link", "60.0 ms old"),
+            ("battery", "80 %, needs 34 %"),
+            ("autopilot", "armed"),
+            ("processes", "5 run, bridge"),
+            ("alarms", "none"),
+        ] {
+            let line = lines.iter().find(|l| l.starts_with(label));
+            assert!(line.is_some_and(|l| l.contains(part)), "{label}: {lines:?}");
+        }
+    }
+
+    #[test]
+    fn status_page_with_every_alarm() {
+        let mut s = flying();
+        s.processes.clear();
+        s.edited = Some("drone.toml was edited since the start".into());
+        s.mission = came(MissionState {
+            settings: MissionSettings {
+                mode: LandingMode::Shadow,
+                ..MissionSettings::default()
+            },
+            waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
+            ..mission(State::Landed, ReasonCode::None)
+        });
+        s.autopilot = came(AutopilotState {
+            armed: true,
+            battery: Some(0.1),
+            rejection: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
+            shadow: Some(ShadowComparison::default()),
+            ..AutopilotState::default()
+        });
+        s.link = came(LinkState {
+            age_s: f64::INFINITY,
+            second_sender: Some(7),
+            ..LinkState::default()
+        });
+        let lines = texts(&s);
+        assert!(
+            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
+            "{lines:?}"
+        );
+        let has = |part: &str| lines.iter().any(|l| l.contains(part));
+        for part in [
+            "still ARMED",
+            "no report of bridge",
+            "no landing:",
+            "battery at 10 %",
+            "a SECOND COMPUTER",
+            "was edited",
+            "no vessel received yet",
+        ] {
+            assert!(has(part), "{part}: {lines:?}");
+        }
+    }
+
+    #[test]
+    fn silent_vessel_with_its_tags_in_sight() {
+        let mut s = flying();
+        s.link = came(LinkState {
+            age_s: f64::INFINITY,
+            ..LinkState::default()
+        });
+        s.forecast = came(DeckForecast {
+            radio_age_s: f64::INFINITY,
+            vision_age_s: 0.1,
+            ..DeckForecast::default()
+        });
+        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
+            s.mission = came(MissionState {
+                least_vessel,
+                ..mission(State::Tracking, ReasonCode::NotIdentified)
+            });
+            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let link = all.iter().find(|f| f.topic == "link");
+            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
+        }
+        // A beacon leads to it, where that is permitted.
+        s.forecast = came(DeckForecast {
+            radio_age_s: f64::INFINITY,
+            vision_age_s: f64::INFINITY,
+            beacon: Some([12.0, 0.8]),
+            ..DeckForecast::default()
+        });
+        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
+            s.mission = came(MissionState {
+                least_vessel,
+                ..mission(State::Search, ReasonCode::Searching)
+            });
+            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let link = all.iter().find(|f| f.topic == "link");
+            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
+        }
+    }
+
+    #[test]
+    fn status_page_key() {
+        let key = |s: &Snapshot, now_ns| status(s, now_ns).key();
+        let mut other = flying();
+        let before = key(&other, NOW_NS);
+        other.link = came(LinkState {
+            age_s: 0.09,
+            ..LinkState::default()
+        });
+        other.mission = came(MissionState {
+            waiting: Reason::new(ReasonCode::TooSteep, 0.4, 0.2),
+            ..mission(State::Tracking, ReasonCode::TooSteep)
+        });
+        assert_eq!(key(&other, NOW_NS), before);
+        assert_ne!(key(&other, NOW_NS + 60_000_000_000), before, "silent processes");
+        other.mission = came(mission(State::Descent, ReasonCode::TooSteep));
+        assert_ne!(key(&other, NOW_NS), before);
+    }
+
+    #[test]
+    fn status_page_shadow_line() {
+        let s = ShadowComparison {
+            tilt: [0.1, -0.05],
+            thrust: 0.41,
+            apart_rad: 0.02,
+            apart_mps: 0.3,
+            ..ShadowComparison::default()
+        };
+        assert_eq!(
+            shadow(&s),
+            Figure::of(
+                "shadow",
+                "would command roll 5.7 pitch -2.9 deg, thrust 0.41",
+                "apart by 1.1 deg, 0.30 m/s"
+            )
+        );
+    }
+}

@@ -1,0 +1,62 @@
+//! Findings about a situation: every threshold and every sentence of `alight status` and of the page.
+
+use alight_computer::process::lateness;
+use alight_computer::process::snapshot::minutes;
+use alight_computer::situation::Situation;
+use alight_shared::metrics::MetricName;
+
+use super::finding::{Finding, Topic};
+use super::{drone, vessel};
+
+/// What the situation means.
+pub fn judge(s: &Situation) -> Vec<Finding> {
+    let mut all = processes(s);
+    all.extend(match s.vessel() {
+        Some((known, status)) => vessel::findings(s, known, status),
+        None => drone::findings(s),
+    });
+    all
+}
+
+/// The service's unit.
+fn unit(s: &Situation) -> &'static str {
+    if s.known.vessel.is_some() {
+        "alight-vessel"
+    } else {
+        "alight-drone"
+    }
+}
+
+/// Processes that are silent, late, or do not record, and a configuration that is not theirs any more.
+fn processes(s: &Situation) -> Vec<Finding> {
+    let mut all = Vec::new();
+    let silent: Vec<String> = s
+        .silent()
+        .into_iter()
+        .map(|(kind, for_s)| match for_s {
+            Some(for_s) => format!("{} for {}", kind.name(), minutes(for_s)),
+            None => kind.name().into(),
+        })
+        .collect();
+    if !silent.is_empty() {
+        all.push(Topic("processes").broken(
+            format!("no report of {}", silent.join(", ")),
+            format!("it ended or is frozen: systemctl status {}", unit(s)),
+        ));
+    }
+    for p in s.seen.processes.values() {
+        all.extend(lateness::finding(p).map(|late| Topic("computer").warning(late, lateness::REMEDY)));
+        let steps = p.count(MetricName::StepsUnrecorded);
+        if steps > 0 {
+            all.push(Topic("recorder").warning(
+                format!("{steps} steps not recorded by {}", p.kind.name()),
+                "the process goes on without; its journal names file and error: free space, or make it writable",
+            ));
+        }
+    }
+    all.extend(s.seen.edited.iter().map(|edited| {
+        let remedy = format!("when nothing flies: systemctl restart {}", unit(s));
+        Topic("configuration").warning(edited.as_str(), remedy)
+    }));
+    all
+}

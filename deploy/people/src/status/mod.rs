@@ -1,0 +1,228 @@
+//! Status of one computer: what is known ([`Situation`]), what it means ([`findings`]), and its texts. Terminal
+//! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show one object, [`Status`], which `alight status --json`
+//! prints; `alight check` reports in the same [`finding`]s.
+
+pub mod certificate;
+pub mod command;
+pub mod compass;
+pub mod drone;
+pub mod finding;
+pub mod findings;
+pub mod go;
+pub mod sources;
+pub mod text;
+pub mod vessel;
+pub mod watch;
+
+use alight_computer::situation::{Known, Situation};
+use alight_shared::msg::Course;
+use compass::Compass;
+use finding::{Finding, Level, Topic};
+use go::{Go, Stage};
+use serde::Serialize;
+use vessel::DRONES;
+
+/// The state of a landing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StateView {
+    /// Its name.
+    pub name: String,
+    /// What the drone does in it.
+    pub does: &'static str,
+    /// Since when, s; 0 where it has not changed since the mission began.
+    pub since_s: f64,
+    /// Why it was entered; empty: no reason.
+    pub entered: String,
+    /// What the next one waits for, with figure and limit; empty: nothing.
+    pub waiting: String,
+    /// The stages of a landing, and which of them it is.
+    pub stages: Vec<Stage>,
+    /// Nothing new is known of it.
+    pub stale: bool,
+}
+
+/// A figure with its name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Figure {
+    /// Its name.
+    pub name: &'static str,
+    /// With its unit; None: not known.
+    pub value: Option<String>,
+    /// What else is known of it.
+    pub note: String,
+    /// The worst of the findings with this name as their topic.
+    pub level: Level,
+    /// It is an old one.
+    pub stale: bool,
+}
+
+impl Figure {
+    /// One that is known.
+    pub fn of(name: &'static str, value: impl Into<String>, note: impl Into<String>) -> Figure {
+        Figure {
+            name,
+            value: Some(value.into()),
+            note: note.into(),
+            ..Figure::default()
+        }
+    }
+    /// One that is not known.
+    pub fn unknown(name: &'static str) -> Figure {
+        Figure {
+            name,
+            ..Figure::default()
+        }
+    }
+    /// From a message that may be an old one.
+    pub fn stale(self, stale: bool) -> Figure {
+        Figure { stale, ..self }
+    }
+}
+
+/// What to do about motors that run on the deck.
+pub const ARMED_REMEDY: &str = "keep clear of its rotors";
+
+/// The processes that report.
+fn processes(s: &Situation) -> Option<Figure> {
+    let names: Vec<&str> = s
+        .seen
+        .processes
+        .keys()
+        .filter(|kind| s.reports(**kind))
+        .map(|kind| kind.name())
+        .collect();
+    let value = format!("{} run", names.len());
+    (!s.seen.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
+}
+
+/// What the helm states of the course.
+pub fn course(course: Course) -> String {
+    match course {
+        Course::Unknown => "not stated".into(),
+        Course::Steady(for_s) => format!("steady for {for_s:.0} s"),
+        Course::Turning => "turning".into(),
+    }
+}
+
+/// A computer's situation and what it means.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Status {
+    /// Whose it is.
+    pub title: String,
+    /// Its processes run.
+    pub running: bool,
+    /// How it is, in one clause.
+    pub headline: String,
+    /// Whether a landing may go on.
+    pub go: Go,
+    /// The state of the landing; None: not known.
+    pub state: Option<StateView>,
+    /// Wind, waves and advised heading from the bow; None: no heading is known.
+    pub compass: Option<Compass>,
+    /// Figures, the most important first.
+    pub figures: Vec<Figure>,
+    /// The worst of the findings.
+    pub worst: Level,
+    /// What was looked at, and what to do.
+    pub findings: Vec<Finding>,
+    /// What they are about.
+    #[serde(flatten)]
+    pub situation: Situation,
+}
+
+impl Status {
+    /// The status of this situation.
+    pub fn of(situation: Situation) -> Status {
+        if situation.known.vessel.is_some() && situation.seen.vessel.is_none() {
+            const TOPIC: Topic = Topic("processes");
+            const FOUND: &str = "the vessel's process does not report";
+            const REMEDY: &str = "its journal says why: journalctl -u alight-vessel";
+            let found = if situation.has_waited() {
+                TOPIC.broken(FOUND, REMEDY)
+            } else {
+                TOPIC.warning(FOUND, REMEDY)
+            };
+            return Status {
+                running: true,
+                ..Status::without(&situation.known, "does not report", found)
+            };
+        }
+        let findings = findings::judge(&situation);
+        let worst = Level::worst(&findings);
+        let (state, headline, mut figures, compass) = match situation.vessel() {
+            Some((known, status)) => {
+                let state = vessel::state(&situation, status);
+                let figures = vessel::figures(&situation, known, status);
+                let headline = vessel::headline(&situation, worst);
+                (state, headline, figures, compass::of_vessel(status))
+            }
+            None => {
+                let state = drone::state(&situation);
+                let headline = drone::headline(state.as_ref());
+                let figures = drone::figures(&situation);
+                (state, headline, figures, compass::of_drone(&situation))
+            }
+        };
+        // A vessel is judged without a drone, too.
+        let unknown = match situation.vessel() {
+            Some(_) => None,
+            None => drone::unknown(&situation),
+        };
+        let go = Go::of(&findings, unknown);
+        // Of several drones each has a figure, which judges itself.
+        for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
+            let own = findings.iter().filter(|f| f.topic == figure.name);
+            figure.level = own.map(|f| f.level).max().unwrap_or_default();
+        }
+        Status {
+            title: situation.known.title.clone(),
+            running: true,
+            headline,
+            go,
+            state,
+            compass,
+            figures,
+            worst,
+            findings,
+            situation,
+        }
+    }
+    /// Of a computer on which nothing runs.
+    pub fn absent(known: &Known) -> Status {
+        const TOPIC: Topic = Topic("processes");
+        const FOUND: &str = "no process runs on this computer, or this user may not see it";
+        let found = if known.vessel.is_some() {
+            TOPIC.warning(
+                FOUND,
+                "systemctl status alight-vessel; run this as its user: sudo -u alight alight status",
+            )
+        } else {
+            TOPIC.warning(
+                FOUND,
+                "systemctl status alight-drone, or alight land; run this as its user: sudo -u alight alight status",
+            )
+        };
+        Status::without(known, "nothing runs", found)
+    }
+    /// Of a computer of which no more is known.
+    fn without(known: &Known, headline: &str, why: Finding) -> Status {
+        Status {
+            title: known.title.clone(),
+            headline: headline.into(),
+            go: Go::of(core::slice::from_ref(&why), Some(&why.found)),
+            worst: why.level,
+            findings: vec![why],
+            situation: Situation {
+                known: known.clone(),
+                ..Situation::default()
+            },
+            ..Status::default()
+        }
+    }
+    /// The findings that are not fine, the worst first.
+    pub fn alarms(&self) -> Vec<&Finding> {
+        let mut all: Vec<&Finding> = self.findings.iter().filter(|f| f.level > Level::Fine).collect();
+        all.sort_by_key(|f| core::cmp::Reverse(f.level));
+        all
+    }
+}

@@ -1,0 +1,248 @@
+//! What the status of a vessel's sensors and of its estimate means: what is refused, what is said of their bytes, and
+//! whether a landing can do with the estimate.
+
+use alight_computer::process::snapshot::time;
+use alight_computer::situation::SourceHealth;
+use alight_shared::msg::{EstimatorStatus, Line};
+
+use super::finding::{Finding, Topic};
+
+/// A sensor or an estimate older than this is missing, s.
+pub const MISSING_S: f64 = 2.0;
+/// Standard deviations of an estimate that a landing can do with. Chosen: the drone finds the deck's tags by them from
+/// 10 m away, within a view of some 5 m and some degrees, and begins above the deck by the height.
+const MOST_PLACE_M: f64 = 5.0;
+const MOST_HEIGHT_M: f64 = 5.0;
+const MOST_TILT_DEG: f64 = 2.0;
+const MOST_HEADING_DEG: f64 = 5.0;
+/// Fewer measurements of the last seconds are no rate.
+const LEAST_LATELY: u64 = 5;
+
+/// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
+pub fn source(s: &SourceHealth) -> Finding {
+    const TOPIC: Topic = Topic("source");
+    let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
+    let undated = d.undated + r.status.implausible_time;
+    let counts = format!(
+        "{}: {} good, {} corrupted, {undated} undated, {} out of order; {} used, {} gated, {} rejected",
+        s.name,
+        d.good,
+        d.corrupted,
+        r.status.out_of_order + uses.out_of_order,
+        uses.used,
+        uses.gated,
+        uses.rejected
+    );
+    let silent = match (s.age_s, &r.why) {
+        (Some(age_s), _) if age_s <= MISSING_S => None,
+        (_, Some(why)) => Some(why.to_string()),
+        (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
+        (None, None) => Some("no measurement yet".into()),
+    };
+    if uses.is_stuck {
+        return TOPIC.broken(
+            format!("{counts}; STUCK: it repeats one sample, {} rejected", uses.stuck),
+            "its numbers are no measurement: power it off and on, then its cable and its driver",
+        );
+    }
+    match silent {
+        Some(why) => TOPIC.warning(
+            format!("{counts}; {why}"),
+            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
+        ),
+        None if d.mismatched_pulses > 0 => TOPIC.warning(
+            format!(
+                "{counts}; {} time pulses of another time base than its fixes",
+                d.mismatched_pulses
+            ),
+            "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
+        ),
+        None => match refusal(s) {
+            Some(refused) => TOPIC.warning(
+                format!("{counts}; {refused}"),
+                "too old or from the future: its clock, its latency_s, its line; else another sensor contradicts it: its mount",
+            ),
+            None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
+        },
+    }
+}
+
+/// What is to be said of a source.
+pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
+    let remarks = s.report.remarks.iter().map(|r| {
+        let remedy = r.remedy.as_ref().map(Line::as_str);
+        remark(&s.name, r.text.as_str(), remedy)
+    });
+    core::iter::once(source(s)).chain(remarks)
+}
+
+/// What is to be said of a source's bytes beside their counts.
+pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
+    const TOPIC: Topic = Topic("sensors");
+    let found = format!("{name}: {text}");
+    match remedy {
+        Some(remedy) => TOPIC.warning(found, remedy),
+        None => TOPIC.fine(found),
+    }
+}
+
+/// A source of whose newest measurements more are refused than used.
+fn refusal(s: &SourceHealth) -> Option<String> {
+    let [used, refused] = s.uses.lately;
+    let all = used + refused;
+    (all >= LEAST_LATELY && refused > used)
+        .then(|| format!("{refused} of the last {all} measurements of {} refused", s.name))
+}
+
+/// What of an estimate is worse than a landing needs.
+fn uncertain(sd: [f64; 4]) -> Vec<String> {
+    let [place, height, tilt, heading] = sd;
+    let deg = f64::to_degrees;
+    [
+        ("position", place, MOST_PLACE_M, "m"),
+        ("height", height, MOST_HEIGHT_M, "m"),
+        ("tilt", deg(tilt), MOST_TILT_DEG, "deg"),
+        ("heading", deg(heading), MOST_HEADING_DEG, "deg"),
+    ]
+    .into_iter()
+    .filter(|(_, is, most, _)| is > most)
+    .map(|(what, is, most, unit)| format!("{what} +- {is:.1} {unit} (a landing needs {most} {unit})"))
+    .collect()
+}
+
+/// What the estimate lacks, and whether a landing can do with it.
+pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("estimator");
+    let mut all = Vec::new();
+    for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
+        .iter()
+        .enumerate()
+    {
+        let found = match e.sensor_age_s.get(k).copied().flatten() {
+            Some(s) if s <= MISSING_S => continue,
+            Some(s) => format!("{name}: nothing for {s:.0} s"),
+            None => format!("{name}: nothing yet"),
+        };
+        all.push(Topic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
+    }
+    let [horizontal, height, tilt, heading] = e.sd;
+    let refused: Vec<String> = sources.iter().filter_map(refusal).collect();
+    let cause = if refused.is_empty() {
+        String::new()
+    } else {
+        format!("; {}", refused.join("; "))
+    };
+    let worse = uncertain(e.sd);
+    all.push(match e.estimate_age_s {
+        Some(s) if s <= MISSING_S && !worse.is_empty() => TOPIC.warning(
+            format!("{}{cause}", worse.join(", ")),
+            if cause.is_empty() {
+                "no sensor measures it better: see what is said of the sources above"
+            } else {
+                "see to the source that is refused"
+            },
+        ),
+        Some(s) if s <= MISSING_S => TOPIC.fine(format!(
+            "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
+             rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
+            tilt.to_degrees(),
+            heading.to_degrees(),
+            e.waves.map_or_else(
+                || "no waves yet".into(),
+                |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
+            ),
+            e.rejected,
+            e.gated,
+            e.restarts,
+        )),
+        Some(s) => TOPIC.broken(
+            format!("no estimate for {s:.0} s{cause}"),
+            "drones receive no estimate; see to the sensors above",
+        ),
+        None => TOPIC.broken(
+            format!("no estimate yet{cause}"),
+            "it needs inertial sensor, GNSS and heading for some seconds",
+        ),
+    });
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::finding::Level;
+    use alight_shared::msg::SourceUse;
+
+    fn receiver() -> SourceHealth {
+        SourceHealth {
+            name: "receiver".into(),
+            age_s: Some(0.1),
+            uses: SourceUse {
+                used: 880,
+                ..SourceUse::default()
+            },
+            ..SourceHealth::default()
+        }
+    }
+    fn sound() -> EstimatorStatus {
+        EstimatorStatus {
+            sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
+            estimate_age_s: Some(0.03),
+            sd: [0.5, 0.1, 0.005, 0.01],
+            ..EstimatorStatus::default()
+        }
+    }
+
+    #[test]
+    fn vessel_status_of_an_estimate_that_is_too_uncertain() {
+        // A receiver whose clock fell back: every fix is refused, and the position drifts.
+        let refusing = |lately| {
+            let mut source = receiver();
+            source.uses.lately = lately;
+            source
+        };
+        let lost = refusing([0, 63]);
+        let drifted = EstimatorStatus {
+            sd: [70.0, 0.4, 0.005, 0.17],
+            ..sound()
+        };
+        let refused = source(&lost);
+        assert_eq!(refused.level, Level::Warning);
+        assert!(
+            refused
+                .found
+                .contains("63 of the last 63 measurements of receiver refused")
+        );
+        let all = estimator(&drifted, &[lost]);
+        let worse = &all[0];
+        assert!(all.len() == 1 && worse.level == Level::Warning, "{all:?}");
+        for part in [
+            "position +- 70.0 m (a landing needs 5 m)",
+            "heading +- 9.7 deg",
+            "63 of the last 63",
+        ] {
+            assert!(worse.found.contains(part), "{worse:?}");
+        }
+        // Refusals now and then are none, and without an estimate they are the reason.
+        let now_and_then = refusing([60, 3]);
+        assert_eq!(source(&now_and_then).level, Level::Fine);
+        assert_eq!(estimator(&sound(), &[now_and_then])[0].level, Level::Fine);
+        let none = EstimatorStatus {
+            estimate_age_s: None,
+            ..sound()
+        };
+        let refused = refusing([0, 40]);
+        let found = &estimator(&none, &[refused])[0].found;
+        assert!(found.starts_with("no estimate yet; 40 of the last 40"), "{found}");
+    }
+
+    #[test]
+    fn what_is_said_of_a_source() {
+        let found = remark("receiver", "height: by EGM96", Some("let it state its own"));
+        assert_eq!(
+            (found.level, found.found.as_str()),
+            (Level::Warning, "receiver: height: by EGM96")
+        );
+        assert_eq!(remark("receiver", "left out: 5 AIVDM", None).level, Level::Fine);
+    }
+}

@@ -1,0 +1,401 @@
+//! The vessel's computer: findings, state and figures.
+
+use alight_computer::process::snapshot::time;
+use alight_computer::situation::{KnownVessel, Situation};
+use alight_computer::vessel::{deck_inputs, helm, helm_lamp};
+use alight_shared::metrics::MetricName;
+use alight_shared::msg::{
+    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmEnd,
+    HelmState, State, VesselStatus, still_armed,
+};
+use alight_shared::process::ProcessKind;
+
+use super::finding::{Finding, Level, Topic};
+use super::sources::{self, MISSING_S, estimator, source};
+use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
+
+/// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
+pub const LOST_CONTACT_S: f64 = 5.0;
+
+/// What a vessel's situation means.
+pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
+    let sources = s.sources();
+    let mut all = vec![radio(s, known)];
+    all.extend(sources.iter().flat_map(sources::of));
+    all.extend(estimator(&status.estimator, &sources));
+    all.push(match &known.certificate {
+        None => certificate::none(known.listen.iter().chain(&known.connect)),
+        Some(read) => certificate::judge(read),
+    });
+    all.push(unauthorised_peers(s, known));
+    all.extend(deck(status));
+    all.extend(course_findings(&status.deck));
+    all.extend(helm_findings(&status.deck));
+    all.extend(status.estimator.advice.as_ref().map(advised_course));
+    all.extend(drones(status));
+    all
+}
+
+fn radio(s: &Situation, known: &KnownVessel) -> Finding {
+    let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
+    Topic("radio").fine(format!(
+        "listens on {}, {:.1} MB sent, {} packets dropped",
+        known.listen.join(", "),
+        count(MetricName::BytesSent) as f64 * 1e-6,
+        count(MetricName::PacketsDropped)
+    ))
+}
+
+fn unauthorised_peers(s: &Situation, known: &KnownVessel) -> Finding {
+    let rejected = s.rejected();
+    if rejected.is_empty() {
+        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers.join(", ")));
+    }
+    let each: Vec<String> = rejected.iter().map(|(why, n)| format!("{n} for {why}")).collect();
+    Topic("peers").warning(
+        format!(
+            "rejected: {}; the last for {}",
+            each.join(", "),
+            s.rejected_last().unwrap_or("-")
+        ),
+        "a peer without an admitted certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
+    )
+}
+
+/// Whose the deck is.
+fn owner(status: &VesselStatus) -> String {
+    let owner = status.deck_owner;
+    let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
+    let on = if status.occupied { ", occupied" } else { "" };
+    format!("{owner}{on}")
+}
+
+fn deck(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("deck");
+    let found = owner(status);
+    let deck = &status.deck;
+    const OPEN: &str = "alight command deck open";
+    let owned = match (deck.closed, deck.owner_age_s) {
+        (Some(Closure::Crew), _) => TOPIC.stopping(format!("closed by the crew; {found}"), OPEN),
+        (Some(Closure::CheckpointDamaged), _) => TOPIC.stopping(
+            "closed: the file of who stands on it was damaged",
+            format!("look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::CheckpointMissing), _) => TOPIC.stopping(
+            "closed: there is no file of who stands on it",
+            format!("look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::CheckpointUnwritable), _) => TOPIC.stopping(
+            format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
+            format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
+        ),
+        (Some(Closure::Switch), _) => TOPIC.stopping(
+            format!("closed by the crew's switch; {found}"),
+            "open it at the switch (deck.crew_switch)",
+        ),
+        (Some(Closure::Sensor), _) => TOPIC.stopping(
+            format!("closed: by its sensor something lies on it that is no drone; {found}"),
+            "look, and take it away (deck.occupancy_sensor)",
+        ),
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => TOPIC.stopping(
+            format!("{found}, silent for {}", time(age_s)),
+            format!("it may stand there; once it does not: {OPEN}"),
+        ),
+        (None, _) => TOPIC.fine(found),
+    };
+    let mut all = vec![owned];
+    all.extend(deck.doubles.iter().map(|id| {
+        TOPIC.broken(
+            format!("two drones have the number {id}: neither is given the deck"),
+            "change bridge.drone_id of one of them",
+        )
+    }));
+    all.extend(deck.starved.iter().map(|s| {
+        TOPIC.broken(
+            s.to_string(),
+            format!("look now: once drone {} is not there: {OPEN}", s.owner),
+        )
+    }));
+    all.extend(deck.follows_another.iter().map(|f| {
+        TOPIC.broken(
+            format!(
+                "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
+                f.drone, f.boot
+            ),
+            "switch one of the two off: each gives away a deck of its own",
+        )
+    }));
+    all.extend(deck.unplaced.iter().map(|id| {
+        TOPIC.stopping(
+            format!(
+                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+            ),
+            format!("wait for its position; or look, and once it is not there: {OPEN}"),
+        )
+    }));
+    all.extend(deck.aborts.iter().map(|id| {
+        TOPIC.warning(
+            format!("drone {id} has not acknowledged an abort"),
+            "it is repeated until it does",
+        )
+    }));
+    all.extend(
+        deck.input_errors
+            .iter()
+            .map(|e| match deck_inputs::is_consent(e.as_str()) {
+                true => TOPIC.warning(e.as_str(), deck_inputs::CONSENT_REMEDY),
+                false => TOPIC.warning(e.as_str(), deck_inputs::REMEDY),
+            }),
+    );
+    all.extend(deck.file_error.iter().map(|e| {
+        TOPIC.warning(
+            format!("its state would not outlive the process: {e}"),
+            "free space, or make it writable",
+        )
+    }));
+    all
+}
+
+/// What the helm states, and what it is asked for.
+fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("course");
+    let stated = course(deck.course);
+    let turns = deck.wants_steady && deck.course == Course::Turning;
+    let mut all = vec![if turns {
+        TOPIC.stopping(
+            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
+            "keep course and speed, and state it: the helm's switch, or alight command steady",
+        )
+    } else if deck.wants_steady {
+        TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
+    } else {
+        TOPIC.fine(stated)
+    }];
+    all.extend(
+        deck.lamp_error
+            .iter()
+            .map(|e| TOPIC.warning(e.as_str(), helm_lamp::REMEDY)),
+    );
+    all
+}
+
+/// The handshake about the helm, where there is one.
+fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("helm");
+    let helm = &deck.helm;
+    let mut all: Vec<Finding> = deck
+        .helm_error
+        .iter()
+        .map(|e| TOPIC.warning(e.as_str(), helm::REMEDY))
+        .collect();
+    all.extend(match helm.state {
+        HelmState::Idle => None,
+        HelmState::Asked => Some(TOPIC.stopping(
+            format!("{helm}: MAY THE COMPUTER STEER?"),
+            "look for traffic, then: alight command helm yes, or no; without an answer the drone lands as it is",
+        )),
+        HelmState::Agreed | HelmState::Steady | HelmState::Done => {
+            Some(TOPIC.fine(format!("{helm}; a hand on the helm, or alight command helm no, ends it")))
+        }
+        HelmState::Withdrawn if helm.why == HelmEnd::NotGivenBack => Some(TOPIC.stopping(
+            helm.to_string(),
+            "set the mode of the boat's autopilot by hand; the skipper is not asked before (docs/helm.md)",
+        )),
+        HelmState::Withdrawn => Some(TOPIC.warning(helm.to_string(), "the boat steers as its skipper has it")),
+    });
+    all
+}
+
+/// The course that the helm may choose before a landing.
+fn advised_course(a: &CourseAdvice) -> Finding {
+    Topic("heading").fine(compass::advice(a))
+}
+
+/// Name of the figures of drones, each of which judges itself.
+pub const DRONES: &str = "drones";
+
+/// What a drone reports of itself.
+pub fn drone(d: &DroneStatus) -> Finding {
+    const TOPIC: Topic = Topic("drones");
+    let number = d.header.drone;
+    if let Some(for_s) = d.still_armed_s {
+        return TOPIC.broken(format!("drone {number}: {}", still_armed(for_s)), ARMED_REMEDY);
+    }
+    if !d.is_current() {
+        return TOPIC.broken(
+            format!(
+                "drone {number}: its mission is silent for {}; before: {}",
+                time(d.mission_age_s.into()),
+                d.state.name()
+            ),
+            "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+        );
+    }
+    let armed = if d.armed { "armed" } else { "disarmed" };
+    let state = d.state.because(&d.entered);
+    let found = format!("drone {number}: {state}; {armed}, battery {}", Charge(d.battery));
+    if d.state == State::StandDown {
+        return TOPIC.warning(
+            found,
+            "stand clear; where it stays armed, disarm by remote control",
+        );
+    }
+    if d.state.starts_motors() {
+        return TOPIC.warning(found, "stand clear; alight command abort stops it");
+    }
+    TOPIC.fine(found)
+}
+
+/// The drones, and how long ago each reported.
+fn drones(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("drones");
+    if status.drones.is_empty() {
+        let remedy = "is one switched on, in reach, and in radio.tls.peers?";
+        return vec![TOPIC.warning("none received", remedy)];
+    }
+    status.drones.iter().map(contact_finding).collect()
+}
+
+/// What a drone reported, and how long ago.
+fn contact_finding(c: &DroneContact) -> Finding {
+    const TOPIC: Topic = Topic("drones");
+    let found = drone(&c.status);
+    let lost = c.age_s > LOST_CONTACT_S;
+    // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
+    let found = match c.status.still_armed_s {
+        None if lost => TOPIC.warning(found.found, "it is out of reach or switched off"),
+        None | Some(_) => found,
+    };
+    Finding {
+        found: format!("{}, {} ago", found.found, time(c.age_s)),
+        ..found
+    }
+}
+
+/// The drone that has the deck, else the one that was received last.
+fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
+    let owner = status
+        .drones
+        .iter()
+        .find(|d| Some(d.status.header.drone) == status.deck_owner);
+    let newest = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
+    owner.or(newest)
+}
+
+/// The state of the foremost drone.
+pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
+    let d = foremost(status)?;
+    Some(StateView {
+        name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
+        does: d.status.state.does(),
+        since_s: 0.0,
+        entered: d.status.entered.to_string(),
+        waiting: d.status.waits(),
+        stages: go::stages(d.status.state),
+        stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
+    })
+}
+
+/// How it is, and for how long.
+pub fn headline(s: &Situation, worst: Level) -> String {
+    let state = match worst {
+        Level::Fine => "works",
+        Level::Warning => "works, with warnings",
+        Level::Broken => "BROKEN",
+    };
+    let up = s.process(ProcessKind::Vessel);
+    let up = up.map_or("-".into(), |p| time((p.at_ns - p.began_ns) as f64 * 1e-9));
+    format!("{state}, up {up}")
+}
+
+/// Its figures.
+pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Figure> {
+    let mut all = vec![if status.deck.closed.is_some() {
+        Figure::of("deck", "CLOSED", owner(status))
+    } else {
+        Figure::of("deck", owner(status), "")
+    }];
+    all.extend(status.drones.iter().map(contact));
+    let keep = if status.deck.wants_steady {
+        "KEEP COURSE AND SPEED"
+    } else {
+        ""
+    };
+    all.push(Figure::of("course", course(status.deck.course), keep));
+    all.extend(status.estimator.advice.as_ref().map(compass::figure));
+    let helm = &status.deck.helm;
+    all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
+    all.push(speed(&status.estimator, s.known.knots));
+    all.extend(motion(&status.estimator));
+    let sources = s.sources();
+    if !sources.is_empty() {
+        let working = sources.iter().filter(|s| source(s).level == Level::Fine);
+        let value = format!("{} of {} work", working.count(), sources.len());
+        all.push(Figure::of("source", value, ""));
+    }
+    if let Some(Ok(c)) = &known.certificate {
+        let value = format!("{} days left", c.days_left);
+        all.push(Figure::of("certificate", value, c.name.as_str()));
+    }
+    all.extend(processes(s));
+    let old = !s.reports(ProcessKind::Vessel);
+    all.into_iter()
+        .map(|f| Figure {
+            stale: f.stale || old,
+            ..f
+        })
+        .collect()
+}
+
+/// A drone that was received.
+fn contact(d: &DroneContact) -> Figure {
+    let status = &d.status;
+    let armed = if status.armed { "armed" } else { "disarmed" };
+    let value = format!("drone {}: {}", status.header.drone, status.state.name());
+    let note = format!(
+        "{armed}, battery {}, {} ago",
+        Charge(status.battery),
+        time(d.age_s)
+    );
+    Figure {
+        level: contact_finding(d).level,
+        ..Figure::of(DRONES, value, note)
+    }
+    .stale(d.age_s > LOST_CONTACT_S)
+}
+
+/// Speed over ground, and the course that it makes good.
+fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
+    let known = e.mean_velocity.filter(|_| is_recent(e));
+    known.map_or(Figure::unknown("speed"), |velocity| {
+        let (speed, course) = compass::speed(velocity, knots);
+        let note = course.map_or("no course over ground".to_owned(), |deg| {
+            format!("course over ground {deg:03.0} deg")
+        });
+        Figure::of("speed", speed, note)
+    })
+}
+
+fn is_recent(e: &EstimatorStatus) -> bool {
+    e.estimate_age_s.is_some_and(|s| s <= MISSING_S)
+}
+
+/// Waves, and the estimate of the motion in them.
+fn motion(e: &EstimatorStatus) -> [Figure; 2] {
+    let waves = e.waves.map(|[height_m, quality]| {
+        let note = format!("forecast quality {:.0} %", 100.0 * quality);
+        Figure::of("waves", format!("{height_m:.1} m"), note)
+    });
+    let estimate = e.estimate_age_s.filter(|_| is_recent(e)).map(|age_s| {
+        let [place, height, ..] = e.sd;
+        let note = format!("position +- {place:.1} m, height {height:.1} m");
+        Figure::of("estimator", format!("{} old", time(age_s)), note)
+    });
+    [
+        waves.unwrap_or(Figure::unknown("waves")),
+        estimate.unwrap_or(Figure::unknown("estimator")),
+    ]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,297 @@
+use alight_shared::admission::AccessRejection;
+use alight_shared::metrics::Metric;
+use alight_shared::msg::{EstimatorStatus, FollowsAnother, Header, Seq, SourceReport, Starved, State};
+use alight_shared::process::ProcessState;
+use alight_transport::clock::ProcessClock;
+
+use super::*;
+use alight_computer::certificates::Certificate;
+use alight_computer::process::snapshot::Snapshot;
+use alight_computer::situation::Known;
+
+use crate::status::Status;
+
+/// What is known of a vessel at 100 s.
+struct Vessel {
+    process: ProcessState,
+    status: VesselStatus,
+    source: SourceReport,
+    certificate: Option<Result<Certificate, String>>,
+    edited: Option<String>,
+}
+
+fn held(days_left: i64) -> Option<Result<Certificate, String>> {
+    Some(Ok(Certificate {
+        path: "certificate.pem".into(),
+        days_left,
+        in_future: false,
+        name: "vessel-1".into(),
+    }))
+}
+fn vessel() -> Vessel {
+    let drone = DroneStatus {
+        header: Header::new(1, 1, 7, 1, alight_shared::time::Time::EPOCH),
+        state: State::Descent,
+        mission_age_s: 0.02,
+        battery: Some(0.8),
+        armed: true,
+        ..DroneStatus::default()
+    };
+    let mut status = VesselStatus {
+        deck_owner: Some(1),
+        drones: Seq::filled([DroneContact {
+            age_s: 0.3,
+            status: drone,
+        }]),
+        estimator: EstimatorStatus {
+            sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
+            estimate_age_s: Some(0.03),
+            sd: [0.5, 0.1, 0.005, 0.01],
+            waves: Some([0.9, 1.0]),
+            ..EstimatorStatus::default()
+        },
+        ..VesselStatus::default()
+    };
+    status.uses[0].used = 880;
+    let mut source = SourceReport::default();
+    source.status.newest_s = Some(99.9);
+    Vessel {
+        process: ProcessState {
+            kind: ProcessKind::Vessel,
+            at_ns: 100_000_000_000,
+            ..ProcessState::default()
+        },
+        status,
+        source,
+        certificate: held(300),
+        edited: None,
+    }
+}
+fn status(v: &Vessel, now_s: i64) -> Status {
+    let known = KnownVessel {
+        connect: Vec::new(),
+        read_ns: 0,
+        listen: vec!["tls/0.0.0.0:7447".into()],
+        peers: vec!["drone-1".into()],
+        certificate: v.certificate.clone(),
+        sources: vec!["receiver".into()],
+        clock: ProcessClock::default(),
+    };
+    let seen = Snapshot {
+        processes: [(ProcessKind::Vessel, v.process)].into(),
+        vessel: v.status.into(),
+        sources: [(0, v.source)].into(),
+        edited: v.edited.clone(),
+        ..Snapshot::default()
+    };
+    let known = Known {
+        title: "vessel 1".into(),
+        processes: vec![ProcessKind::Vessel],
+        vessel: Some(known),
+        ..Known::default()
+    };
+    Status::of(Situation::of(known, &seen, now_s * 1_000_000_000))
+}
+fn measured(v: &mut Vessel, metrics: &[Metric]) {
+    v.process.metrics = Seq::filled(metrics.iter().copied());
+}
+
+type Change<'a> = &'a dyn Fn(&mut Vessel);
+
+fn worst(v: &Vessel, now_s: i64) -> (Level, Vec<&'static str>) {
+    let all = status(v, now_s);
+    let at = all.findings.iter().filter(|f| f.level == all.worst);
+    (all.worst, at.map(|f| f.topic).collect())
+}
+
+#[test]
+fn vessel_speed_while_it_is_known() {
+    let mut estimator = vessel().status.estimator;
+    assert_eq!(speed(&estimator, true).value, None);
+    estimator.mean_velocity = Some([0.0, 2.0]);
+    let shown = speed(&estimator, true);
+    assert_eq!(shown.value.as_deref(), Some("3.9 kn"));
+    assert_eq!(shown.note, "course over ground 090 deg");
+    assert_eq!(speed(&estimator, false).value.as_deref(), Some("2.0 m/s"));
+    estimator.estimate_age_s = Some(5.0);
+    assert_eq!(speed(&estimator, true).value, None);
+}
+
+#[test]
+fn vessel_status_of_each_fault() {
+    assert_eq!(worst(&vessel(), 100).0, Level::Fine);
+    assert_eq!(worst(&vessel(), 110), (Level::Broken, vec!["processes"]));
+    let case = |change: Change<'_>| {
+        let mut w = vessel();
+        change(&mut w);
+        worst(&w, 100)
+    };
+    let cases: [(Change<'_>, Level, &str); 26] = [
+        (
+            &|w| w.status.deck.closed = Some(Closure::Crew),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.closed = Some(Closure::Sensor),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.input_errors = Seq::filled(["gone".into()]),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.owner_age_s = Some(60.0),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.doubles = Seq::filled([1]),
+            Level::Broken,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.aborts = Seq::filled([1]),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
+            Level::Broken,
+            "deck",
+        ),
+        (
+            &|w| w.status.drones[0].status.mission_age_s = 60.0,
+            Level::Broken,
+            "drones",
+        ),
+        (
+            &|w| w.status.deck.unplaced = Seq::filled([2]),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| {
+                w.status.deck.starved = Some(Starved {
+                    owner: 1,
+                    silent_s: 75.0,
+                    waiting: 2,
+                    battery: 0.22,
+                });
+            },
+            Level::Broken,
+            "deck",
+        ),
+        (
+            &|w| w.status.deck.file_error = Some("full".into()),
+            Level::Warning,
+            "deck",
+        ),
+        (
+            &|w| measured(w, &[MetricName::StepsUnrecorded.count(9_u32)]),
+            Level::Warning,
+            "recorder",
+        ),
+        (
+            &|w| {
+                measured(
+                    w,
+                    &[
+                        MetricName::LateSteps.count(1_u32),
+                        MetricName::LongestStep.seconds(2.0),
+                    ],
+                )
+            },
+            Level::Warning,
+            "computer",
+        ),
+        (
+            &|w| w.edited = Some("edited".into()),
+            Level::Warning,
+            "configuration",
+        ),
+        (
+            &|w| w.status.estimator.sensor_age_s[1] = Some(9.0),
+            Level::Broken,
+            "sensors",
+        ),
+        (
+            &|w| w.source.status.newest_s = Some(96.0),
+            Level::Warning,
+            "source",
+        ),
+        (
+            &|w| (w.source.status.newest_s, w.source.why) = (None, Some("no such device".into())),
+            Level::Warning,
+            "source",
+        ),
+        (&|w| w.status.uses[0].is_stuck = true, Level::Broken, "source"),
+        (
+            &|w| w.source.status.decoded.mismatched_pulses = 1,
+            Level::Warning,
+            "source",
+        ),
+        (
+            &|w| w.status.estimator.estimate_age_s = None,
+            Level::Broken,
+            "estimator",
+        ),
+        (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
+        (&|w| w.certificate = held(10), Level::Warning, "certificate"),
+        (
+            &|w| {
+                measured(
+                    w,
+                    &[MetricName::PeersRejectedFor(AccessRejection::Expired).count(3_u32)],
+                )
+            },
+            Level::Warning,
+            "peers",
+        ),
+        (&|w| w.status.drones = Seq::new(), Level::Warning, "drones"),
+        (&|w| w.status.drones[0].age_s = 60.0, Level::Warning, "drones"),
+        (
+            &|w| w.status.drones[0].status.still_armed_s = Some(14.0),
+            Level::Broken,
+            "drones",
+        ),
+    ];
+    for (change, level, topic) in cases {
+        assert_eq!(case(change), (level, vec![topic]), "{topic}");
+    }
+}
+
+#[test]
+fn vessel_text_with_each_fault() {
+    let lines = |v: &Vessel| -> Vec<String> {
+        let text = status(v, 100).text();
+        text.lines().map(str::to_owned).collect()
+    };
+    let fine = lines(&vessel());
+    assert_eq!(fine[0], "vessel 1: works, up 100.0 s");
+    for part in [
+        "deck       reserved for drone 1",
+        "drones     drone 1: Descent",
+        "alarms     none",
+    ] {
+        assert!(fine.iter().any(|l| l.starts_with(part)), "{part}: {fine:?}");
+    }
+    let mut wrong = vessel();
+    wrong.status.drones[0].status.still_armed_s = Some(14.0);
+    wrong.status.deck.closed = Some(Closure::Crew);
+    wrong.status.estimator.estimate_age_s = None;
+    wrong.certificate = None;
+    let expired = MetricName::PeersRejectedFor(AccessRejection::Expired);
+    measured(&mut wrong, &[expired.count(3_u32)]);
+    wrong.status.uses[0].is_stuck = true;
+    wrong.status.deck.doubles = Seq::filled([1, 2, 3]);
+    let lines = lines(&wrong);
+    assert!(
+        lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
+        "{lines:?}"
+    );
+    assert!(lines[0].contains("BROKEN"), "{lines:?}");
+    assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
+}

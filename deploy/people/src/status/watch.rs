@@ -1,0 +1,140 @@
+//! `alight status --watch`: one page that is drawn anew in the window that it has, and on anything but a terminal a line for
+//! each change. The terminal is left as it was, however the view ends.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::terminal;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
+use ratatui::style::{Color, Style};
+use ratatui::text::{Line, Text};
+use ratatui::widgets::Paragraph;
+use ratatui::{DefaultTerminal, Frame};
+
+use super::Status;
+use super::finding::Level;
+
+/// Between two drawings.
+const PERIOD: Duration = Duration::from_millis(250);
+/// Keys and changes of the window taken in between, at most.
+const MAX_EVENTS: u32 = 64;
+
+/// Shows what `look` returns after having waited for a while, until it returns nothing more or a person ends it (q, Esc,
+/// Ctrl-C).
+pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
+    if !std::io::stdout().is_terminal() {
+        let mut key = None;
+        while let Some(status) = look(PERIOD)? {
+            if key.as_ref() != Some(&status.key()) {
+                terminal::line(status.line());
+                key = Some(status.key());
+            }
+        }
+        return Ok(());
+    }
+    // It is restored by a panic, too.
+    let mut view =
+        ratatui::try_init().doing("drawing in the terminal; without --watch the page is printed")?;
+    let shown = show(&mut view, &mut look);
+    ratatui::try_restore().doing("leaving the terminal as it was: the command reset does so")?;
+    shown
+}
+
+fn show(
+    view: &mut DefaultTerminal,
+    look: &mut impl FnMut(Duration) -> Result<Option<Status>, CliError>,
+) -> Result<(), CliError> {
+    while let Some(status) = look(PERIOD)? {
+        view.draw(|frame| draw(frame, &status))
+            .doing("drawing in the terminal")?;
+        if is_ended()? {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a key that ends the view was pressed since the last look.
+fn is_ended() -> Result<bool, CliError> {
+    const READING: &str = "reading the terminal's keys";
+    for _ in 0..MAX_EVENTS {
+        if !event::poll(Duration::ZERO).doing(READING)? {
+            return Ok(false);
+        }
+        if let Event::Key(key) = event::read().doing(READING)?
+            && ends(key)
+        {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn ends(key: KeyEvent) -> bool {
+    match key.code {
+        KeyCode::Esc | KeyCode::Char('q') => true,
+        KeyCode::Char('c') => key.modifiers.contains(KeyModifiers::CONTROL),
+        _ => false,
+    }
+}
+
+fn draw(frame: &mut Frame<'_>, status: &Status) {
+    let area = frame.area();
+    let lines = status.lines(area.width.into(), area.height.into());
+    let styled = lines.into_iter().enumerate().map(|(k, line)| {
+        let style = match line.level {
+            Level::Fine if k == 0 => Style::new().bold(),
+            Level::Fine => Style::new(),
+            Level::Warning => Style::new().fg(Color::Yellow),
+            Level::Broken => Style::new().fg(Color::Red).bold(),
+        };
+        Line::styled(line.text, style)
+    });
+    frame.render_widget(Paragraph::new(Text::from_iter(styled)), area);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::Figure;
+    use crate::status::finding::Topic;
+    use alight_shared::msg::still_armed;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    #[test]
+    fn watch_within_its_window() {
+        let status = Status {
+            title: "land".into(),
+            headline: "Tracking since 4.2 s: reached".into(),
+            figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
+            findings: vec![Topic("armed").broken(still_armed(14.0), "keep clear")],
+            ..Status::default()
+        };
+        for (width, height) in [(80, 20), (32, 6), (1, 1)] {
+            let mut view = Terminal::new(TestBackend::new(width, height)).unwrap();
+            view.draw(|frame| draw(frame, &status)).unwrap();
+            let buffer = view.backend().buffer();
+            let row = |y: u16| {
+                (0..width)
+                    .map(|x| buffer[(x, y)].symbol())
+                    .collect::<String>()
+                    .trim_end()
+                    .to_owned()
+            };
+            let title: String = "land: Tracking since 4.2 s: reached"
+                .chars()
+                .take(width.into())
+                .collect();
+            if width > 1 {
+                assert!(title.starts_with(&row(0)), "{}", row(0));
+                assert!(
+                    row(1).starts_with(if width == 32 { "" } else { "ALARM" }),
+                    "{}",
+                    row(1)
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! `alight calibrate drone`: how the drone's attitude answers set-points, as the pilot identified it in a flight.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_computer::config::DroneComputer;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::process::instance::is_running;
+use alight_computer::process::observer::Observer;
+use alight_computer::record::log::{Log, Order};
+use alight_computer::record::reading::contained;
+use alight_computer::terminal;
+use alight_shared::config;
+use alight_shared::msg::AttitudeResponse;
+use alight_transport::memory::{Instance, Memory};
+use alight_uav::mission::MissionIn;
+use clap::Args;
+use serde_json::json;
+
+/// How long the processes are listened to.
+const LISTEN_TIME: Duration = Duration::from_secs(1);
+
+/// The flight.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "The response is identified while Alight flies (an approach suffices), and by every flight anew; the \
+figure in the file is what a flight begins with.\n\
+Exit codes: 0 identified, 1 not flown long enough, 2 bad input."
+)]
+pub struct DroneArgs {
+    /// A recording of the flight, or the drone's own, instead of the running processes
+    #[arg(value_name = "FILE.mcap|FLIGHT")]
+    pub recording: Option<PathBuf>,
+    /// Configuration of the drone's computer (TOML)
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "/etc/alight/drone.toml",
+        conflicts_with = "recording"
+    )]
+    pub config: PathBuf,
+    /// Name of the set of processes [default: the configuration's]
+    #[arg(long, conflicts_with = "recording")]
+    pub instance: Option<String>,
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Prints it.
+pub fn run(args: &DroneArgs) -> Result<Exit, CliError> {
+    let response = match &args.recording {
+        Some(path) => recorded(path)?,
+        None => live(args)?,
+    };
+    let found = response.filter(|r| r.identified);
+    match (found, args.json) {
+        (Some(r), false) => terminal::line(text(&r)),
+        (None, false) => terminal::line(
+            "the response is not identified: let Alight fly the drone for some seconds, an approach to the deck suffices",
+        ),
+        (found, true) => terminal::json(&json!({
+            "identified": found.is_some(),
+            "dead_time_s": found.map(|r| r.dead_time_s),
+            "lag_s": found.map(|r| r.lag_s),
+            "rate_lag_s": found.map(|r| r.rate_lag_s),
+        }))?,
+    }
+    Ok(Exit::of(found.is_some()))
+}
+
+/// What was found, as lines to put into the file.
+fn text(r: &AttitudeResponse) -> String {
+    let [roll, pitch] = r.lag_s;
+    format!(
+        "the attitude answers a set-point after {:.3} s (its way included), with time constants of {roll:.3} s in roll and \
+         {pitch:.3} s in pitch;\nthe rate loop's lag is {:.3} s\n\n# drone.toml\n[drone.airframe]\nattitude_lag_s = {:.2}",
+        r.dead_time_s,
+        r.rate_lag_s,
+        roll.max(pitch)
+    )
+}
+
+/// The newest of a recording that was identified.
+fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
+    contained(path, || {
+        let log = Log::open(path)?.only(&["mission"]);
+        log.first("mission")?;
+        let mut newest = None;
+        log.steps(Order::ByStart, |_, _, step| {
+            let response = step.entry::<MissionIn>()?.input.set_point.map(|s| s.response);
+            newest = response.filter(|r| r.identified).or(newest);
+            Ok(())
+        })?;
+        Ok(newest)
+    })
+}
+
+/// That of the running processes.
+fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
+    let computer: DroneComputer = config::load(&args.config)?;
+    let name = args.instance.as_ref().unwrap_or(&computer.instance);
+    let instance = Instance::new(name)?;
+    if !is_running(&instance) {
+        return Err(CliError(format!(
+            "nothing runs under the name {name}: systemctl status alight-drone, or name a recording"
+        )));
+    }
+    let memory = Memory::join(&instance, "calibrate")?;
+    let mut observer = Observer::join(&memory)?;
+    memory.wait(LISTEN_TIME);
+    observer.poll();
+    Ok(observer.snapshot.response)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn response_as_a_line_of_the_file() {
+        let r = AttitudeResponse {
+            dead_time_s: 0.031,
+            lag_s: [0.162, 0.171],
+            rate_lag_s: 0.07,
+            identified: true,
+        };
+        let text = text(&r);
+        assert!(
+            text.contains("after 0.031 s") && text.ends_with("attitude_lag_s = 0.17"),
+            "{text}"
+        );
+    }
+}

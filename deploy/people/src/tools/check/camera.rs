@@ -1,0 +1,181 @@
+//! Image of a camera, taken as its process does or asked of that process.
+
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
+
+use alight_computer::config::camera::CameraSource;
+use alight_computer::drone::camera_source::Images;
+use alight_computer::exit::CliError;
+use alight_shared::metrics::{Metric, MetricName, MetricValue};
+use alight_shared::tags::Tags;
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_uav::camera::detector::TagDetector;
+use alight_uav::camera::metering::{Light, Setting};
+use alight_uav::camera::{ImageLight, TagSettings};
+
+use crate::tools::check::facts::CameraView;
+
+/// Time for which images are looked at, ns: the metering comes to rest in it.
+const LOOK_NS: i64 = 2_000_000_000;
+
+/// Looks at images of `size` (width, height), px, of a device or of files, and for `tags` in them, for 2 s.
+pub fn look(
+    config: &CameraSource,
+    size: [usize; 2],
+    tags: Option<(&TagSettings, &Tags)>,
+) -> Result<CameraView, String> {
+    // A device that shows nothing keeps its thread, which ends with this program.
+    let (views, seen) = sync_channel(1);
+    let (config, tags) = (
+        config.clone(),
+        tags.map(|(settings, tags)| (settings.clone(), *tags)),
+    );
+    std::thread::spawn(move || {
+        if let Err(CliError(why)) = show(&config, size, tags.as_ref().map(|(s, t)| (s, t)), &views) {
+            let _late = views.send(Err(why));
+        }
+    });
+    let end_ns = steady_ns() + LOOK_NS;
+    let mut newest = Err("no image came within 2 s".into());
+    loop {
+        let left = Duration::from_nanos(u64::try_from(end_ns - steady_ns()).unwrap_or(0));
+        match seen.recv_timeout(left) {
+            Ok(Ok(view)) => newest = Ok(view),
+            Ok(Err(why)) => return Err(why),
+            Err(_) => return newest,
+        }
+    }
+}
+
+/// Sends what is known after each image, until there are no more or nobody looks.
+fn show(
+    config: &CameraSource,
+    size: [usize; 2],
+    tags: Option<(&TagSettings, &Tags)>,
+    views: &SyncSender<Result<CameraView, String>>,
+) -> Result<(), CliError> {
+    let mut images = Images::open(config, size)?;
+    let mut detector = tags.map(|(settings, tags)| TagDetector::new(settings, tags));
+    let mut view = CameraView::default();
+    while let Some(frame) = images.next_frame(&ProcessClock::default())? {
+        view.images += 1;
+        if let Some(detector) = &mut detector {
+            let tag = detector.find(&frame.image).first().map(|found| found.light);
+            let image = ImageLight::of(&frame.image);
+            images.meter(
+                view.images,
+                view.images,
+                &tag.map_or(Light::Image(image), Light::Tag),
+            );
+            let dark = tag.is_none() && images.at_limit() && image.is_dark(detector.min_margin());
+            view.dark = dark.then_some(image.mean);
+            view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
+        }
+        view.exposure = images.exposure();
+        if views.send(Ok(view.clone())).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// What a camera's process reports of itself.
+pub fn reported(metrics: &[Metric]) -> CameraView {
+    let of = |name: MetricName| {
+        let found = metrics.iter().find(|m| m.name == name)?;
+        match found.value {
+            MetricValue::Count(n) => Some(n as f64),
+            MetricValue::Seconds(v) | MetricValue::Fraction(v) => Some(v),
+            MetricValue::AccessRejection(_) | MetricValue::State(_) => None,
+        }
+    };
+    CameraView {
+        images: of(MetricName::Images).unwrap_or(0.0) as u64,
+        exposure: of(MetricName::Exposure)
+            .zip(of(MetricName::Gain))
+            .map(|(exposure_s, gain)| Ok(Setting { exposure_s, gain })),
+        tag: of(MetricName::TagContrast)
+            .zip(of(MetricName::TagSaturation))
+            .map(|(contrast, saturation)| [contrast, saturation]),
+        dark: of(MetricName::TooDark)
+            .filter(|dark| *dark > 0.0)
+            .and(of(MetricName::ImageMean))
+            .map(|mean| 255.0 * mean),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::frames::{DroneBody, Point};
+    use alight_shared::geometry::DeckGeometry;
+    use alight_shared::time::Time;
+    use alight_sim::physics::body::RigidState;
+    use alight_sim::physics::streams::Streams;
+    use alight_sim::sensors::camera::{CameraMount, body_from_camera};
+    use alight_sim::sensors::render::{RenderConfig, Renderer, Shot};
+    use nalgebra::Vector3;
+
+    #[test]
+    fn camera_check_of_images() {
+        let (render, deck) = (RenderConfig::default(), DeckGeometry::default());
+        let mut renderer = Renderer::new(&render, &deck, &Streams::new(5));
+        let mount = CameraMount {
+            position: Vector3::zeros(),
+            attitude: body_from_camera(),
+        };
+        let drone = RigidState::<DroneBody> {
+            position: Point::new(0.2, 0.1, -4.0),
+            ..Default::default()
+        };
+        let shot = Shot {
+            t: Time::EPOCH,
+            at: Time::EPOCH,
+            exposure_s: 0.004,
+            gain: 1.0,
+            view: mount.view(&drone),
+            deck: RigidState::default(),
+        };
+        let path = std::env::temp_dir().join(format!("alight-look-{}.pgm", std::process::id()));
+        std::fs::write(&path, renderer.image(&shot).unwrap().to_pgm()).unwrap();
+        let source = CameraSource {
+            source: path.display().to_string(),
+            ..CameraSource::default()
+        };
+        let view = look(&source, [640, 480], Some((&TagSettings::default(), &deck.tags()))).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let [contrast, saturation] = view.tag.unwrap();
+        // White is 0.95 of 210, black 0.06 of it.
+        assert!((0.65..0.8).contains(&contrast) && saturation < 0.01, "{view:?}");
+        assert_eq!((view.images, view.exposure), (1, None));
+        let gone = look(&source, [640, 480], None).unwrap_err();
+        assert!(gone.contains("No such file"), "{gone}");
+    }
+
+    #[test]
+    fn camera_check_of_a_running_drone() {
+        let metrics = [
+            MetricName::Images.count(900_u32),
+            MetricName::Exposure.seconds(0.002),
+            MetricName::Gain.count(3_u32),
+            MetricName::TagContrast.fraction(0.5),
+            MetricName::TagSaturation.fraction(0.02),
+        ];
+        let setting = Setting {
+            exposure_s: 0.002,
+            gain: 3.0,
+        };
+        let view = reported(&metrics);
+        assert_eq!(
+            (view.images, view.exposure, view.tag),
+            (900, Some(Ok(setting)), Some([0.5, 0.02]))
+        );
+        assert_eq!(reported(&metrics[..1]).exposure, None);
+        let dark = [
+            MetricName::ImageMean.fraction(0.02),
+            MetricName::TooDark.count(1_u32),
+        ];
+        assert_eq!(view.dark, None);
+        assert!(reported(&dark).dark.is_some_and(|mean| (mean - 5.1).abs() < 1e-9));
+    }
+}

@@ -1,0 +1,506 @@
+//! Collection of the facts about this computer, without judgement.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use alight_computer::certificates;
+use alight_computer::config::DroneComputer;
+use alight_computer::config::camera::CameraSource;
+use alight_computer::config::link_url::LinkUrl;
+use alight_computer::io::digital_line::DigitalLine;
+use alight_computer::io::mavlink_key;
+use alight_computer::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
+use alight_computer::process::observer::Observer;
+use alight_computer::process::snapshot::Snapshot;
+use alight_computer::process::{instance, scheduling};
+use alight_computer::record::flight::store;
+use alight_computer::subject::Computer;
+use alight_computer::vessel::deck_inputs;
+use alight_shared::mavlink::Signatures;
+use alight_shared::process::ProcessKind;
+use alight_transport::memory::{Instance, Memory};
+use alight_transport::radio::{RadioConfig, TlsConfig};
+use alight_uav::camera::Lens;
+use alight_uav::camera::uvdar::Fisheye;
+
+use crate::tools::check::facts::{
+    CameraCheck, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    SigningCheck,
+};
+use crate::tools::check::{autopilot, camera, helm, sources};
+
+/// Longest look into a file of the system.
+const TIMEOUT: Duration = Duration::from_secs(2);
+/// Running processes are observed for so long.
+const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
+/// Processors that are looked at.
+const MAX_PROCESSORS: usize = 1024;
+
+/// Everything about this computer that bears on the configuration in `path`.
+pub fn gather(path: &Path) -> Facts {
+    let computer = Computer::read(path).map_err(|e| e.to_string());
+    let mut facts = Facts {
+        config: path.into(),
+        running: false,
+        identity: None,
+        zenoh: None,
+        clock_s: certificates::today_s(),
+        sync: sync(),
+        memory: None,
+        ports: Vec::new(),
+        dialled: Vec::new(),
+        autopilot: None,
+        signing: None,
+        reported: None,
+        frame: None,
+        flown: None,
+        cameras: Vec::new(),
+        sources: Vec::new(),
+        held_sources: Vec::new(),
+        deck_inputs: Vec::new(),
+        helm: None,
+        governors: governors(),
+        realtime: scheduling::real_time_permitted(),
+        processors: std::thread::available_parallelism().map_or(1, usize::from),
+        computer: Err(String::new()),
+    };
+    match &computer {
+        Ok(Computer::Vessel(v)) => {
+            let instance = Instance::new(&v.instance);
+            facts.running = instance.as_ref().is_ok_and(instance::is_running);
+            facts.radio(&v.radio);
+            let inputs = deck_inputs::configured(&v.deck, &v.vessel.helm).into_iter();
+            facts.deck_inputs = inputs
+                .filter(|(_, path)| !path.is_empty())
+                .map(|(key, path)| (key, path, DigitalLine::new(path)))
+                // The process that runs has them, and reports what it cannot read.
+                .filter(|(_, _, line)| !(facts.running && line.is_exclusive()))
+                .map(|(key, path, mut line)| DeckInputCheck {
+                    key,
+                    path: path.into(),
+                    level: line.read(),
+                })
+                .collect();
+            let running = instance.as_ref().ok().filter(|_| facts.running);
+            let seen = running.and_then(snapshot);
+            (facts.held_sources, facts.sources) = sources::of(path, v, seen.as_ref());
+            facts.helm = helm::of(v, seen.as_ref());
+            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
+        }
+        Ok(Computer::Drone(d)) => {
+            let instance = Instance::new(&d.instance);
+            facts.running = instance.as_ref().is_ok_and(instance::is_running);
+            facts.radio(&d.radio);
+            if d.supervision.autopilot {
+                let name = d.autopilot.connect.clone();
+                let url: Result<LinkUrl, String> = name.parse();
+                let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
+                let mut received = Signatures::default();
+                facts.reported = match (&url, &reach) {
+                    (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
+                        Some(autopilot::report(d, url, &mut received))
+                    }
+                    (_, _) => None,
+                };
+                facts.signing = Some(signing(&d.autopilot.signing_key, received));
+                facts.autopilot = Some((name, reach));
+            }
+            let snapshot = instance
+                .as_ref()
+                .ok()
+                .filter(|_| facts.running)
+                .and_then(snapshot);
+            facts.frame = snapshot.as_ref().and_then(Snapshot::frame);
+            facts.flown = flown(&d.recorder.directory);
+            facts.cameras = cameras(d, snapshot.as_ref());
+            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
+        }
+        Err(_) => {}
+    }
+    facts.computer = computer;
+    facts
+}
+
+/// Dead time and time constant of the attitude by the newest recorded flight that identified them, s.
+fn flown(directory: &str) -> Option<[f64; 2]> {
+    // Without a recorder there is none, and one that cannot be read is for `alight flights` to report.
+    let flights = store::flights(Path::new(directory)).unwrap_or_default();
+    flights.iter().rev().find_map(|f| {
+        let figures = f.summary()?.figures;
+        let of = |name: &str| figures.get(name).copied();
+        Some([of(ATTITUDE_DEAD_TIME)?, of(ATTITUDE_LAG)?])
+    })
+}
+
+/// What running processes publish.
+fn snapshot(instance: &Instance) -> Option<Snapshot> {
+    let memory = Memory::join(instance, "check").ok()?;
+    let mut observer = Observer::join(&memory).ok()?;
+    memory.wait(OBSERVATION_TIME);
+    observer.poll();
+    Some(observer.snapshot)
+}
+
+/// Each camera that is configured: looked through, or as the process reports that holds it.
+fn cameras(d: &DroneComputer, running: Option<&Snapshot>) -> Vec<CameraCheck> {
+    let settings = &d.drone.camera;
+    let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
+    let tags = d.drone.tags();
+    let check = |key, lens, calibrated, config: &CameraSource, kind, size: [u32; 2], tag| {
+        let there = if config.is_simulation() {
+            Ok(())
+        } else {
+            readable(&config.source)
+        };
+        let view = match (&there, running) {
+            (Err(_), _) => None,
+            (Ok(()), Some(snapshot)) => snapshot
+                .processes
+                .get(&kind)
+                .map(|p| Ok(camera::reported(&p.metrics))),
+            (Ok(()), None) if config.is_simulation() || is_pipe(&config.source) => None,
+            (Ok(()), None) => Some(camera::look(config, size.map(|s| s as usize), tag)),
+        };
+        CameraCheck {
+            key,
+            lens,
+            source: config.source.clone(),
+            there,
+            calibrated,
+            view,
+        }
+    };
+    let belly = || {
+        let (size, calibrated) = ([tag.width_px, tag.height_px], *tag != Lens::default());
+        let lens = "drone.camera.lens";
+        check(
+            "camera",
+            lens,
+            calibrated,
+            &d.camera,
+            ProcessKind::Camera,
+            size,
+            Some((&settings.tag, &tags)),
+        )
+    };
+    let ultraviolet = d.ultraviolet();
+    let uvdar = || {
+        let (size, calibrated) = (
+            [markers.width_px, markers.height_px],
+            *markers != Fisheye::default(),
+        );
+        let lens = "drone.camera.uvdar.lens";
+        check(
+            "uvdar",
+            lens,
+            calibrated,
+            &ultraviolet,
+            ProcessKind::Uvdar,
+            size,
+            None,
+        )
+    };
+    let found = [
+        d.camera.is_there().then(belly),
+        ultraviolet.is_there().then(uvdar),
+    ];
+    found.into_iter().flatten().collect()
+}
+
+/// Whether it is a named pipe: without a writer it would block, and a reader takes bytes of its images.
+fn is_pipe(name: &str) -> bool {
+    fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
+}
+
+/// Whether a camera's source is there and may be read.
+fn readable(name: &str) -> Result<(), String> {
+    if is_pipe(name) {
+        return Ok(());
+    }
+    fs::File::open(name).map(drop).map_err(|e| e.to_string())
+}
+
+impl Facts {
+    fn radio(&mut self, radio: &RadioConfig) {
+        if !radio.tls.authority.is_empty() {
+            self.identity = Some(identity(&radio.tls));
+        }
+        self.zenoh = radio.check_zenoh().err().map(|e| e.to_string());
+        self.ports = radio
+            .listen
+            .iter()
+            .map(|e| Port {
+                key: "radio.listen",
+                address: e.clone(),
+                state: try_listening(e),
+            })
+            .collect();
+        self.dialled = radio.connect.iter().map(|e| (e.clone(), reach(e))).collect();
+    }
+}
+
+fn signing(path: &str, received: Signatures) -> SigningCheck {
+    let key = mavlink_key::read("autopilot.signing_key", path).map_err(|e| e.to_string());
+    SigningCheck {
+        path: path.to_owned(),
+        key: key.map(|_| fs::metadata(path).map_or(0, |m| m.permissions().mode())),
+        received,
+    }
+}
+
+fn identity(tls: &TlsConfig) -> Identity {
+    let [authority, own] = [&tls.authority, &tls.certificate].map(|file| {
+        let path = Path::new(file);
+        certificates::read_certificate(path).map_err(|e| e.to_string())
+    });
+    let key = fs::read_to_string(&tls.key).map_err(|e| format!("reading {}: {e}", tls.key));
+    let key_mode = fs::metadata(&tls.key).ok().map(|m| m.permissions().mode());
+    let key_fits = match (&own, &key) {
+        (Ok(own), Ok(key)) => Some(certificates::key_matches(key, own)),
+        (_, _) => None,
+    };
+    let of_authority = match (&own, &authority) {
+        (Ok(own), Ok(authority)) => certificates::is_signed_by(own, authority),
+        (_, _) => None,
+    };
+    Identity {
+        authority: authority.map(|l| l.certificate),
+        own: own.map(|l| l.certificate),
+        key: key.map(|_| ()),
+        key_mode,
+        key_fits,
+        of_authority,
+    }
+}
+
+/// `udp/0.0.0.0:7447?...#...` as protocol and address.
+fn endpoint(text: &str) -> Option<(&str, &str)> {
+    let (protocol, address) = text.split_once('/')?;
+    let address = address.split(['?', '#']).next()?;
+    matches!(protocol, "udp" | "tcp" | "quic").then_some((protocol, address))
+}
+
+fn port_state(e: &std::io::Error) -> PortState {
+    if e.kind() == ErrorKind::AddrInUse {
+        PortState::Busy
+    } else {
+        PortState::Unavailable(e.to_string())
+    }
+}
+
+fn try_listening(text: &str) -> PortState {
+    let tried = match endpoint(text) {
+        None => return PortState::Untried,
+        Some(("udp" | "quic", address)) => UdpSocket::bind(address).map(|_| ()),
+        Some((_, address)) => TcpListener::bind(address).map(|_| ()),
+    };
+    tried.map_or_else(|e| port_state(&e), |()| PortState::Free)
+}
+
+fn reach(text: &str) -> Reach {
+    let Some((protocol, address)) = endpoint(text) else {
+        return Reach::Unreachable("not PROTOCOL/ADDRESS:PORT with udp, tcp or quic".into());
+    };
+    let found = address
+        .to_socket_addrs()
+        .map_err(|e| e.to_string())
+        .and_then(|mut all| all.next().ok_or_else(|| "no such host".to_owned()));
+    let result = found.and_then(|to| {
+        match protocol {
+            "udp" => routed(to).map(|_| Reach::Routed),
+            "quic" => routed(to).and_then(|s| speaks_quic(&s)).map(|()| Reach::Answers),
+            _ => TcpStream::connect_timeout(&to, TIMEOUT).map(|_| Reach::Answers),
+        }
+        .map_err(|e| e.to_string())
+    });
+    result.unwrap_or_else(Reach::Unreachable)
+}
+
+fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
+    let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = UdpSocket::bind(any)?;
+    socket.connect(to)?;
+    Ok(socket)
+}
+
+/// Whether a server of QUIC is there: it answers an unknown version with those it knows (RFC 9000,
+/// section 6.1), without a handshake and without counting a rejected peer. Asked three times, because a
+/// radio loses packets.
+fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
+    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes; a server
+    // answers no datagram below 1200 bytes.
+    let mut hello = vec![0u8; 1200];
+    let header = [
+        &[0xc0, 0x0a, 0x0a, 0x0a, 0x0a, 8][..],
+        b"alight-d",
+        &[8],
+        b"alight-s",
+    ]
+    .concat();
+    hello.splice(..header.len(), header);
+    socket.set_read_timeout(Some(TIMEOUT / 3))?;
+    let mut answer = [0u8; 1500];
+    let mut last = ErrorKind::TimedOut.into();
+    for _ in 0..3 {
+        let read = socket.send(&hello).and_then(|_| socket.recv(&mut answer));
+        match read {
+            // Version negotiation: a long header with the version 0.
+            Ok(n) if n >= 7 && answer[0] & 0x80 != 0 && answer[1..5] == [0; 4] => return Ok(()),
+            Ok(_) => {}
+            Err(e) => last = e,
+        }
+    }
+    Err(last)
+}
+
+/// Whether the autopilot's link can be had.
+fn reach_autopilot(url: &LinkUrl) -> Reach {
+    let bound = |tried: std::io::Result<()>| {
+        tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
+    };
+    match url {
+        LinkUrl::UdpIn(at, _) => bound(UdpSocket::bind(at.as_str()).map(drop)),
+        LinkUrl::TcpIn(at, _) => bound(TcpListener::bind(at.as_str()).map(drop)),
+        LinkUrl::UdpOut(to) => reach(&format!("udp/{to}")),
+        LinkUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
+        LinkUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {
+            Ok(_) => Reach::Answers,
+            Err(e) => Reach::Unreachable(e.to_string()),
+        },
+        LinkUrl::Can(_) | LinkUrl::SignalK(..) => Reach::Unreachable("no autopilot's link".into()),
+    }
+}
+
+fn memory(instance: Result<Instance, String>) -> SharedMemory {
+    let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
+    let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
+    // One that was not made needs no removing.
+    let _none = fs::remove_file(&probe);
+    let directory = instance.and_then(|i| {
+        let path = i.directory();
+        let doing = |e| format!("{} cannot be used: {e}", path.display());
+        let probe = path.join(format!("check-{}", std::process::id()));
+        if !path.exists() {
+            // The program makes it: its parent must be writable.
+            fs::create_dir(&path).map_err(doing)?;
+            let _left = fs::remove_dir(&path);
+            return Ok(path);
+        }
+        fs::write(&probe, "").map_err(doing)?;
+        let _left = fs::remove_file(&probe);
+        Ok(path)
+    });
+    SharedMemory {
+        free_bytes: rustix::fs::statvfs("/dev/shm")
+            .ok()
+            .map(|s| s.f_bavail * s.f_frsize),
+        writable,
+        directory,
+    }
+}
+
+/// The standard output of a program of the system; None when it is not there or fails.
+fn command_output(program: &str, args: &[&str]) -> Option<String> {
+    let out = Command::new(program)
+        .args(args)
+        .env("LC_ALL", "C")
+        .output()
+        .ok()?;
+    out.status
+        .success()
+        .then(|| String::from_utf8_lossy(&out.stdout).into_owned())
+}
+
+fn sync() -> Option<ClockSync> {
+    if let Some(text) = command_output("chronyc", &["-c", "tracking"])
+        && let Some(found) = chrony(&text)
+    {
+        return Some(found);
+    }
+    let text = command_output("timedatectl", &["show", "-p", "NTPSynchronized", "--value"])?;
+    Some(ClockSync {
+        source: "timedatectl",
+        synchronised: text.trim() == "yes",
+        error_s: None,
+    })
+}
+
+/// `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last
+/// offsets, s, field 14 the leap status (Not synchronised).
+fn chrony(text: &str) -> Option<ClockSync> {
+    let fields: Vec<&str> = text.trim().split(',').collect();
+    let stratum: u32 = fields.get(2)?.parse().ok()?;
+    let unsynchronised = fields.get(13).is_some_and(|leap| leap.starts_with("Not"));
+    Some(ClockSync {
+        source: "chrony",
+        synchronised: stratum > 0 && !unsynchronised,
+        error_s: fields.get(6)?.parse().ok(),
+    })
+}
+
+fn governors() -> Vec<String> {
+    (0..MAX_PROCESSORS)
+        .map_while(|k| {
+            let path = format!("/sys/devices/system/cpu/cpu{k}/cpufreq/scaling_governor");
+            fs::read_to_string(path).ok()
+        })
+        .map(|text| text.trim().to_owned())
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clock_check_of_chrony_tracking() {
+        let good = "A29FC87B,162.159.200.123,4,1700000000.1,0.000012,0.000003,0.000210,-7.6,0.0,0.05,0.01,0.001,64.5,Normal\n";
+        let s = chrony(good).unwrap();
+        assert!(s.synchronised && s.error_s == Some(0.00021));
+        let none = "7F7F0101,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised\n";
+        assert!(!chrony(none).unwrap().synchronised);
+        assert!(chrony("506 Cannot talk to daemon").is_none());
+    }
+
+    #[test]
+    fn reachability_check_of_quic_servers() {
+        // What follows a version negotiation's header does not matter here.
+        for (answer, found) in [
+            (&[0x9f, 0, 0, 0, 0, 8, 1, 2, 3][..], true),
+            (&b"220 welcome"[..], false),
+        ] {
+            let server = UdpSocket::bind("127.0.0.1:0").unwrap();
+            let endpoint = format!("quic/{}", server.local_addr().unwrap());
+            let answering = std::thread::spawn(move || {
+                let mut question = [0; 1500];
+                for _ in 0..if found { 1 } else { 3 } {
+                    let (length, from) = server.recv_from(&mut question).unwrap();
+                    assert_eq!((length, &question[1..5]), (1200, &[0x0a; 4][..]));
+                    server.send_to(answer, from).unwrap();
+                }
+            });
+            assert_eq!(reach(&endpoint) == Reach::Answers, found);
+            answering.join().unwrap();
+        }
+    }
+
+    #[test]
+    fn port_check_of_used_and_foreign_addresses() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let taken = format!("udp/{}", socket.local_addr().unwrap());
+        assert_eq!(try_listening(&taken), PortState::Busy);
+        drop(socket);
+        assert_eq!(try_listening(&taken), PortState::Free);
+        // TEST-NET-1: an address without a computer.
+        assert!(matches!(
+            try_listening("quic/192.0.2.1:7447"),
+            PortState::Unavailable(_)
+        ));
+        assert_eq!(try_listening("serial/dev/ttyUSB0"), PortState::Untried);
+    }
+}

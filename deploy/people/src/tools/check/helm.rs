@@ -1,0 +1,181 @@
+//! The boat's autopilot that the vessel's computer may steer by: as a running process reports it, or listened to. It is sent
+//! heartbeats and nothing else.
+
+use alight_computer::config::VesselComputer;
+use alight_computer::io::runtime;
+use alight_computer::process::snapshot::Snapshot;
+use alight_computer::vessel::helm::{HelmLink, REMEDY, signing_key};
+use alight_shared::node::Node;
+use alight_transport::clock::steady_ns;
+use alight_usv::helm::{HelmIn, HelmNode, HelmOutput};
+use tokio::time::{Duration, Instant, sleep};
+
+use crate::status::finding::{Finding, Topic};
+use crate::tools::check::facts::{HelmCheck, HelmReport};
+
+/// Listened to for so long: three usual periods of an autopilot's heartbeat.
+const LISTEN: Duration = Duration::from_millis(3200);
+/// Time between two looks at the link.
+const ROUND: Duration = Duration::from_millis(20);
+
+/// What is known of the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
+/// its link is not another reader's.
+pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
+    let helm = &v.vessel.helm;
+    let report = match (helm.output, snapshot) {
+        (HelmOutput::None, _) => return None,
+        (_, Some(snapshot)) => {
+            let status = (*snapshot.vessel)?;
+            status
+                .deck
+                .helm_error
+                .map_or(Ok(HelmReport::Held), |e| Err(e.as_str().to_owned()))
+        }
+        (_, None) => runtime::block_on(listened(v)).map_err(|e| e.to_string()),
+    };
+    Some(HelmCheck {
+        connect: helm.connect.clone(),
+        report,
+    })
+}
+
+async fn listened(v: &VesselComputer) -> Result<HelmReport, alight_computer::exit::CliError> {
+    let mut node = HelmNode::new(&v.vessel.helm);
+    signing_key(v)?.into_iter().for_each(|key| node.sign(key));
+    let mut link = HelmLink::open(v).await?;
+    let end = Instant::now() + LISTEN;
+    loop {
+        let now = v.clock.read(steady_ns());
+        let bytes = link.received();
+        let out = node.step(
+            now,
+            &HelmIn {
+                bytes,
+                ..HelmIn::default()
+            },
+        );
+        link.send(&out.bytes);
+        let silent = node.is_silent(now);
+        let reports = v.vessel.helm.output == HelmOutput::Mavlink && !silent;
+        if reports || Instant::now() > end {
+            return match link.error(silent) {
+                Some(why) => Err(alight_computer::exit::CliError(why)),
+                None if node.is_steered(now) => Ok(HelmReport::SteeredAlready),
+                None if reports => Ok(HelmReport::Answers),
+                None => Ok(HelmReport::Open),
+            };
+        }
+        sleep(ROUND).await;
+    }
+}
+
+/// The finding about it.
+pub fn judge(found: &HelmCheck) -> Finding {
+    const TOPIC: Topic = Topic("helm");
+    let at = &found.connect;
+    match &found.report {
+        Err(why) => TOPIC.warning(why.as_str(), REMEDY),
+        Ok(HelmReport::SteeredAlready) => TOPIC.warning(
+            format!(
+                "{at}: the boat's autopilot is in GUIDED or OFFBOARD already: another computer steers by it"
+            ),
+            "set the mode that it is to be given back to; until then the skipper is not asked (docs/helm.md)",
+        ),
+        Ok(HelmReport::Answers) => TOPIC.fine(format!("{at}: the boat's autopilot answers")),
+        Ok(HelmReport::Held) => TOPIC.fine(format!("{at}: the vessel's process has the boat's autopilot")),
+        Ok(HelmReport::Open) => TOPIC.fine(format!(
+            "{at}: the link is open; whether an autopilot takes its sentences only a turn under way shows"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::finding::Level;
+    use alight_shared::msg::VesselStatus;
+    use alight_shared::time::Time;
+    use alight_sim::autopilots::boat::{self, BoatAutopilot};
+    use std::sync::mpsc::RecvTimeoutError;
+
+    fn computer(output: HelmOutput, connect: &str) -> VesselComputer {
+        let mut v = VesselComputer::default();
+        (v.vessel.helm.output, v.vessel.helm.connect) = (output, connect.into());
+        v
+    }
+
+    #[test]
+    fn helm_check_of_links_that_are_silent() {
+        assert_eq!(of(&computer(HelmOutput::None, ""), None), None);
+        let nowhere = of(
+            &computer(HelmOutput::Nmea0183, "serial:///nowhere/ttyUSB1:4800"),
+            None,
+        )
+        .unwrap();
+        assert_eq!(judge(&nowhere).level, Level::Warning);
+        assert!(
+            judge(&nowhere).found.contains("/nowhere/ttyUSB1"),
+            "{:?}",
+            judge(&nowhere)
+        );
+        let silent = of(&computer(HelmOutput::Mavlink, "udpin://127.0.0.1:0"), None);
+        // Port 0 is no port of an address; one that is free now is.
+        assert!(silent.unwrap().report.is_err());
+        let free = std::net::UdpSocket::bind("127.0.0.1:0")
+            .and_then(|s| s.local_addr())
+            .unwrap();
+        let silent = of(&computer(HelmOutput::Mavlink, &format!("udpin://{free}")), None).unwrap();
+        assert!(
+            judge(&silent).found.contains("no heartbeat"),
+            "{:?}",
+            judge(&silent)
+        );
+    }
+
+    #[test]
+    fn helm_check_of_a_boat_that_answers() {
+        for (mode, report) in [
+            (boat::AUTO, HelmReport::Answers),
+            (boat::GUIDED, HelmReport::SteeredAlready),
+        ] {
+            let boat = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+            let free = std::net::UdpSocket::bind("127.0.0.1:0")
+                .and_then(|s| s.local_addr())
+                .unwrap();
+            let (over, ends) = std::sync::mpsc::channel::<()>();
+            let steered = std::thread::spawn(move || {
+                let mut autopilot = BoatAutopilot::default();
+                autopilot.mode = mode;
+                for k in 0..1000 {
+                    // The link may not be open yet.
+                    let _undelivered =
+                        boat.send_to(&autopilot.sent(Time::from_secs(0.05 * f64::from(k))), free);
+                    if ends.recv_timeout(Duration::from_millis(10)) != Err(RecvTimeoutError::Timeout) {
+                        break;
+                    }
+                }
+            });
+            let found = of(&computer(HelmOutput::Mavlink, &format!("udpin://{free}")), None).unwrap();
+            drop(over);
+            steered.join().unwrap();
+            assert_eq!(found.report, Ok(report), "mode {mode}");
+        }
+    }
+
+    #[test]
+    fn helm_check_beside_a_running_vessel() {
+        let v = computer(HelmOutput::Mavlink, "serial:///dev/ttyUSB1:57600");
+        let mut snapshot = Snapshot::default();
+        assert_eq!(of(&v, Some(&snapshot)), None, "nothing is reported yet");
+        snapshot.vessel = VesselStatus::default().into();
+        assert_eq!(of(&v, Some(&snapshot)).unwrap().report, Ok(HelmReport::Held));
+        let mut status = VesselStatus::default();
+        status.deck.helm_error = Some("no heartbeat of a boat's autopilot comes".into());
+        snapshot.vessel = status.into();
+        assert!(
+            judge(&of(&v, Some(&snapshot)).unwrap())
+                .found
+                .contains("no heartbeat")
+        );
+    }
+}

@@ -1,0 +1,71 @@
+//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts,
+//! [`rules`] judges them; nothing is changed but the exposure of a camera, which is left as the service would
+//! set it.
+
+mod autopilot;
+mod camera;
+mod equipment;
+pub mod facts;
+pub mod gather;
+mod helm;
+pub mod rules;
+mod sources;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use std::path::{Path, PathBuf};
+
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::subject::{Computer, SHIPPED};
+use alight_computer::terminal::{self, Form};
+use clap::Args;
+use serde_json::json;
+
+use crate::status::finding::Level;
+
+/// A check of this computer.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight check\n\
+Exit codes: 0 fine, 1 warnings, 2 broken."
+)]
+pub struct CheckArgs {
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml
+    /// or /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// Collects, judges and prints.
+pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
+    let path = match &args.config {
+        Some(path) => path.clone(),
+        None => Computer::shipped().ok_or_else(|| {
+            CliError(format!(
+                "neither {} nor {} can be read; name --config FILE",
+                SHIPPED[0], SHIPPED[1]
+            ))
+        })?,
+    };
+    if !args.form.alone() {
+        return Ok(print(&path).exit());
+    }
+    let findings = rules::judge(&gather::gather(&path));
+    let worst = Level::worst(&findings);
+    let value = json!({ "config": path, "worst": worst, "findings": findings });
+    args.form.print(&value, &findings)?;
+    Ok(worst.exit())
+}
+
+/// Checks the computer of the configuration at `path`, and prints what was found; the worst of it.
+pub fn print(path: &Path) -> Level {
+    let findings = rules::judge(&gather::gather(path));
+    findings
+        .iter()
+        .for_each(|f| terminal::line(f.level.coloured(&f.lines())));
+    Level::worst(&findings)
+}

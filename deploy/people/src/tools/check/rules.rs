@@ -1,0 +1,574 @@
+//! Rules over gathered facts, pure: fine, warning, fault.
+
+use alight_computer::certificates::common_name;
+use alight_computer::subject::Computer;
+use alight_computer::vessel::deck_inputs;
+use alight_shared::autopilot_parameters::Severity;
+use alight_shared::geoid;
+use alight_transport::radio::RadioConfig;
+use alight_uav::autopilot::parameters::Finding as ParameterFinding;
+
+use crate::status::certificate;
+use crate::status::drone::frame;
+use crate::status::finding::{Finding, Topic};
+use crate::status::sources::{self, remark};
+use crate::tools::check::facts::{
+    AutopilotReport, CameraCheck, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    SigningCheck, SourceCheck,
+};
+use crate::tools::check::{equipment, helm, view};
+
+/// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
+/// who look on, and a start whose predecessor was killed.
+const MEMORY_BYTES: u64 = 64 << 20;
+/// The system's clock before this was never set: 2025-01-01, s since 1970.
+const PLAUSIBLE_S: i64 = 1_735_689_600;
+/// Error of a synchronised clock that is worth a warning, s: logs of both computers are compared by it.
+const CLOCK_ERROR_S: f64 = 0.1;
+/// Contrast of the tag that is worth a warning: the detector needs a margin of 20 grey levels, which is a contrast of
+/// 16 %; motion and noise take of it.
+const MIN_CONTRAST: f64 = 0.3;
+/// Saturation of the tag that is worth a warning: a third of its white.
+const MAX_SATURATION: f64 = 0.1;
+/// Bits of a key's file that let others than its owner read or write it.
+const OTHERS: u32 = 0o077;
+/// Bits with which a group may read, and nothing else.
+const GROUP_READS: u32 = 0o040;
+
+/// The findings about `facts`, in the order in which a person mends them.
+pub fn judge(facts: &Facts) -> Vec<Finding> {
+    let path = facts.config.display();
+    let computer = match &facts.computer {
+        Ok(computer) => computer,
+        Err(why) => {
+            return vec![Topic("configuration").broken(
+                why,
+                format!("correct {path}; `alight config drone --all` (or vessel) prints every key with its unit and default"),
+            )];
+        }
+    };
+    let (side, id, radio, looked_at) = match computer {
+        Computer::Vessel(v) => ("vessel", v.vessel_id, &v.radio, &v.view),
+        Computer::Drone(d) => ("drone", d.bridge.drone_id, &d.radio, &d.view),
+    };
+    let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
+    all.extend(clock(facts));
+    all.extend(identity(facts, side, id, radio));
+    all.extend(router(radio));
+    let remedy = "correct the file that radio.zenoh names: neither vessel nor drone starts with it";
+    all.extend(facts.zenoh.as_ref().map(|why| Topic("zenoh").broken(why, remedy)));
+    if let Computer::Drone(d) = computer {
+        all.extend(hears_vessel(radio, d.bridge.vessel_id));
+    }
+    all.extend(facts.ports.iter().map(|p| port(p, facts.running)));
+    all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
+    all.extend(view::judge(looked_at));
+    all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
+    all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts)));
+    all.extend(facts.signing.as_ref().and_then(signing));
+    match (computer, &facts.reported) {
+        (Computer::Drone(d), Some(Some(reported))) => {
+            all.extend(reported.several.map(several_autopilots));
+            all.extend(parameters(reported, d.autopilot.check_parameters));
+            all.push(origin(reported));
+        }
+        (Computer::Drone(_), Some(None)) => all.push(Topic("parameters").warning(
+            "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
+            "is it powered, and does it send to this link?",
+        )),
+        (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
+    }
+    all.extend(facts.frame.map(frame));
+    if let Computer::Drone(d) = computer {
+        all.extend(
+            facts
+                .flown
+                .map(|flown| response(flown, d.drone.airframe.attitude_lag_s)),
+        );
+        all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
+        all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
+    }
+    all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
+    all.extend(facts.cameras.iter().filter_map(camera_view));
+    if let Computer::Vessel(v) = computer {
+        all.extend(v.sensor.sources.is_empty().then(no_sensor));
+        all.extend(facts.held_sources.iter().flat_map(sources::of));
+        for found in &facts.sources {
+            all.push(source(found));
+            all.extend(
+                found
+                    .remarks
+                    .iter()
+                    .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
+            );
+        }
+        // By what all of them gave.
+        let listened = facts.held_sources.is_empty().then_some(&facts.sources);
+        all.extend(listened.and_then(|s| equipment::vessel(s)));
+        all.extend(facts.deck_inputs.iter().map(deck_input));
+        all.extend(facts.helm.as_ref().map(helm::judge));
+    }
+    all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
+    all
+}
+
+/// Slower than this, dead time and time constant together, no autopilot of those flown has answered, s: ArduCopter with
+/// default gains 0.3 s.
+const SLOW_RESPONSE_S: f64 = 0.45;
+/// A time constant that differs from the configured one by more than this factor is worth a line.
+const LAG_RATIO: f64 = 1.5;
+
+/// How the attitude answered in the last flight.
+fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
+    const TOPIC: Topic = Topic("response");
+    let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
+    if dead_s + lag_s > SLOW_RESPONSE_S {
+        return TOPIC.warning(
+            format!("{found}: slow, deck and gusts are followed late"),
+            "raise the autopilot's attitude gains (PX4 MC_ROLL_P, MC_PITCH_P; ArduCopter ATC_ANG_RLL_P, \
+             ATC_ANG_PIT_P, less ATC_INPUT_TC), or shorten its link",
+        );
+    }
+    let ratio = lag_s / configured_s.max(1e-3);
+    if !(1.0 / LAG_RATIO..=LAG_RATIO).contains(&ratio) {
+        return TOPIC.warning(
+            format!("{found}; configured are {configured_s:.2} s"),
+            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}: a flight begins with it"),
+        );
+    }
+    TOPIC.fine(found)
+}
+
+fn clock(facts: &Facts) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("clock");
+    if facts.clock_s < PLAUSIBLE_S {
+        return vec![TOPIC.broken(
+            "the system's clock was never set: certificates count as not yet valid",
+            "connect to a time source once, or add a battery-backed clock",
+        )];
+    }
+    let install = "install chrony and give it a source, the vessel's GNSS receiver for instance; flight itself \
+                   does not need it, certificates and the comparison of logs do";
+    vec![match &facts.sync {
+        None => TOPIC.warning("no program reports whether the clock is synchronised", install),
+        Some(s) if !s.synchronised => {
+            TOPIC.warning(format!("{} reports: not synchronised", s.source), install)
+        }
+        Some(s) => match s.error_s {
+            Some(e) if e.abs() > CLOCK_ERROR_S => TOPIC.warning(
+                format!("{} reports: {:.0} ms off", s.source, e * 1e3),
+                "wait until it has settled, or look at its sources (chronyc sources)",
+            ),
+            Some(_) | None => TOPIC.fine(format!("synchronised, reports {}", s.source)),
+        },
+    }]
+}
+
+fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("certificate");
+    let endpoints = || radio.listen.iter().chain(&radio.connect);
+    let Some(identity) = &facts.identity else {
+        return vec![certificate::none(endpoints())];
+    };
+    let mut all = Vec::new();
+    if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
+        all.push(TOPIC.broken(
+            format!("{plain} is not quic/, and with certificates nothing else is taken"),
+            "write the endpoint as quic/HOST:PORT, or remove radio.tls",
+        ));
+    }
+    all.extend([&identity.authority, &identity.own].map(certificate::judge));
+    let wanted = common_name(side, id);
+    if let Ok(own) = &identity.own
+        && own.name != wanted
+    {
+        all.push(TOPIC.broken(
+            format!(
+                "the certificate is {}'s, and the configuration says {wanted}",
+                own.name
+            ),
+            format!("copy the files of {wanted} here, or correct the number"),
+        ));
+    }
+    all.extend(key(identity));
+    all
+}
+
+fn key(identity: &Identity) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("key");
+    let mut all = Vec::new();
+    match (&identity.key, identity.key_mode) {
+        (Err(why), None) => all.push(TOPIC.broken(
+            why,
+            "copy the directory that alight keys made to the path in radio.tls, readable for the user alight",
+        )),
+        (Err(why), Some(_)) => all.push(TOPIC.broken(why, "chown it to the user alight, chmod 600")),
+        (Ok(()), Some(mode)) if mode & OTHERS & !GROUP_READS != 0 => all.push(TOPIC.warning(
+            format!("others may read or change it (mode {:o})", mode & 0o777),
+            "chmod 600",
+        )),
+        (Ok(()), _) => {}
+    }
+    if identity.key_fits == Some(false) {
+        all.push(TOPIC.broken(
+            "it does not belong to the certificate",
+            "copy both from the same directory of alight keys",
+        ));
+    }
+    if identity.of_authority == Some(false) {
+        all.push(TOPIC.broken(
+            "the certificate was made by another authority than the one that is trusted",
+            "make all certificates with one authority and copy its authority.pem to both sides",
+        ));
+    }
+    if all.is_empty() {
+        all.push(TOPIC.fine("fits the certificate"));
+    }
+    all
+}
+
+/// Who admits keys where a router stands between.
+fn router(radio: &RadioConfig) -> Option<Finding> {
+    (radio.router && !radio.tls.authority.is_empty()).then(|| {
+        Topic("router").fine(format!(
+            "{} passes on what peers send: who may use which key, an operator's included, is for its own access rules",
+            radio.tls.router
+        ))
+    })
+}
+
+fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
+    let vessel = common_name("vessel", vessel_id);
+    (!radio.tls.authority.is_empty() && !radio.tls.peers.contains(&vessel)).then(|| {
+        Topic("vessel").broken(
+            format!("{vessel} is not among radio.tls.peers: its messages are rejected"),
+            format!("peers = [\"{vessel}\"], or correct bridge.vessel_id"),
+        )
+    })
+}
+
+fn port(port: &Port, running: bool) -> Finding {
+    const TOPIC: Topic = Topic("ports");
+    let what = format!("{} {}", port.key, port.address);
+    match &port.state {
+        PortState::Free => TOPIC.fine(format!("{what} is free")),
+        PortState::Busy if running => TOPIC.fine(format!("{what} is taken, and Alight runs")),
+        PortState::Busy => TOPIC.broken(
+            format!("{what} is taken by another program"),
+            "ss -lnptu shows which; stop it, or choose another port on both sides",
+        ),
+        PortState::Unavailable(why) => TOPIC.broken(
+            format!("{what}: {why}"),
+            "name an address of this computer (ip address) and a port above 1023",
+        ),
+        PortState::Untried => TOPIC.warning(
+            format!("{what} cannot be tried"),
+            "write it as PROTOCOL/ADDRESS:PORT with udp, tcp or quic",
+        ),
+    }
+}
+
+fn dialled(to: &str, reach: &Reach) -> Finding {
+    const TOPIC: Topic = Topic("vessel");
+    match reach {
+        Reach::Answers => TOPIC.fine(format!("{to} answers")),
+        Reach::Routed => TOPIC.fine(format!(
+            "there is a route to {to}; whether it answers shows only in alight status"
+        )),
+        Reach::Unreachable(why) => TOPIC.warning(
+            format!("{to} does not answer: {why}"),
+            "is the vessel's computer on, its radio within reach (ping) and alight-vessel running?",
+        ),
+    }
+}
+
+fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> Finding {
+    const TOPIC: Topic = Topic("autopilot");
+    match reach {
+        Ok(Reach::Answers | Reach::Routed) => match facts.reported {
+            Some(Some(_)) => TOPIC.fine(format!("answers at {url}")),
+            // What that means is the finding about its parameters.
+            Some(None) => TOPIC.fine(format!("{url} can be opened")),
+            None => TOPIC.fine(format!("{url} can be opened; alight status shows whether the autopilot answers")),
+        },
+        Ok(Reach::Unreachable(why)) if facts.running => {
+            TOPIC.fine(format!("{url} is taken ({why}), and Alight runs"))
+        }
+        Ok(Reach::Unreachable(why)) => TOPIC.warning(
+            format!("{url}: {why}"),
+            "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
+        ),
+        Err(why) => TOPIC.broken(why, "correct autopilot.connect"),
+    }
+}
+
+/// Signing of its frames; None where nobody signs.
+fn signing(check: &SigningCheck) -> Option<Finding> {
+    const TOPIC: Topic = Topic("signing");
+    match (&check.key, check.received.finding()) {
+        (Err(why), _) => Some(TOPIC.broken(why, "correct autopilot.signing_key or that file")),
+        (Ok(_), Some((signatures, remedy_of_signatures))) => {
+            Some(TOPIC.broken(signatures, remedy_of_signatures))
+        }
+        (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => Some(TOPIC.warning(
+            format!(
+                "others may read or change {} (mode {:o})",
+                check.path,
+                mode & 0o777
+            ),
+            "chmod 600",
+        )),
+        (Ok(_), None) if check.path.is_empty() => None,
+        (Ok(_), None) => Some(TOPIC.fine("frames are signed, and taken only with that signature")),
+    }
+}
+
+/// Which of two autopilots is the drone's own is not configured.
+fn several_autopilots([first, other]: [u8; 2]) -> Finding {
+    Topic("autopilot").stopping(
+        format!("autopilots of two vehicles, {first} and {other}, are received: nothing is begun"),
+        "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
+    )
+}
+
+/// Where the drone's frame begins, and what its height is above the ellipsoid, as the vessel's is.
+fn origin(reported: &AutopilotReport) -> Finding {
+    const TOPIC: Topic = Topic("origin");
+    let Some(o) = &reported.origin else {
+        return TOPIC.warning(
+            "the autopilot has not reported where its frame begins (GPS_GLOBAL_ORIGIN): nothing is flown without",
+            "it begins with the first GNSS fix: wait for it under open sky, and check again",
+        );
+    };
+    let at = format!(
+        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the sea, which is",
+        o.latitude_deg, o.longitude_deg, o.height_m
+    );
+    match reported.geoid_m {
+        Some(g) => TOPIC.fine(format!("{at} {g:.1} m above the ellipsoid by its receiver")),
+        None => {
+            let [latitude, longitude] = [o.latitude_deg, o.longitude_deg].map(f64::to_radians);
+            let g = geoid::undulation(latitude, longitude);
+            TOPIC.fine(format!(
+                "{at} {:.1} m above the ellipsoid by the geoid's model (EGM96; its receiver, which does not give both heights, \
+                 may differ by {:.1} m)",
+                g.height_m, g.sigma_m
+            ))
+        }
+    }
+}
+
+fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("parameters");
+    let mut all: Vec<Finding> = reported
+        .parameters
+        .iter()
+        .filter_map(|(p, found)| {
+            let (wrong, change) = match found {
+                ParameterFinding::Suits => return None,
+                ParameterFinding::Wrong(value) => (
+                    p.describe(*value).to_string(),
+                    format!("set {} at the autopilot", p.name),
+                ),
+                ParameterFinding::Unknown(requests) => (
+                    format!("the autopilot has not reported {} ({requests} requests)", p.name),
+                    "check the link; for a firmware without it set autopilot.check_parameters = false".into(),
+                ),
+            };
+            Some(match p.severity {
+                Severity::Refuse if refuses => TOPIC.broken(wrong, change),
+                Severity::Refuse | Severity::Warn => TOPIC.warning(wrong, change),
+            })
+        })
+        .collect();
+    if all.is_empty() {
+        all.push(TOPIC.fine("the autopilot's suit a landing"));
+    }
+    all
+}
+
+fn camera(found: &CameraCheck, running: bool) -> Finding {
+    let CameraCheck { key, source, .. } = found;
+    match &found.there {
+        Err(why) => Topic(key).broken(
+            format!("{source}: {why}"),
+            format!(
+                "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else \
+                 correct {key}.source"
+            ),
+        ),
+        Ok(()) if !found.calibrated => Topic(key).warning(
+            format!("{source} is there, its lens is the simulated camera's"),
+            format!(
+                "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/camera.md)",
+                found.lens
+            ),
+        ),
+        Ok(()) if running => Topic(key).fine(format!("{source} is there, and the drone's process has it")),
+        Ok(()) => Topic(key).fine(format!("{source} is there")),
+    }
+}
+
+/// Whether images come, and the tag in them is fit to be detected.
+fn camera_view(found: &CameraCheck) -> Option<Finding> {
+    let (topic, source) = (Topic(found.key), &found.source);
+    let view = match found.view.as_ref()? {
+        Ok(view) => view,
+        Err(why) => {
+            return Some(topic.broken(
+                format!("{source}: {why}"),
+                format!(
+                    "v4l2-ctl --list-formats-ext says what it has: correct [{}] and [{}]; does another program hold it?",
+                    found.key, found.lens
+                ),
+            ));
+        }
+    };
+    let exposure = match &view.exposure {
+        Some(Ok(s)) => format!(
+            ", exposed for {:.1} ms with gain {:.0}",
+            1e3 * s.exposure_s,
+            s.gain
+        ),
+        Some(Err(why)) => {
+            return Some(topic.warning(
+                format!("{source} {why}: its own automatic exposes"),
+                format!(
+                    "v4l2-ctl --list-ctrls says what it has; expose by its maker's means for less than \
+                     {0}.exposure_s and set {0}.exposure_s = 0",
+                    found.key
+                ),
+            ));
+        }
+        None => String::new(),
+    };
+    if let Some(mean) = view.dark {
+        return Some(topic.warning(
+            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
+            "light the deck, or lay tags that are lit (docs/night.md); by day, take the cap off the lens",
+        ));
+    }
+    let Some([contrast, saturation]) = view.tag else {
+        return Some(topic.fine(format!("{} images{exposure}; no tag in view", view.images)));
+    };
+    let tag = format!(
+        "contrast {:.0} %, saturation {:.0} % on the tag{exposure}",
+        100.0 * contrast,
+        100.0 * saturation
+    );
+    Some(if contrast < MIN_CONTRAST {
+        topic.warning(
+            tag,
+            "light the tag, clean the lens, print it matt and black; at full gain a faster lens is needed",
+        )
+    } else if saturation > MAX_SATURATION {
+        topic.warning(
+            tag,
+            "shade it or print it matt against glare; is the exposure fixed (gain), or metered by another program?",
+        )
+    } else {
+        topic.fine(tag)
+    })
+}
+
+fn memory(memory: &SharedMemory) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("shared memory");
+    let mut all = Vec::new();
+    match (&memory.writable, memory.free_bytes) {
+        (Err(why), _) => all.push(TOPIC.broken(
+            format!("no file can be made in /dev/shm: {why}"),
+            "mount a tmpfs there, mode 1777",
+        )),
+        (Ok(()), Some(free)) if free < MEMORY_BYTES => all.push(TOPIC.broken(
+            format!(
+                "{} MB free in /dev/shm, {} needed",
+                free >> 20,
+                MEMORY_BYTES >> 20
+            ),
+            "remove what others left there, or mount it larger",
+        )),
+        (Ok(()), Some(free)) => all.push(TOPIC.fine(format!("{} MB free", free >> 20))),
+        (Ok(()), None) => all.push(TOPIC.warning("the free memory is not known", "df /dev/shm")),
+    }
+    all.push(match &memory.directory {
+        Ok(path) => TOPIC.fine(format!("{} can be used", path.display())),
+        Err(why) => TOPIC.broken(
+            why,
+            "run this as the user that runs Alight (sudo -u alight), or remove what another user left",
+        ),
+    });
+    all
+}
+
+fn no_sensor() -> Finding {
+    Topic("sensors").warning(
+        "no sensor is configured: there is no estimate",
+        "a table [[sensor.sources]] in vessel.toml for each (docs/sensors.md)",
+    )
+}
+
+fn source(found: &SourceCheck) -> Finding {
+    const TOPIC: Topic = Topic("sensors");
+    let who = format!("{} ({})", found.name, found.connect);
+    match &found.received {
+        Err(why) => TOPIC.warning(
+            format!("{who}: {why}"),
+            "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
+        ),
+        Ok((0, _)) => TOPIC.warning(
+            format!("{who}: nothing came while listening"),
+            "is it powered and plugged in, and does it send there?",
+        ),
+        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) => TOPIC.warning(
+            format!(
+                "{who}: {bytes} bytes and no measurement: {} messages good, {} corrupted, {} of other kinds, {} \
+                 without a time",
+                s.decoded.good, s.decoded.corrupted, s.decoded.ignored, s.decoded.undated
+            ),
+            "see to its rate and format in vessel.toml, and to the messages that it is set to send",
+        ),
+        Ok((_, s)) => TOPIC.fine(format!(
+            "{who}: {} measurements, {} messages corrupted while listening",
+            s.given.iter().sum::<u64>(),
+            s.decoded.corrupted
+        )),
+    }
+}
+
+fn deck_input(found: &DeckInputCheck) -> Finding {
+    const TOPIC: Topic = Topic("deck");
+    let input = format!("{}: {}", found.key, found.path);
+    match &found.level {
+        Err(why) if deck_inputs::is_consent(&input) => {
+            TOPIC.warning(format!("{input}: {why}"), deck_inputs::CONSENT_REMEDY)
+        }
+        Err(why) => TOPIC.warning(format!("{input}: {why}"), deck_inputs::REMEDY),
+        Ok(active) => TOPIC.fine(format!("{input} holds {}", u8::from(*active))),
+    }
+}
+
+fn processors(facts: &Facts, drone: bool) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("processors");
+    let mut all = Vec::new();
+    let slow: Vec<&String> = facts.governors.iter().filter(|g| *g != "performance").collect();
+    all.push(match slow.first() {
+        Some(governor) => TOPIC.warning(
+            format!("frequency chosen by {governor}: a plan may take several times longer after a rest"),
+            "echo performance | tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
+        ),
+        None => TOPIC.fine("at full frequency"),
+    });
+    if drone && facts.processors < 2 {
+        all.push(TOPIC.warning(
+            "one processor: planner and pilot wait for each other",
+            "use a computer with two or more",
+        ));
+    }
+    if drone && !facts.realtime {
+        all.push(TOPIC.warning(
+            "this user may not ask for real-time priority",
+            "the shipped unit permits it (LimitRTPRIO); beside it: ulimit -r 40",
+        ));
+    }
+    all
+}

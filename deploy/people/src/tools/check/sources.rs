@@ -1,0 +1,177 @@
+//! The vessel's real sensors: those of a running process by its reports, the others by a short reception.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use alight_computer::config::VesselComputer;
+use alight_computer::io::byte_link::ByteLink;
+use alight_computer::io::byte_links::ByteLinks;
+use alight_computer::io::peer::Speaks;
+use alight_computer::io::runtime;
+use alight_computer::process::sealed;
+use alight_computer::process::snapshot::Snapshot;
+use alight_computer::situation::{Known, Situation, SourceHealth};
+use alight_computer::vessel::sensors::{self, strangers_remark};
+use alight_shared::config;
+use alight_shared::msg::SourceStatus;
+use alight_shared::node::Node;
+use alight_transport::clock::steady_ns;
+use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig};
+use tokio::time::{Instant, timeout_at};
+
+use crate::tools::check::facts::SourceCheck;
+
+/// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
+/// late.
+pub const LISTEN_S: f64 = 2.5;
+/// The node is stepped at least this often.
+const STEP_PERIOD: Duration = Duration::from_millis(20);
+
+/// The sources of the process that runs by this file, as it reports them in `seen`, and the others, listened to. Beside a
+/// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
+pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<SourceHealth>, Vec<SourceCheck>) {
+    let flown: Option<VesselComputer> = seen
+        .and_then(|_| sealed::running(path))
+        .and_then(|text| config::parse(&text, &path.display().to_string()).ok());
+    let is_flown = |source: &SourceConfig| {
+        let flown = flown.as_ref().map(|f| &f.sensor.sources);
+        flown.is_some_and(|sources| sources.contains(source))
+    };
+    let (held, open): (Vec<_>, Vec<_>) = v.sensor.sources.iter().cloned().partition(is_flown);
+    let mut reported = Vec::new();
+    if let (Some(flown), Some(seen)) = (&flown, seen) {
+        reported = Situation::of(Known::vessel(flown), seen, steady_ns()).sources();
+    }
+    reported.retain(|r| held.iter().any(|s| s.name == r.name));
+    let mut others = v.clone();
+    others.sensor.sources = open;
+    (reported, listen(&others))
+}
+
+/// What each source sends. The ports must be free: a serial port gives each byte to one reader.
+pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
+    runtime::block_on(async { Ok(received(computer).await) }).unwrap_or_default()
+}
+
+async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
+    let sources = &computer.sensor.sources;
+    let (mut links, mut why) = (Vec::new(), vec![None; sources.len()]);
+    for (k, source) in sources.iter().enumerate() {
+        match open(source).await {
+            Ok(link) => links.push((k, link)),
+            Err(e) => why[k] = Some(e),
+        }
+    }
+    let mut links = ByteLinks::start(links);
+    let mut node = match sensors::node(computer, 0) {
+        Ok(node) => node,
+        Err(e) => {
+            why.fill(Some(e.to_string()));
+            SensorNode::new(&computer.placed_sensors(), computer.vessel_id, 0)
+        }
+    };
+    let mut bytes_in = vec![0_usize; sources.len()];
+    let mut strangers = vec![None; sources.len()];
+    let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });
+    while Instant::now() < end {
+        let mut input = SensorsIn {
+            bytes: vec![Vec::new(); sources.len()],
+        };
+        let step = Instant::now() + STEP_PERIOD;
+        if let Ok(arrival) = timeout_at(step, links.next()).await {
+            let k = arrival.link;
+            bytes_in[k] += arrival.bytes.len();
+            strangers[k] = arrival.strangers;
+            input.bytes[k] = arrival.bytes;
+            why[k] = arrival.error.or(why[k].take());
+        }
+        let out = node.step(computer.clock.read(steady_ns()), &input);
+        for (k, bytes) in &out.requests {
+            links.write(*k, bytes);
+        }
+    }
+    let (status, remarks) = (node.status(), node.remarks());
+    sources
+        .iter()
+        .zip(why)
+        .zip(bytes_in)
+        .enumerate()
+        .map(|(k, ((source, why), bytes))| SourceCheck {
+            name: source.name.clone(),
+            connect: source.connect.clone(),
+            remarks: strangers_remark(strangers.get(k).copied().flatten())
+                .into_iter()
+                .chain(remarks.get(k).cloned().unwrap_or_default())
+                .collect(),
+            received: match why.filter(|_| bytes == 0) {
+                Some(why) => Err(why),
+                None => Ok((
+                    bytes,
+                    status.get(k).copied().unwrap_or_else(SourceStatus::default),
+                )),
+            },
+        })
+        .collect()
+}
+
+async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
+    let speaks: Speaks = Arc::new(source.format.speaks());
+    let link = ByteLink::with_peer(source.connect.parse()?, Some(speaks)).await;
+    link.map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_computer::process::sealed::SealedConfig;
+    use alight_shared::msg::{SourceReport, VesselStatus};
+
+    /// A vessel's file with sources of these names, each at a port where nothing comes.
+    fn file(names: &[&str]) -> String {
+        let source = |name: &&str| {
+            format!(
+                "[[sensor.sources]]\nname = \"{name}\"\nconnect = \"udpin://127.0.0.1:0\"\nformat = \"nmea\"\n"
+            )
+        };
+        format!("vessel_id = 1\n{}", names.iter().map(source).collect::<String>())
+    }
+
+    #[test]
+    fn sources_beside_a_running_vessel() {
+        let name = format!("alight-check-sources-{}.toml", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::write(&path, file(&["imu", "compass"])).unwrap();
+        let computer: VesselComputer = config::load(&path).unwrap();
+        let mut seen = Snapshot::default();
+        let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+        // It runs by another file.
+        let (held, listened) = of(&path, &computer, Some(&seen));
+        assert!(held.is_empty());
+        assert_eq!(names(&listened), ["imu", "compass"]);
+
+        let (_, sealed) = SealedConfig::begin::<VesselComputer>(&path).unwrap();
+        let now = steady_ns();
+        seen.vessel.set(now, Some(VesselStatus::default()));
+        seen.sources = (0..2)
+            .map(|number| {
+                let report = SourceReport {
+                    number,
+                    ..SourceReport::default()
+                };
+                (number, report)
+            })
+            .collect();
+        // A source was added since the start.
+        std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
+        let edited: VesselComputer = config::load(&path).unwrap();
+        let (held, listened) = of(&path, &edited, Some(&seen));
+        assert_eq!(
+            held.iter().map(|h| &*h.name).collect::<Vec<_>>(),
+            ["imu", "compass"]
+        );
+        assert_eq!(names(&listened), ["receiver"]);
+        drop(sealed);
+        std::fs::remove_file(path).unwrap();
+    }
+}

@@ -1,0 +1,740 @@
+//! Rules on made-up computers, and the gatherer on this one.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_computer::certificates::{self, Certificate};
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::Exit;
+use alight_computer::io::mavlink_key;
+use alight_computer::situation::SourceHealth;
+use alight_computer::subject::Computer;
+use alight_computer::terminal::Form;
+use alight_shared::autopilot_parameters::{Parameter, of_px4};
+use alight_shared::geodesy::Datum;
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::mavlink::{Signatures, Signing};
+use alight_shared::msg::SourceStatus;
+use alight_shared::time::Span;
+use alight_sim::autopilots::simulated::SimulatedAutopilot;
+use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
+use alight_sim::physics::streams::Streams;
+use alight_transport::radio::TlsConfig;
+use alight_uav::autopilot::message::{CommandLong, command};
+use alight_uav::autopilot::parameters::Finding as ParameterFinding;
+use alight_uav::camera::metering::Setting;
+use alight_usv::sensors::SourceConfig;
+
+use crate::status::finding::{Finding, Level};
+use crate::tools::check::facts::{
+    AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
+    Reach, SharedMemory, SigningCheck, SourceCheck,
+};
+use crate::tools::check::rules::judge;
+use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
+
+fn certificate(name: &str, days_left: i64) -> Certificate {
+    Certificate {
+        path: format!("/etc/alight/keys/{name}.pem").into(),
+        days_left,
+        in_future: false,
+        name: name.into(),
+    }
+}
+
+fn tls(peers: &[&str]) -> TlsConfig {
+    TlsConfig {
+        authority: "a".into(),
+        certificate: "c".into(),
+        key: "k".into(),
+        peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+        ..TlsConfig::default()
+    }
+}
+
+fn vessel() -> Facts {
+    let mut computer = VesselComputer::default();
+    computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
+    computer.radio.tls = tls(&["drone-1"]);
+    computer.sensor.sources = vec![SourceConfig::default()];
+    Facts {
+        config: PathBuf::from("/etc/alight/vessel.toml"),
+        computer: Ok(Computer::Vessel(Box::new(computer))),
+        running: false,
+        zenoh: None,
+        identity: Some(Identity {
+            authority: Ok(certificate("Alight private authority", 3000)),
+            own: Ok(certificate("vessel-1", 800)),
+            key: Ok(()),
+            key_mode: Some(0o100_640),
+            key_fits: Some(true),
+            of_authority: Some(true),
+        }),
+        clock_s: 1_800_000_000,
+        sync: Some(ClockSync {
+            source: "chrony",
+            synchronised: true,
+            error_s: Some(0.0002),
+        }),
+        memory: None,
+        ports: vec![Port {
+            key: "radio.listen",
+            address: "quic/0.0.0.0:7447".into(),
+            state: PortState::Free,
+        }],
+        dialled: Vec::new(),
+        autopilot: None,
+        signing: None,
+        reported: None,
+        frame: None,
+        flown: None,
+        cameras: Vec::new(),
+        sources: Vec::new(),
+        held_sources: Vec::new(),
+        deck_inputs: Vec::new(),
+        helm: None,
+        governors: vec!["performance".into(); 4],
+        realtime: true,
+        processors: 4,
+    }
+}
+
+fn drone() -> Facts {
+    let mut computer = DroneComputer::default();
+    computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+    computer.radio.tls = tls(&["vessel-1"]);
+    let mut facts = vessel();
+    facts.computer = Ok(Computer::Drone(Box::new(computer)));
+    facts.identity.as_mut().unwrap().own = Ok(certificate("drone-1", 800));
+    facts.memory = Some(SharedMemory {
+        free_bytes: Some(1 << 30),
+        writable: Ok(()),
+        directory: Ok("/run/alight/alight-drone".into()),
+    });
+    facts.ports.clear();
+    facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
+    facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
+    facts
+}
+
+/// Signing with a key file of these permissions, and so many frames that were not signed.
+fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
+    Some(SigningCheck {
+        path: "/etc/alight/mavlink.key".into(),
+        key: key.map_err(Into::into),
+        received: Signatures {
+            unsigned,
+            ..Signatures::default()
+        },
+    })
+}
+
+/// PX4 reports this of one parameter, and of all others what suits.
+fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
+    let finding = |p: &Parameter| {
+        let of_it = p.name == name;
+        if of_it {
+            ParameterFinding::Wrong(value)
+        } else {
+            ParameterFinding::Suits
+        }
+    };
+    Some(Some(AutopilotReport {
+        parameters: of_px4().map(|(_, p)| (p, finding(p))).collect(),
+        origin: Some(Datum::new(70.1, 19.2, 3.0)),
+        geoid_m: Some(30.0),
+        several: None,
+    }))
+}
+/// Two vehicles' are received.
+fn several() -> Option<Option<AutopilotReport>> {
+    let all = reported("none", 0.0)??;
+    Some(Some(AutopilotReport {
+        several: Some([1, 2]),
+        ..all
+    }))
+}
+/// The same with an origin and a geoid as given.
+fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
+    let all = reported("none", 0.0)??;
+    Some(Some(AutopilotReport {
+        origin,
+        geoid_m,
+        ..all
+    }))
+}
+
+fn worst(findings: &[Finding]) -> Level {
+    findings.iter().map(|f| f.level).max().unwrap()
+}
+
+fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCheck {
+    CameraCheck {
+        key: "camera",
+        lens: "drone.camera.lens",
+        source: source.into(),
+        there,
+        calibrated,
+        view: None,
+    }
+}
+
+/// The same, looked through.
+fn looked(view: Result<CameraView, &str>) -> CameraCheck {
+    CameraCheck {
+        view: Some(view.map_err(str::to_owned)),
+        ..camera("/dev/video0", Ok(()), true)
+    }
+}
+
+/// A tag of this contrast and saturation, exposed for 1 ms.
+fn exposed(contrast: f64, saturation: f64) -> CameraView {
+    CameraView {
+        images: 60,
+        exposure: Some(Ok(Setting {
+            exposure_s: 0.001,
+            gain: 4.0,
+        })),
+        tag: Some([contrast, saturation]),
+        dark: None,
+    }
+}
+
+#[test]
+fn check_of_faultless_computers() {
+    for facts in [vessel(), drone()] {
+        let findings = judge(&facts);
+        assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
+        assert!(findings.iter().all(|f| f.remedy.is_empty()));
+    }
+}
+
+/// A computer's faults of one level: the change, and a part of the finding.
+type Wrongs<'a> = (fn() -> Facts, Level, &'a [(fn(&mut Facts), &'static str)]);
+
+#[test]
+fn check_of_each_fault() {
+    fn own(f: &mut Facts) -> &mut Identity {
+        f.identity.as_mut().unwrap()
+    }
+    fn shared(f: &mut Facts) -> &mut SharedMemory {
+        f.memory.as_mut().unwrap()
+    }
+    fn unmeasured(f: &mut Facts) {
+        let Ok(Computer::Vessel(v)) = &mut f.computer else {
+            panic!("the vessel's");
+        };
+        v.sensor.sources.clear();
+    }
+    fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
+        f.sources = vec![SourceCheck {
+            name: "compass".into(),
+            connect: "serial:///dev/ttyUSB0:115200".into(),
+            received,
+            remarks: Vec::new(),
+        }];
+    }
+    fn input(f: &mut Facts, level: Result<bool, String>) {
+        f.deck_inputs = vec![DeckInputCheck {
+            key: "deck.crew_switch",
+            path: "/sys/class/gpio/gpio17/value".into(),
+            level,
+        }];
+    }
+    let wrongs: [Wrongs; 4] = [
+        (
+            vessel,
+            Level::Broken,
+            &[
+                (|f| f.clock_s = 40, "never set"),
+                (
+                    |f| own(f).own = Ok(certificate("vessel-1", -3)),
+                    "expired 3 days ago",
+                ),
+                (|f| own(f).own = Ok(certificate("vessel-2", 800)), "vessel-2's"),
+                (|f| own(f).own.as_mut().unwrap().in_future = true, "not valid yet"),
+                (|f| own(f).authority = Err("no such file".into()), "no such file"),
+                (
+                    |f| own(f).key = Err("permission denied".into()),
+                    "permission denied",
+                ),
+                (|f| own(f).key_fits = Some(false), "does not belong"),
+                (|f| own(f).of_authority = Some(false), "another authority"),
+                (|f| f.identity = None, "names no files"),
+                (|f| f.ports[0].state = PortState::Busy, "another program"),
+                (
+                    |f| f.ports[0].state = PortState::Unavailable("not here".into()),
+                    "not here",
+                ),
+            ],
+        ),
+        (
+            vessel,
+            Level::Warning,
+            &[
+                (|f| f.sync = None, "no program reports"),
+                (
+                    |f| f.sync.as_mut().unwrap().synchronised = false,
+                    "not synchronised",
+                ),
+                (|f| f.sync.as_mut().unwrap().error_s = Some(-0.3), "-300 ms"),
+                (
+                    |f| own(f).own = Ok(certificate("vessel-1", 29)),
+                    "expires in 29 days",
+                ),
+                (|f| own(f).key_mode = Some(0o100_644), "mode 644"),
+                (|f| unmeasured(f), "no sensor is configured"),
+                (|f| source(f, Err("no such device".into())), "no such device"),
+                (|f| source(f, Ok((0, SourceStatus::default()))), "nothing came"),
+                (|f| source(f, Ok((900, SourceStatus::default()))), "900 bytes"),
+                (
+                    |f| input(f, Err("not exported".into())),
+                    "gpio17/value: not exported",
+                ),
+                (|f| f.governors[2] = "powersave".into(), "powersave"),
+            ],
+        ),
+        (
+            drone,
+            Level::Warning,
+            &[
+                (
+                    |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
+                    "does not answer",
+                ),
+                (
+                    |f| {
+                        f.autopilot = Some((
+                            "serial:///dev/x".into(),
+                            Ok(Reach::Unreachable("not there".into())),
+                        ))
+                    },
+                    "not there",
+                ),
+                (
+                    |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
+                    "simulated camera's",
+                ),
+                (
+                    |f| f.cameras.push(looked(Ok(exposed(0.2, 0.0)))),
+                    "contrast 20 %, saturation 0 % on the tag, exposed for 1.0 ms with gain 4",
+                ),
+                (
+                    |f| f.cameras.push(looked(Ok(exposed(0.6, 0.3)))),
+                    "saturation 30 %",
+                ),
+                (
+                    |f| {
+                        f.cameras.push(looked(Ok(CameraView {
+                            tag: None,
+                            dark: Some(3.2),
+                            ..exposed(0.0, 0.0)
+                        })))
+                    },
+                    "too dark to see the tags: image mean 3 of 255, exposed for 1.0 ms with gain 4",
+                ),
+                (
+                    |f| {
+                        f.cameras.push(looked(Ok(CameraView {
+                            exposure: Some(Err("has no control".into())),
+                            ..exposed(0.6, 0.0)
+                        })))
+                    },
+                    "has no control: its own automatic exposes",
+                ),
+                (
+                    |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
+                    "7200 m away",
+                ),
+                (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
+                (|f| f.reported = Some(None), "no heartbeat"),
+                (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
+                (|f| f.reported = several(), "of two vehicles, 1 and 2"),
+                (
+                    |f| f.reported = reported("MC_AIRMODE", 0.0),
+                    "MC_AIRMODE is 0, 1 to 2 is needed",
+                ),
+                (
+                    |f| {
+                        f.reported = reported("COM_OF_LOSS_T", 1.0);
+                        let mut d = DroneComputer::default();
+                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+                        d.radio.tls = tls(&["vessel-1"]);
+                        d.autopilot.check_parameters = false;
+                        f.computer = Ok(Computer::Drone(Box::new(d)));
+                    },
+                    "COM_OF_LOSS_T is 1 s",
+                ),
+                (|f| f.realtime = false, "real-time"),
+                (|f| f.processors = 1, "one processor"),
+            ],
+        ),
+        (
+            drone,
+            Level::Broken,
+            &[
+                (|f| f.signing = signed(Err("no such file"), 0), "no such file"),
+                (|f| f.signing = signed(Ok(0o600), 4), "not signed"),
+                (|f| shared(f).free_bytes = Some(1 << 20), "1 MB free"),
+                (|f| shared(f).writable = Err("read-only".into()), "read-only"),
+                (|f| shared(f).directory = Err("another's".into()), "another's"),
+                (
+                    |f| f.reported = reported("COM_OF_LOSS_T", 1.0),
+                    "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
+                ),
+                (
+                    |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
+                    "no kind of link",
+                ),
+                (
+                    |f| {
+                        f.cameras
+                            .push(camera("/dev/video9", Err("no such file".into()), true))
+                    },
+                    "no such file",
+                ),
+                (|f| f.cameras.push(looked(Err("no image came"))), "no image came"),
+                (
+                    |f| {
+                        let mut d = DroneComputer::default();
+                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+                        d.radio.tls = tls(&["vessel-2"]);
+                        f.computer = Ok(Computer::Drone(Box::new(d)));
+                    },
+                    "vessel-1 is not among",
+                ),
+            ],
+        ),
+    ];
+    let each = wrongs
+        .iter()
+        .flat_map(|(facts, level, wrongs)| wrongs.iter().map(move |w| (facts(), *level, w)));
+    for (mut facts, level, (spoil, word)) in each {
+        spoil(&mut facts);
+        let findings = judge(&facts);
+        let bad: Vec<_> = findings.iter().filter(|f| f.level != Level::Fine).collect();
+        assert_eq!(bad.len(), 1, "{word}: {bad:#?}");
+        assert!(
+            bad[0].level == level && bad[0].found.contains(word),
+            "{word}: {bad:?}"
+        );
+        assert!(bad[0].remedy.len() > 8, "{word}: names a remedy: {bad:?}");
+    }
+}
+
+#[test]
+fn autopilot_check_with_and_without_answer() {
+    let found = |reported| {
+        let mut facts = drone();
+        facts.autopilot = Some(("udpin://127.0.0.1:14540".into(), Ok(Reach::Routed)));
+        facts.reported = reported;
+        let of_link = |f: &Finding| f.topic == "autopilot";
+        judge(&facts).into_iter().find(of_link).unwrap().found
+    };
+    assert_eq!(found(reported("none", 0.0)), "answers at udpin://127.0.0.1:14540");
+    assert!(found(None).contains("alight status"));
+    assert!(!found(Some(None)).contains("alight status"));
+}
+
+#[test]
+fn camera_check_with_and_without_a_tag() {
+    let found = |view: CameraView| {
+        let mut facts = drone();
+        facts.cameras.push(looked(Ok(view)));
+        let all = judge(&facts);
+        let view = all.iter().rfind(|f| f.topic == "camera").unwrap();
+        (view.level, view.found.clone())
+    };
+    let fit = found(exposed(0.6, 0.01));
+    assert_eq!(fit.0, Level::Fine);
+    assert!(fit.1.contains("contrast 60 %"), "{fit:?}");
+    let none = found(CameraView {
+        tag: None,
+        ..exposed(0.0, 0.0)
+    });
+    assert_eq!(none.0, Level::Fine);
+    assert!(
+        none.1.contains("60 images") && none.1.contains("no tag in view"),
+        "{none:?}"
+    );
+}
+
+#[test]
+fn check_behind_a_router() {
+    let mut facts = drone();
+    let said = |facts: &Facts| judge(facts).into_iter().find(|f| f.topic == "router");
+    assert!(said(&facts).is_none());
+    let Ok(Computer::Drone(computer)) = &mut facts.computer else {
+        unreachable!("a drone's")
+    };
+    computer.radio.router = true;
+    computer.radio.tls.router = "vessel-9".into();
+    let found = said(&facts).unwrap();
+    assert!(found.level == Level::Fine && found.found.contains("vessel-9 passes on"));
+}
+
+#[test]
+fn check_of_an_unprotected_radio() {
+    let mut facts = vessel();
+    facts.identity = None;
+    let mut computer = VesselComputer::default();
+    computer.sensor.sources = vec![SourceConfig::default()];
+    facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
+    assert_eq!(worst(&judge(&facts)), Level::Warning);
+    computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
+    facts.computer = Ok(Computer::Vessel(Box::new(computer)));
+    assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+#[test]
+fn check_of_an_origin_without_both_heights() {
+    let mut facts = drone();
+    facts.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None);
+    let all = judge(&facts);
+    let origin = all.iter().find(|f| f.topic == "origin").unwrap();
+    assert_eq!(origin.level, Level::Fine);
+    assert!(origin.found.contains("by the geoid's model"), "{}", origin.found);
+}
+
+#[test]
+fn check_beside_a_running_vessel() {
+    let mut facts = vessel();
+    facts.ports[0].state = PortState::Busy;
+    facts.running = true;
+    facts.held_sources = vec![SourceHealth {
+        name: "imu".into(),
+        age_s: Some(0.1),
+        ..SourceHealth::default()
+    }];
+    let all = judge(&facts);
+    assert_eq!(worst(&all), Level::Fine);
+    assert!(
+        all.iter()
+            .any(|f| f.topic == "source" && f.found.starts_with("imu"))
+    );
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let directory = std::env::temp_dir().join(format!("alight-check-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    directory
+}
+
+fn check(config: &Path) -> Exit {
+    run(&CheckArgs {
+        config: Some(config.into()),
+        form: Form {
+            json: true,
+            ..Form::default()
+        },
+    })
+    .unwrap()
+}
+
+#[test]
+fn check_of_a_swapped_key_and_a_foreign_authority() {
+    let directory = scratch("keys");
+    let (ours, theirs) = (directory.join("ours"), directory.join("theirs"));
+    for authority in [&ours, &theirs] {
+        certificates::init(authority, 400).unwrap();
+        certificates::issue(authority, "vessel", 1, &[], 400).unwrap();
+    }
+    let written = |radio: &TlsConfig| {
+        let mut computer = VesselComputer::default();
+        computer.radio.listen = vec!["quic/127.0.0.1:0".into()];
+        computer.radio.tls = radio.clone();
+        let path = directory.join("vessel.toml");
+        std::fs::write(&path, toml::to_string(&computer).unwrap()).unwrap();
+        gather::gather(&path).identity.unwrap()
+    };
+    let good = certificates::files(&ours.join("vessel-1"), vec!["drone-1".into()]).unwrap();
+    let found = written(&good);
+    assert_eq!((found.key_fits, found.of_authority), (Some(true), Some(true)));
+    assert_eq!(found.own.unwrap().days_left, 399);
+    let other = certificates::files(&theirs.join("vessel-1"), Vec::new()).unwrap();
+    let mixed = TlsConfig {
+        key: other.key,
+        ..good.clone()
+    };
+    assert_eq!(written(&mixed).key_fits, Some(false));
+    let foreign = TlsConfig {
+        authority: other.authority,
+        ..good
+    };
+    assert_eq!(written(&foreign).of_authority, Some(false));
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn sensor_check_of_silent_and_missing_sources() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let (speaks, silent) = (free(), free());
+    let mut computer = VesselComputer::default();
+    computer.sensor.sources = ["speaks", "silent", "taken", "none", "wrong"]
+        .into_iter()
+        .zip([
+            format!("udpin://{speaks}"),
+            format!("udpin://{silent}"),
+            format!("udpin://{}", socket.local_addr().unwrap()),
+            "serial:///dev/none:9600".into(),
+            "nmea://mast".into(),
+        ])
+        .map(|(name, connect)| SourceConfig {
+            name: name.into(),
+            connect,
+            ..SourceConfig::default()
+        })
+        .collect();
+    let (end, ended) = std::sync::mpsc::channel::<()>();
+    let speaker = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut k = 0;
+        while ended.recv_timeout(std::time::Duration::from_millis(20)).is_err() {
+            let time = format!("1200{:02}.{:02}", k / 50, 2 * (k % 50));
+            for part in [format!("GPZDA,{time},01,01,2026,00,00"), "GPHDT,90.0,T".into()] {
+                let sum = part.bytes().fold(0_u8, |a, b| a ^ b);
+                let _missed = socket.send_to(format!("${part}*{sum:02X}\r\n").as_bytes(), speaks);
+            }
+            k += 1;
+        }
+    });
+    let found = sources::listen(&computer);
+    end.send(()).unwrap();
+    speaker.join().unwrap();
+    let received = |k: usize| {
+        found[k]
+            .received
+            .as_ref()
+            .map(|(bytes, s)| (*bytes, s.decoded.good))
+    };
+    assert!(
+        received(0).is_ok_and(|(bytes, good)| bytes > 100 && good > 2),
+        "{found:?}"
+    );
+    assert_eq!(received(1), Ok((0, 0)), "{found:?}");
+    assert!(received(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
+    assert!(received(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
+    assert!(received(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
+    assert!(sources::listen(&VesselComputer::default()).is_empty());
+}
+
+#[test]
+fn check_of_a_broken_configuration() {
+    let directory = scratch("broken");
+    let path = directory.join("any.toml");
+    for text in [
+        "",
+        "vessel_id = 1\n[bridge]\ndrone_id = 1",
+        "vessel_id = \"one\"",
+        "instance = \"x\"\nunknown = 3",
+        "not toml",
+        "vessel_id = 1\n[radio]\nlease_s = -1.0",
+    ] {
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(check(&path), Exit::Broken, "{text}");
+    }
+    assert_eq!(check(&directory.join("none.toml")), Exit::Broken);
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+/// What is found of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
+/// signatures, and what the autopilot was commanded.
+fn found_of_autopilot(
+    computer: &DroneComputer,
+    key: Option<Signing>,
+) -> (Option<AutopilotReport>, Signatures, Vec<CommandLong>) {
+    let at = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let done = Arc::new(AtomicBool::new(false));
+    let ended = done.clone();
+    let flown = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.connect(at).unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        let mut truth = PlantState::default();
+        let (c, n) = (AutopilotConfig::default(), NavigationConfig::default());
+        let geometry = DroneGeometry::default();
+        let mut px4 = SimulatedAutopilot::new(&c, &n, &geometry, &Streams::new(1), &truth, 0.4);
+        px4.set_signing(key);
+        (px4.origin, px4.geoid_m) = (Datum::new(43.5, 16.3, 12.0), Some(38.0));
+        px4.parameters.insert("MPC_ACC_UP_MAX", 4.0);
+        let mut bytes = [0; 1024];
+        while !ended.load(Ordering::Relaxed) {
+            truth.at += Span::from_millis(5);
+            let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
+            let received: Vec<Vec<u8>> = received.into_iter().collect();
+            for sent in px4.step_bytes(&truth, &received).1 {
+                // Nobody may listen yet.
+                let _lost = socket.send(&sent);
+            }
+        }
+        px4.commands.into_iter().map(|(_, command)| command).collect()
+    });
+    let mut signatures = Signatures::default();
+    let found = autopilot::report(
+        computer,
+        &format!("udpin://{at}").parse().unwrap(),
+        &mut signatures,
+    );
+    done.store(true, Ordering::Relaxed);
+    (found, signatures, flown.join().unwrap())
+}
+
+#[test]
+fn autopilot_check_over_a_signed_link() {
+    let file = std::env::temp_dir().join(format!("alight-check-key-{}", std::process::id()));
+    std::fs::write(&file, "a passphrase of the boat\n").unwrap();
+    let key = mavlink_key::read("autopilot.signing_key", file.to_str().unwrap()).unwrap();
+    let other = Some(Signing::new([7; 32]));
+    let mut computer = DroneComputer::default();
+    let text = |s: Signatures| s.finding().map(|(text, _)| text).unwrap_or_default();
+    // Nobody asked for signatures: they are not looked at, and it is said that they are there.
+    let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
+    assert!(
+        found.is_some() && text(signatures).contains("neither checked"),
+        "{signatures:?}"
+    );
+    computer.autopilot.signing_key = file.display().to_string();
+    let (found, signatures, _) = found_of_autopilot(&computer, key);
+    assert!(found.is_some_and(|f| f.origin.is_some()) && signatures.finding().is_none());
+    for (other, why) in [(other, "another key"), (None, "not signed")] {
+        let (found, signatures, commands) = found_of_autopilot(&computer, other);
+        assert!(found.is_none() && commands.is_empty());
+        assert!(text(signatures).contains(why), "{signatures:?}");
+    }
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn autopilot_check_over_the_link() {
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let computer = DroneComputer::default();
+    let silent = format!("udpin://{}", free()).parse().unwrap();
+    assert_eq!(
+        autopilot::report(&computer, &silent, &mut Signatures::default()),
+        None
+    );
+
+    let (found, _, commands) = found_of_autopilot(&computer, None);
+    let requests_only = commands.iter().all(|c| c.command == command::REQUEST_MESSAGE);
+    assert!(requests_only, "commanded {commands:?}");
+    let found = found.unwrap();
+    let origin = Datum::new(43.5, 16.3, 12.0);
+    assert!(found.origin.unwrap().distance_m(&origin) < 0.02);
+    assert!((found.geoid_m.unwrap() - 38.0).abs() < 1e-3);
+    let wrong: Vec<_> = found
+        .parameters
+        .into_iter()
+        .filter(|(_, f)| *f != ParameterFinding::Suits)
+        .map(|(p, f)| (p.name, f))
+        .collect();
+    let expected = [
+        ("MPC_ACC_UP_MAX", ParameterFinding::Wrong(4.0)),
+        ("MC_AIRMODE", ParameterFinding::Wrong(0.0)),
+        ("NAV_RCL_ACT", ParameterFinding::Wrong(2.0)),
+    ];
+    assert_eq!(wrong, expected);
+}

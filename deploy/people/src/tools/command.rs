@@ -1,0 +1,508 @@
+//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer through
+//! shared memory, or from ashore through the vessel, with an operator's certificate ([`ashore`]). On the vessel's
+//! computer also the crew's order for the deck. Every answer names its drone.
+
+mod ashore;
+mod beacon;
+mod station;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use alight_computer::config::VesselComputer;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::process::instance::is_running;
+use alight_computer::process::local_command::{LocalCommand, answer};
+use alight_computer::subject::{commanded_drone, commanded_vessel};
+use alight_computer::terminal;
+use alight_computer::vessel::crew::OrderOnItsWay;
+use alight_shared::msg::{
+    AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
+    Unheard, VesselStatus,
+};
+use alight_shared::time::{DroneClock, Time};
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+/// What shows whether a command was taken is looked at this often.
+const POLL_PERIOD: Duration = Duration::from_millis(50);
+
+/// A status of the vessel's process comes within this, ns.
+const STATUS_NS: i64 = 3_000_000_000;
+
+/// Without `--for` course and speed are kept for so long, s.
+const STEADY_S: u32 = 60;
+
+/// An operator's command.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Order {
+    /// Land on the vessel.
+    Land,
+    /// Stop landing, climb and hold; always wins.
+    Abort,
+    /// Hold where you are.
+    Hold,
+    /// Take off from the deck, climb and hold (drone.mission.takeoff); with sorties_max unattended cycles.
+    Takeoff,
+    /// Unattended cycles: ready for the next sortie.
+    Ready,
+    /// Keep a place next to the vessel for a while (--height, --ahead, --right, --for).
+    Station,
+    /// Say how the mission stands; commands nothing.
+    Status,
+    /// Where a silent vessel is: latitude and longitude, deg.
+    DeckAt,
+    /// On the vessel: close the deck or open it.
+    Deck,
+    /// On the vessel: course and speed are kept for a while (`--for`).
+    Steady,
+    /// On the vessel: she turns or may turn, until `steady` is ordered.
+    Turning,
+    /// On the vessel: the skipper's answer, whether the computer may steer.
+    Helm,
+}
+
+/// Order of the crew for the deck, or the skipper's answer about the helm.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum CrewOrder {
+    /// Nobody descends; a descent that is still high is broken off.
+    Closed,
+    /// It is free, but for drones that report from it.
+    Open,
+    /// The crew is clear of the drone of `--drone`, which may take off: for two minutes, or until closed with `--standing`.
+    Takeoff,
+}
+
+impl CommandArgs {
+    /// What is commanded, if anything.
+    fn kind(&self) -> Result<Option<CommandKind>, CliError> {
+        Ok(match self.order {
+            Order::Land => Some(CommandKind::Land),
+            Order::Abort => Some(CommandKind::Abort),
+            Order::Hold => Some(CommandKind::Hold),
+            Order::Takeoff => Some(CommandKind::TakeOff),
+            Order::Ready => Some(CommandKind::Ready),
+            Order::Station => Some(CommandKind::Station(station::ordered(self)?)),
+            Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
+                None
+            }
+        })
+    }
+}
+
+/// A command.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
+From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
+A simulated landing: alight command abort --instance land\n\
+Next to the vessel: alight command station --height 20 --right -30 --for 15\n\
+Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
+On the vessel: sudo -u alight alight command deck closed\n  \
+sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
+sudo -u alight alight command steady --for 60\n  \
+sudo -u alight alight command helm yes            (the computer may steer what it asks)\n\
+Exit codes: 0 the mission or the vessel took it, 1 it rejects it or did not take it in time, 2 bad input or no
+mission answers."
+)]
+pub struct CommandArgs {
+    /// What to command
+    #[arg(value_enum)]
+    pub order: Order,
+    /// With `deck`: closed, open or takeoff; with `helm`: yes, and the heading that was read, or no; with `deck-at`: latitude
+    /// and longitude, deg
+    #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
+    pub words: Vec<String>,
+    /// With `deck takeoff`: for each take-off of that drone until the deck is closed or one is stopped there,
+    /// not for two minutes
+    #[arg(long)]
+    pub standing: bool,
+    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more; with
+    /// `station`: for so long, MINUTES [default: 10]
+    #[arg(long = "for", value_name = "TIME", value_parser = clap::value_parser!(u32).range(0..=3600))]
+    pub for_s: Option<u32>,
+    /// Where a station is
+    #[command(flatten)]
+    pub station: station::StationArgs,
+    /// With `deck-at`: the vessel's course, deg from north, and its speed, m/s [default: it lies still]
+    #[arg(long, value_name = "DEG", requires = "speed")]
+    pub course: Option<f64>,
+    /// See --course
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// With `deck-at`: standard deviation of the place, each axis, m, 1 to 1000
+    #[arg(long, value_name = "METRES", default_value_t = 10.0)]
+    pub error: f64,
+    /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:
+    /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Name of the set of processes [default: the configuration's]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// From ashore: endpoint of the vessel, such as quic/192.168.7.1:7447
+    #[arg(long, value_name = "ENDPOINT", requires = "keys")]
+    pub vessel: Option<String>,
+    /// From ashore: directory with an operator's certificate, as `alight keys operator` makes it
+    #[arg(long, value_name = "DIR", requires = "vessel")]
+    pub keys: Option<PathBuf>,
+    /// From ashore: number of the vessel
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub vessel_id: u32,
+    /// Number of the drone: from ashore needed where the vessel receives several, and quicker where one; with `deck open` one
+    /// that somebody has seen to be neither on the deck nor above it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub drone: Option<u32>,
+    /// One JSON object instead of lines
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Commands, waits for the mission's answer and shows it.
+pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    let clears = args.order == Order::Deck && args.words == ["takeoff"];
+    if args.standing && !clears {
+        return Err(CliError(
+            "--standing belongs to alight command deck takeoff --drone N".into(),
+        ));
+    }
+    station::check(args)?;
+    let has_words = matches!(args.order, Order::Deck | Order::Helm | Order::DeckAt);
+    if !has_words && !args.words.is_empty() {
+        return Err(CliError(format!(
+            "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
+             `alight command deck-at`",
+            args.words.join(" ")
+        )));
+    }
+    match args.order {
+        Order::Deck => return deck(args, crew_order(&args.words)?),
+        Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
+        Order::DeckAt => return beacon::run(args),
+        Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
+        Order::Turning => return course(args, DeckOrder::Turning),
+        Order::Land
+        | Order::Abort
+        | Order::Hold
+        | Order::Takeoff
+        | Order::Ready
+        | Order::Station
+        | Order::Status => {}
+    }
+    match (&args.vessel, &args.keys) {
+        (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
+        (_, _) => here(args),
+    }
+}
+
+/// What is ordered of the deck.
+fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
+    let order = match words {
+        [word] => CrewOrder::from_str(word, false).ok(),
+        [] | [_, _, ..] => None,
+    };
+    order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
+}
+/// The arguments of `helm`: whether the computer may steer. A yes is to the course that is asked now.
+fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
+    let named = match args.words.as_slice() {
+        [answer] if answer == "no" => return Ok(HelmAnswer::No),
+        [answer] if answer == "yes" => None,
+        [answer, heading] if answer == "yes" => Some(heading.as_str()),
+        _ => {
+            return Err(CliError(
+                "alight command helm: yes, and the heading that was read, or no has to follow".into(),
+            ));
+        }
+    };
+    let computer = on_board(args, "the helm is answered")?;
+    let memory = join(&computer.instance, "alight-vessel", NAMED)?;
+    let mut statuses: Subscriber<VesselStatus> = memory.subscriber()?;
+    let deadline_ns = steady_ns() + STATUS_NS;
+    loop {
+        if let Some(status) = statuses.newest(steady_ns()) {
+            return Ok(HelmAnswer::Yes(question(&status.deck.helm, named)?));
+        }
+        if steady_ns() > deadline_ns || !memory.wait(POLL_PERIOD) {
+            return Err(CliError(
+                "the vessel's process does not report what it asks: systemctl status alight-vessel".into(),
+            ));
+        }
+    }
+}
+/// The course that is asked; another heading than the one that the skipper has read is another question.
+fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliError> {
+    let Some(asked) = helm.asked() else {
+        return Err(CliError(format!(
+            "the skipper is asked nothing now; helm: {helm}"
+        )));
+    };
+    let is_it = |named: &str| {
+        named
+            .parse::<u16>()
+            .is_ok_and(|deg| deg % 360 == asked.heading_deg)
+    };
+    match named {
+        Some(other) if !is_it(other) => Err(CliError(format!(
+            "{other}: the skipper is asked for {asked}: alight command helm yes {:03}, or no",
+            asked.heading_deg
+        ))),
+        Some(_) | None => Ok(asked),
+    }
+}
+
+/// The computer of the vessel, on which `what` is done.
+fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> {
+    if args.vessel.is_some() {
+        return Err(CliError(format!(
+            "{what} on the vessel's own computer: no --vessel"
+        )));
+    }
+    commanded_vessel(args.config.as_deref(), args.instance.as_deref())
+}
+
+/// Gives an order to the vessel's process on this computer; the status that names it, None where it did not take it.
+fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
+    let computer = on_board(args, what)?;
+    let memory = join(&computer.instance, "alight-vessel", NAMED)?;
+    Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
+}
+
+/// The memory of the set of processes `name`, which `unit` runs; `other` says how another is named.
+fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
+    let instance = Instance::new(name)?;
+    if !is_running(&instance) {
+        return Err(CliError(format!(
+            "nothing runs under the name {name}: systemctl status {unit}, or {other}"
+        )));
+    }
+    Ok(Memory::join(&instance, "command")?)
+}
+
+/// How another vessel's process is named.
+const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
+/// What to do about an order that was not taken.
+const NOT_TAKEN: &str =
+    "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
+
+/// What the helm intends.
+fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
+    if let Some(drone) = args.drone {
+        return Err(CliError(format!(
+            "--drone {drone}: course and helm are the vessel's, for every drone"
+        )));
+    }
+    let newest = order_aboard(args, "the course is stated", order)?;
+    if args.json {
+        terminal::line(json!({ "taken": newest.is_some(), "order": order, "deck": newest.map(|s| s.deck) }));
+    } else {
+        terminal::line(newest.map_or(NOT_TAKEN.into(), |s| stated(order, &s.deck.helm)));
+    }
+    Ok(Exit::of(newest.is_some()))
+}
+
+/// What an order about course and helm brings about that was taken; the helm stands so since.
+fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
+    match order {
+        DeckOrder::Steady(0) => "nothing is stated of the course".into(),
+        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more".into(),
+        DeckOrder::Helm(HelmAnswer::Yes(asked)) => {
+            format!("yes: the computer may steer {asked}; helm: {helm}")
+        }
+        DeckOrder::Helm(HelmAnswer::No) => "the computer does not steer for this landing".into(),
+        DeckOrder::Turning
+        | DeckOrder::Closed
+        | DeckOrder::Open
+        | DeckOrder::Clear(_)
+        | DeckOrder::TakeOff(_)
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns".into(),
+    }
+}
+
+/// Whether drones may descend.
+fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
+    let order = match (word, args.drone) {
+        (CrewOrder::Closed, None) => DeckOrder::Closed,
+        (CrewOrder::Open, None) => DeckOrder::Open,
+        (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrder::Takeoff, Some(drone)) if args.standing => DeckOrder::TakeOffStanding(drone),
+        (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
+        (CrewOrder::Takeoff, None) => {
+            return Err(CliError(
+                "whose take-off? alight command deck takeoff --drone N".into(),
+            ));
+        }
+        (CrewOrder::Closed, Some(drone)) => {
+            return Err(CliError(format!(
+                "--drone {drone}: the deck is closed for every drone"
+            )));
+        }
+    };
+    let newest = order_aboard(args, "the deck is closed and opened", order)?;
+    let closed = newest.as_ref().is_some_and(|s| s.deck.closed.is_some());
+    if args.json {
+        terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
+    } else if newest.is_some() {
+        terminal::line(match word {
+            CrewOrder::Closed => "the deck is closed",
+            CrewOrder::Open if closed => {
+                "the order is taken, but switch or sensor keep the deck closed: alight status"
+            }
+            CrewOrder::Open => "the deck is open",
+            CrewOrder::Takeoff if closed => {
+                "the order is taken, but the deck is closed: alight command deck open"
+            }
+            CrewOrder::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
+        });
+        let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
+        for drone in unheard.filter(|_| word == CrewOrder::Open) {
+            terminal::line(kept_by(drone));
+        }
+    } else {
+        terminal::line(NOT_TAKEN);
+    }
+    Ok(Exit::of(
+        newest.is_some() && closed == (word == CrewOrder::Closed),
+    ))
+}
+
+/// What the clearance for a take-off means to the crew: of a drone whose take-off is ordered it may be all that it waits for.
+fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
+    let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
+    let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
+    match (is_ordered, standing) {
+        (true, _) => {
+            "the deck is cleared: keep away NOW, the drone's take-off is ordered and its motors start in 5 s"
+        }
+        (false, true) => {
+            "the deck is cleared until it is closed: keep away from the drone NOW, its motors start whenever it is ready, \
+             5 s after it reports so"
+        }
+        (false, false) => {
+            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
+             ordered, by whomever"
+        }
+    }
+}
+
+/// A drone that the order to open the deck leaves it to, and what frees it.
+fn kept_by(unheard: &Unheard) -> String {
+    format!(
+        "{unheard};\norder it again in {:.0} s, or once you see that it is neither there nor above:\nalight command deck \
+         open --drone {}",
+        unheard.remaining_s.ceil(),
+        unheard.drone
+    )
+}
+
+/// Through the shared memory of the drone's computer.
+fn here(args: &CommandArgs) -> Result<Exit, CliError> {
+    let is_abort = args.order == Order::Abort;
+    let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
+    let own = computer.bridge.drone_id;
+    if let Some(drone) = args.drone.filter(|drone| *drone != own) {
+        return Err(CliError(format!(
+            "--drone {drone}: this computer is drone {own}'s; to command another, go through the vessel (--vessel, --keys)"
+        )));
+    }
+    let name = args.instance.as_ref().unwrap_or(&computer.instance);
+    let memory = join(name, "alight-drone", "name a landing's with --instance")?;
+    let mut missions: Subscriber<MissionState> = memory.subscriber()?;
+    let mut commands: Publisher<Command> = memory.publisher()?;
+    let mut command = LocalCommand::new(&computer, args.kind()?, steady_ns());
+    let mut newest: Option<MissionState> = None;
+    while !command.is_over(steady_ns()) {
+        let now: Time<DroneClock> = computer.clock.now();
+        newest = missions.newest(now.nanos()).or(newest);
+        if newest.is_some_and(|m| command.taken(&m).is_some()) {
+            break;
+        }
+        commands.send_any(command.due(steady_ns()).as_ref());
+        if !memory.wait(POLL_PERIOD) {
+            return Ok(Exit::Failed);
+        }
+    }
+    let Some(mission) = newest else {
+        return Err(CliError(format!(
+            "no mission answers under the name {name}: alight status --instance {name} shows what runs"
+        )));
+    };
+    let taken = command.taken(&mission) == Some(true);
+    if args.json {
+        terminal::line(json!({ "taken": taken, "number": own, "mission": mission }));
+    } else {
+        for line in answer(own, &mission, taken) {
+            terminal::line(line);
+        }
+    }
+    Ok(Exit::of(taken))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::HelmState;
+    use alight_shared::msg::{Seq, State};
+
+    /// The crew's clearance may be what a take-off that is ordered waits for.
+    #[test]
+    fn warning_by_the_state_of_a_cleared_drone() {
+        let warns = |state| {
+            let mut contact = DroneContact::default();
+            (contact.status.header.drone, contact.status.state) = (3, state);
+            let status = VesselStatus {
+                drones: Seq::filled([contact]),
+                ..VesselStatus::default()
+            };
+            [Some(3), Some(2)].map(|drone| cleared(Some(&status), drone, false).contains("in 5 s"))
+        };
+        assert_eq!(warns(State::Preparing), [true, false]);
+        assert_eq!(warns(State::Idle), [false, false]);
+    }
+
+    #[test]
+    fn course_that_a_yes_answers() {
+        let asks = HelmStatus {
+            state: HelmState::Asked,
+            heading_rad: 0.7,
+            speed_mps: 2.0,
+            ..HelmStatus::default()
+        };
+        let asked = question(&asks, None).unwrap();
+        assert_eq!((asked.heading_deg, asked.speed_dmps), (40, 20));
+        assert_eq!(question(&asks, Some("040")).unwrap(), asked);
+        let error = |helm: &HelmStatus, named| question(helm, named).unwrap_err().to_string();
+        for other in ["320", "-40", "north"] {
+            assert!(error(&asks, Some(other)).contains("yes 040"), "{other}");
+        }
+        assert!(error(&HelmStatus::default(), None).contains("not asked"));
+        let agreed = HelmStatus {
+            state: HelmState::Agreed,
+            ..asks
+        };
+        let text = stated(DeckOrder::Helm(HelmAnswer::Yes(asked)), &agreed);
+        assert!(
+            text.contains("040 deg true at 2.0 m/s; helm: turns to 040"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn drone_named_in_every_answer() {
+        let lines = answer(3, &MissionState::default(), false);
+        assert!(lines[0].starts_with("drone 3: Idle"), "{lines:?}");
+        assert!(lines[2].contains("drone 3"), "{lines:?}");
+        let unheard = Unheard {
+            drone: 3,
+            silent_s: 4.0,
+            remaining_s: 56.0,
+        };
+        let text = kept_by(&unheard);
+        assert!(
+            text.contains("drone 3 is silent for 4 s") && text.contains("again in 56 s"),
+            "{text}"
+        );
+    }
+}

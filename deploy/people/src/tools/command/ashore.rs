@@ -1,0 +1,530 @@
+//! An operator's command from ashore: through the vessel, to one drone, with a receipt.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::process::life::draw_boot;
+use alight_computer::process::radio_keys::vessel_key;
+use alight_computer::process::supervision::SteadyClock;
+use alight_computer::{certificates, terminal};
+use alight_shared::admission::Retransmission;
+use alight_shared::config::{Check, Keys};
+use alight_shared::msg::{
+    Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
+    MESSAGE_VERSION, OperatorCommand,
+};
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::{topics, wire};
+use alight_transport::radio::{Publication, Radio, RadioConfig, Urgency};
+use alight_transport::wake::end_requested;
+use alight_usv::deck::MAX_DRONES;
+use serde_json::json;
+
+use super::{CommandArgs, POLL_PERIOD};
+use crate::status::finding::Level;
+use crate::status::vessel::drone;
+
+/// From ashore it takes a session and two radios.
+const MAX_POLLS_ASHORE: u32 = 240;
+/// The session is awaited for so long, 3 s, before an order is sent all the same: a vessel that is not received may
+/// receive.
+const MAX_POLLS_CONTACT: u32 = 60;
+/// Once the vessel is received each of its drones has reported within so many looks, 1.5 s: three periods of their
+/// statuses.
+const POLLS_ALL_REPORT: u32 = 30;
+/// A status with the reason of a rejected order may come so many looks after its receipt: 2 s, at 2 Hz of statuses.
+const POLLS_REASON: u32 = 40;
+/// A command that shows no effect is repeated after this long.
+const REPEAT: Span = Span::from_millis(500);
+
+/// The time of a look, from the first on.
+fn look(poll: u32) -> Time<SteadyClock> {
+    Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
+}
+
+fn sending() -> Retransmission<SteadyClock> {
+    Retransmission::new(look(0), REPEAT, look(MAX_POLLS_ASHORE) - look(0))
+}
+
+/// What the terminal ashore knows of its order.
+struct Ashore {
+    order: OperatorCommand<VesselClock>,
+    /// Nothing is commanded.
+    asks_only: bool,
+    /// Something of the vessel came: the session is open.
+    contact: bool,
+    /// What the vessel reports of this order.
+    receipt: Option<CommandProgress>,
+    /// Looks until that.
+    receipt_looks: u32,
+    /// Number of the drone, once it is known: named, or the only one that the vessel knows.
+    number: Option<u32>,
+    /// Drones that the vessel receives.
+    drones: BTreeMap<u32, DroneStatus>,
+    /// Drones that have its deck or a place to wait for it, silent or not.
+    reserved: BTreeSet<u32>,
+    /// Looks since the first message of the vessel.
+    looks: u32,
+    sending: Retransmission<SteadyClock>,
+    sent: u32,
+}
+
+impl Ashore {
+    /// A receipt of this order; those of others, and of former ones, say nothing about it.
+    fn receive_receipt(&mut self, r: &CommandReceipt) {
+        let h = &self.order.header;
+        let own = r.operator == [h.boot, h.sequence]
+            && Some(r.header.drone) == self.number
+            && r.header.vessel == h.vessel;
+        if r.header.version == MESSAGE_VERSION && own {
+            if self.receipt != Some(r.progress) {
+                self.receipt_looks = self.looks;
+            }
+            self.receipt = Some(r.progress);
+        }
+    }
+    fn receive_status(&mut self, status: DroneStatus) {
+        let drone = status.header.drone;
+        let room = self.drones.len() < MAX_DRONES || self.drones.contains_key(&drone);
+        if status.header.version == MESSAGE_VERSION && room {
+            self.drones.insert(drone, status);
+        }
+    }
+    fn receive_grant(&mut self, grant: &DeckGrant<VesselClock>) {
+        if grant.header.version == MESSAGE_VERSION {
+            let named = |n: &u32| *n != 0 && *n != DECK_CLOSED;
+            self.reserved = grant
+                .places
+                .into_iter()
+                .chain([grant.owner])
+                .filter(named)
+                .collect();
+        }
+    }
+    fn drone(&self) -> Option<&DroneStatus> {
+        self.drones.get(&self.number?)
+    }
+    /// Which drone is meant where none was named: the only one that the vessel receives or keeps the deck for, once each had
+    /// the time to report. None: not known yet.
+    fn choose(&mut self) -> Result<(), CliError> {
+        self.looks += u32::from(self.contact);
+        if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
+            return Ok(());
+        }
+        let known: BTreeSet<u32> = self.drones.keys().chain(&self.reserved).copied().collect();
+        match known.len() {
+            0 => {}
+            1 => self.name(known.first().copied()),
+            _ => {
+                let state = |id: &u32| match self.drones.get(id) {
+                    Some(s) => format!("  --drone {id}   {}", s.state.because(&s.entered)),
+                    None => format!("  --drone {id}   silent; the deck is kept for it"),
+                };
+                let list: Vec<String> = known.iter().map(state).collect();
+                return Err(CliError(format!(
+                    "nothing is commanded: the vessel knows {} drones, name one of them:\n{}",
+                    list.len(),
+                    list.join("\n")
+                )));
+            }
+        }
+        Ok(())
+    }
+    fn name(&mut self, number: Option<u32>) {
+        self.number = number;
+        self.order.header.drone = number.unwrap_or_default();
+    }
+    /// Whether to send the order at this look. Before the session is open it would be lost; a vessel that is never
+    /// received may yet receive.
+    fn is_due(&mut self, poll: u32) -> bool {
+        let open = self.contact || poll >= MAX_POLLS_CONTACT;
+        let due = self.number.is_some() && !self.asks_only && open && self.sending.is_due(look(poll));
+        self.sent += u32::from(due);
+        due
+    }
+    fn is_answered(&self) -> bool {
+        match self.receipt {
+            None => self.asks_only && self.drone().is_some(),
+            Some(CommandProgress::Pending) => false,
+            Some(CommandProgress::GivenUp) => {
+                self.has_reason() || self.looks >= self.receipt_looks + POLLS_REASON
+            }
+            Some(
+                CommandProgress::Taken
+                | CommandProgress::Forbidden
+                | CommandProgress::Replaced
+                | CommandProgress::Unknown,
+            ) => true,
+        }
+    }
+    /// The drone's newest status tells why it does not carry the order out.
+    fn has_reason(&self) -> bool {
+        match self.order.kind {
+            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
+                self.drone().is_some_and(|status| status.rejected.is_some())
+            }
+            CommandKind::Land | CommandKind::TakeOff | CommandKind::Abort => true,
+        }
+    }
+    fn is_taken(&self) -> bool {
+        self.receipt == Some(CommandProgress::Taken) || self.asks_only && self.drone().is_some()
+    }
+    /// What is known of drone `number` and of the order, for a person.
+    fn lines(&self, number: u32) -> Vec<String> {
+        let mut lines = match self.drone() {
+            Some(status) => {
+                let state = status.state.because(&status.entered);
+                let mut lines = vec![
+                    format!("drone {number}: {state}"),
+                    format!("waiting: {}", status.waits()),
+                    format!("battery {}", Charge(status.battery)),
+                ];
+                let finding = drone(status);
+                if finding.level > Level::Fine {
+                    lines.push(format!("ALARM: {} -> {}", finding.found, finding.remedy));
+                }
+                lines
+            }
+            None => vec![format!("the vessel receives no drone {number}")],
+        };
+        if !self.asks_only {
+            lines.push(format!("drone {number}: {}", self.outcome()));
+        }
+        lines
+    }
+    /// What became of the order, for a person.
+    fn outcome(&self) -> &'static str {
+        let abort = self.order.kind == CommandKind::Abort;
+        match self.receipt {
+            _ if self.asks_only => "",
+            Some(CommandProgress::Taken) => "the drone has taken the command",
+            Some(CommandProgress::Pending) if abort => {
+                "the vessel has the abort, and the drone has not acknowledged it:\nit STAYS PENDING, and is \
+                 repeated until the drone does"
+            }
+            Some(CommandProgress::Pending) => {
+                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after \
+                 it came"
+            }
+            Some(CommandProgress::GivenUp) => {
+                "the drone did not take the command, and the vessel does not repeat it"
+            }
+            Some(CommandProgress::Forbidden) => {
+                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look, then command again"
+            }
+            Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
+            Some(CommandProgress::Unknown) => {
+                "the vessel was started anew and does not know what became of it:\nlook at the drone, then \
+                 command again"
+            }
+            None if self.sent == 0 => "the command was NOT SENT",
+            None if abort => {
+                "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays \
+                 pending; if not, nothing repeats it:\ncommand it again, or take the drone over by remote control"
+            }
+            None => {
+                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: \
+                 abort if it must not"
+            }
+        }
+    }
+}
+
+/// Through the vessel, over the secured radio.
+pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
+    let own = certificates::read_certificate(&keys.join("certificate.pem"))?
+        .certificate
+        .name;
+    let vessel = certificates::common_name("vessel", args.vessel_id);
+    let config = RadioConfig::dialling(endpoint, certificates::files(keys, vec![vessel])?);
+    config.check(&Keys::ROOT)?;
+    let key = format!("alight/{own}/{}", topics::OPERATOR.name);
+    let publications = vec![Publication::new(key, Urgency::State).of(&topics::OPERATOR)];
+    // The grants come whether or not a drone is received.
+    let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
+    let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
+    let mut radio = Radio::open(&config, publications, Vec::from(received))?;
+    let kind = args.kind()?;
+    let mut ashore = Ashore {
+        order: OperatorCommand {
+            header: Header::new(
+                args.vessel_id,
+                args.drone.unwrap_or_default(),
+                draw_boot(),
+                1,
+                Time::EPOCH,
+            ),
+            kind: kind.unwrap_or_default(),
+        },
+        asks_only: kind.is_none(),
+        contact: false,
+        receipt: None,
+        receipt_looks: 0,
+        number: args.drone,
+        drones: BTreeMap::new(),
+        reserved: BTreeSet::new(),
+        looks: 0,
+        sending: sending(),
+        sent: 0,
+    };
+    for poll in 0..MAX_POLLS_ASHORE {
+        if end_requested() || ashore.is_answered() {
+            break;
+        }
+        ashore.choose()?;
+        // The same command again is one command.
+        if let Some(Ok(bytes)) = ashore.is_due(poll).then(|| wire::encode(&ashore.order)) {
+            radio.send(0, bytes);
+        }
+        // What has come until now, and what comes within the period.
+        let mut next = radio.receive(POLL_PERIOD);
+        while let Some(packet) = next {
+            ashore.contact = true;
+            match packet.subscription {
+                0 => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|s| ashore.receive_status(s)),
+                1 => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|r| ashore.receive_receipt(&r)),
+                _ => wire::decode(&packet.bytes)
+                    .into_iter()
+                    .for_each(|g| ashore.receive_grant(&g)),
+            }
+            next = radio.receive(Duration::ZERO);
+        }
+    }
+    report_ashore(args, (endpoint, &own), &ashore)
+}
+
+fn report_ashore(
+    args: &CommandArgs,
+    (endpoint, own): (&str, &str),
+    ashore: &Ashore,
+) -> Result<Exit, CliError> {
+    if ashore.drone().is_none() && ashore.receipt.is_none() {
+        let who = ashore.number.map_or_else(
+            || "any drone, and none was named (--drone)".to_owned(),
+            |n| format!("drone {n}"),
+        );
+        let reason = format!(
+            "{endpoint} relays no status of {who}: does the vessel run, does it list {own} in radio.tls.peers, \
+             and does it receive the drone (systemctl status alight-vessel)?"
+        );
+        let outcome = ashore.outcome();
+        return Err(CliError(if outcome.is_empty() {
+            reason
+        } else {
+            format!("{outcome}\n{reason}")
+        }));
+    }
+    let taken = ashore.is_taken();
+    let number = ashore.number.unwrap_or_default();
+    if args.json {
+        let (receipt, drone) = (ashore.receipt, ashore.drone());
+        terminal::line(json!({ "taken": taken, "number": number, "receipt": receipt, "drone": drone }));
+        return Ok(Exit::of(taken));
+    }
+    for line in ashore.lines(number) {
+        terminal::line(line);
+    }
+    Ok(Exit::of(taken))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Reason, ReasonCode, State};
+
+    fn ordered(kind: CommandKind) -> Ashore {
+        Ashore {
+            order: OperatorCommand {
+                header: Header::new(1, 3, 5, 1, Time::EPOCH),
+                kind,
+            },
+            asks_only: false,
+            contact: false,
+            receipt: None,
+            receipt_looks: 0,
+            number: Some(3),
+            drones: BTreeMap::new(),
+            reserved: BTreeSet::new(),
+            looks: 0,
+            sending: sending(),
+            sent: 0,
+        }
+    }
+    fn receipt(operator: [u32; 2], drone: u32, progress: CommandProgress) -> CommandReceipt {
+        CommandReceipt {
+            header: Header::new(1, drone, 9, 1, Time::EPOCH),
+            operator,
+            kind: CommandKind::Abort,
+            progress,
+        }
+    }
+
+    #[test]
+    fn command_with_a_coincident_status() {
+        let mut terminal = ordered(CommandKind::Abort);
+        // It gave up before, as it would after the abort.
+        let given_up = DroneStatus {
+            header: Header::new(1, 3, 7, 1, Time::EPOCH),
+            state: State::GaveUp,
+            waiting: Reason::plain(ReasonCode::NotCommanded),
+            ..DroneStatus::default()
+        };
+        terminal.receive_status(given_up);
+        assert!(!terminal.is_answered() && !terminal.is_taken());
+        // Nor are the receipts of other orders an answer.
+        for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
+            terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
+        }
+        assert_eq!(terminal.receipt, None);
+        terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::Pending));
+        assert!(!terminal.is_answered());
+        terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::Taken));
+        assert!(terminal.is_answered() && terminal.is_taken());
+    }
+
+    #[test]
+    fn command_before_the_session_is_open() {
+        let mut terminal = ordered(CommandKind::Land);
+        let early = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        assert_eq!((early, terminal.sent), (0, 0));
+        assert_eq!(terminal.outcome(), "the command was NOT SENT");
+        // A vessel that is not received is tried all the same.
+        assert!((MAX_POLLS_CONTACT..MAX_POLLS_ASHORE).any(|k| terminal.is_due(k)));
+        let mut terminal = ordered(CommandKind::Land);
+        terminal.contact = true;
+        let sent = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        assert_eq!(sent, 6, "each half second for three");
+    }
+
+    /// A terminal that names nobody, after so many looks at a vessel that receives these drones.
+    fn unnamed(drones: &[u32], looks: u32) -> (Ashore, Result<(), CliError>) {
+        let mut terminal = ordered(CommandKind::Land);
+        terminal.contact = true;
+        terminal.name(None);
+        for &drone in drones {
+            terminal.receive_status(DroneStatus {
+                header: Header::new(1, drone, 7, 1, Time::EPOCH),
+                state: State::Tracking,
+                ..DroneStatus::default()
+            });
+        }
+        let chosen = (0..looks).try_for_each(|_| terminal.choose());
+        (terminal, chosen)
+    }
+
+    #[test]
+    fn command_without_a_named_drone() {
+        let (mut one, chosen) = unnamed(&[2], POLLS_ALL_REPORT - 1);
+        assert!(chosen.is_ok() && !one.is_due(0), "another may be about to report");
+        one.choose().unwrap();
+        assert!(one.is_due(0) && one.order.header.drone == 2);
+        assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
+        assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
+        // Several: nobody is commanded, and the answer lists them.
+        let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
+        let why = chosen.unwrap_err().0;
+        assert!(
+            why.contains("--drone 2   Tracking") && why.contains("--drone 3"),
+            "{why}"
+        );
+        assert!((0..MAX_POLLS_ASHORE).all(|k| !several.is_due(k)));
+        // None: nobody is commanded by a guess.
+        let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
+        assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| !none.is_due(k)));
+    }
+
+    #[test]
+    fn command_to_a_silent_drone_that_has_the_deck() {
+        let grant = |owner, first| {
+            let mut grant = DeckGrant {
+                header: Header::new(1, 0, 9, 1, Time::EPOCH),
+                owner,
+                ..DeckGrant::default()
+            };
+            grant.places[0] = first;
+            grant
+        };
+        let after = |drones: &[u32], grant: DeckGrant<VesselClock>| {
+            let (mut terminal, _) = unnamed(drones, 0);
+            terminal.receive_grant(&grant);
+            let chosen = (0..POLLS_ALL_REPORT).try_for_each(|_| terminal.choose());
+            chosen.map(|()| terminal.number)
+        };
+        assert_eq!(after(&[], grant(2, 0)).unwrap(), Some(2));
+        assert_eq!(after(&[2], grant(2, 2)).unwrap(), Some(2));
+        assert_eq!(after(&[], grant(DECK_CLOSED, 0)).unwrap(), None);
+        let why = after(&[3], grant(2, 3)).unwrap_err().0;
+        assert!(
+            why.contains("--drone 2   silent") && why.contains("--drone 3   Tracking"),
+            "{why}"
+        );
+    }
+
+    /// The receipt may come before the status that has the reason.
+    #[test]
+    fn reason_of_a_rejected_order() {
+        let rejected = || {
+            let mut terminal = ordered(CommandKind::Ready);
+            terminal.contact = true;
+            terminal.receive_receipt(&receipt([5, 1], 3, CommandProgress::GivenUp));
+            terminal
+        };
+        let mut terminal = rejected();
+        let status = |why: Option<ReasonCode>| DroneStatus {
+            header: Header::new(1, 3, 7, 1, Time::EPOCH),
+            rejected: why.map(Reason::plain),
+            ..DroneStatus::default()
+        };
+        terminal.receive_status(status(None));
+        assert!(!terminal.is_answered());
+        terminal.receive_status(status(Some(ReasonCode::NotOnDeck)));
+        assert!(terminal.is_answered() && !terminal.is_taken());
+        let mut silent = rejected();
+        assert!((0..POLLS_REASON).all(|_| silent.choose().is_ok()) && silent.is_answered());
+    }
+
+    #[test]
+    fn command_abort_without_answer() {
+        let mut terminal = ordered(CommandKind::Abort);
+        terminal.sent = 1;
+        assert!(terminal.outcome().starts_with("RECEIPT UNCONFIRMED"));
+        assert!(terminal.outcome().contains("stays pending; if not"));
+        terminal.receipt = Some(CommandProgress::Pending);
+        assert!(terminal.outcome().contains("STAYS PENDING"));
+        terminal.order.kind = CommandKind::Land;
+        assert!(terminal.outcome().contains("gives it up"));
+    }
+
+    #[test]
+    fn command_outcome_width() {
+        let progress = [
+            None,
+            Some(CommandProgress::Pending),
+            Some(CommandProgress::Taken),
+            Some(CommandProgress::GivenUp),
+            Some(CommandProgress::Forbidden),
+            Some(CommandProgress::Replaced),
+            Some(CommandProgress::Unknown),
+        ];
+        for kind in [CommandKind::Abort, CommandKind::Land, CommandKind::Hold] {
+            for receipt in progress {
+                let terminal = Ashore {
+                    receipt,
+                    sent: 1,
+                    ..ordered(kind)
+                };
+                let text = terminal.outcome();
+                assert!(
+                    !text.is_empty() && text.lines().all(|l| l.chars().count() <= 80),
+                    "{text}"
+                );
+            }
+        }
+    }
+}

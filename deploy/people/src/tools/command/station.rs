@@ -1,0 +1,94 @@
+//! `alight command station`: a place next to the vessel for a while.
+
+use alight_computer::exit::CliError;
+use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
+use clap::Args;
+
+use super::{CommandArgs, Order};
+
+/// Where a station is.
+#[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StationArgs {
+    /// With `station`: above the deck's mean level, m [default: the height of the approach, its least]
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
+    pub height: Option<u8>,
+    /// With `station`: ahead of the deck's centre, m, negative astern
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
+    pub ahead: Option<i8>,
+    /// With `station`: to starboard of it, m, negative to port [default without --ahead: 20]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
+    pub right: Option<i8>,
+}
+
+fn metres() -> clap::builder::RangedI64ValueParser<i8> {
+    let most = i64::from(MAX_STATION_M);
+    clap::value_parser!(i8).range(-most..=most)
+}
+
+/// The station that is ordered.
+pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
+    let given = &args.station;
+    let for_min = args.for_s.map(|min| u8::try_from(min).unwrap_or_default());
+    let station = Station::named([given.ahead, given.right], given.height, for_min);
+    if station.is_sane() {
+        return Ok(station);
+    }
+    Err(CliError(format!(
+        "alight command station: at most {MAX_STATION_M} m from the deck's centre, --for 1 to {MAX_STATION_MIN} (min)"
+    )))
+}
+
+/// What belongs to a station is given with it alone.
+pub(super) fn check(args: &CommandArgs) -> Result<(), CliError> {
+    if args.station != StationArgs::default() && args.order != Order::Station {
+        return Err(CliError(
+            "--height, --ahead and --right belong to alight command station".into(),
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        command: CommandArgs,
+    }
+
+    fn read(arguments: &str) -> Option<CommandArgs> {
+        let line = Line::try_parse_from(format!("command {arguments}").split(' '));
+        line.ok().map(|line| line.command)
+    }
+
+    #[test]
+    fn station_as_ordered() {
+        let all = |arguments| {
+            let s = read(arguments).and_then(|args| ordered(&args).ok())?;
+            Some((s.height_m, s.ahead_m, s.right_m, s.for_min))
+        };
+        assert_eq!(all("station"), Some((0, 0, 20, 10)));
+        assert_eq!(all("station --ahead -30 --for 5"), Some((0, -30, 0, 5)));
+        assert_eq!(all("station --height 25 --right -40"), Some((25, 0, -40, 10)));
+        for wrong in [
+            "station --right 61",
+            "station --ahead 50 --right 50",
+            "station --height 51",
+            "station --for 31",
+            "station --for 0",
+            "station --for 300",
+            "station --height NaN",
+        ] {
+            assert_eq!(all(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn station_options_belong_to_a_station() {
+        assert!(check(&read("station --height 20").unwrap()).is_ok());
+        assert!(check(&read("hold --height 20").unwrap()).is_err());
+    }
+}

@@ -1,0 +1,147 @@
+//! `alight estimate LOG`: the vessel's estimator over a recording of a boat.
+
+mod show;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use alight_computer::config::VesselComputer;
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::record::log::{Log, Order};
+use alight_computer::record::reading::{contained, is_mcap};
+use alight_computer::terminal::{Form, note};
+use alight_shared::config;
+use alight_shared::msg::Decoded;
+use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, Recording};
+use alight_usv::review::review;
+use alight_usv::sensors::{Measurement, Mount};
+use alight_usv::{ComputerIn, VesselNodeConfig};
+use clap::Args;
+
+/// Largest recording that is read, bytes.
+const MAX_BYTES: u64 = 512 << 20;
+
+/// A recording to estimate.
+#[derive(Args, Debug)]
+pub struct EstimateArgs {
+    /// The recording: NMEA 0183 text, a table (CSV: t_s and any of roll_deg, pitch_deg, heading_deg,
+    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, Alight's MCAP, or a flight of the vessel's recorder
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds
+    /// one, else the program's]
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Which of the configuration's [[sensor.sources]] is mounted like what was recorded [default: the first]
+    #[arg(long, value_name = "NAME", requires = "config")]
+    pub source: Option<String>,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// Reads, estimates, reports.
+pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
+    let named: Option<VesselComputer> = args.config.as_ref().map(|path| config::load(path)).transpose()?;
+    let origin = args.log.display().to_string();
+    let mount = mount(named.as_ref(), args.source.as_deref())?;
+    let (recorded, own) = recorded(&args.log, &origin, &mount)?;
+    let vessel = match (named, own) {
+        (Some(computer), _) => computer.vessel,
+        (None, Some(own)) => own,
+        (None, None) => VesselNodeConfig::default(),
+    };
+    let review = review(&vessel, &recorded);
+    if review.estimates == 0 {
+        return Err(CliError(format!(
+            "{origin}: the estimator never started; it needs inertial samples or attitudes, for at least a few \
+             seconds without a break{}",
+            review.notes.iter().map(|n| format!("; {n}")).collect::<String>()
+        )));
+    }
+    note(args.form.alone(), show::table(&origin, &review).trim_end());
+    args.form.print(&review, &review.predictions)?;
+    Ok(Exit::Success)
+}
+
+/// How the recorded sensors are mounted.
+fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
+    let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
+    match name {
+        None => Ok(sources.first().map(|s| s.mount.clone()).unwrap_or_default()),
+        Some(name) => {
+            let source = sources.iter().find(|s| s.name == name);
+            source.map(|s| s.mount.clone()).ok_or_else(|| {
+                let names: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();
+                CliError(format!(
+                    "no source is called {name:?}; there are: {}",
+                    names.join(", ")
+                ))
+            })
+        }
+    }
+}
+
+/// The file's bytes, if it is not too large.
+fn read(path: &Path) -> Result<Vec<u8>, CliError> {
+    let doing = format_args!("reading {} (check the path and its permissions)", path.display());
+    let mut bytes = Vec::new();
+    let file = File::open(path).doing(doing)?;
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).doing(doing)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(CliError(format!(
+            "{}: more than {} MB; cut the recording into parts",
+            path.display(),
+            MAX_BYTES >> 20
+        )));
+    }
+    Ok(bytes)
+}
+
+/// What the recording holds, and the configuration in it.
+fn recorded(
+    path: &Path,
+    origin: &str,
+    mount: &Mount,
+) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
+    if path.is_dir() || is_mcap(path) {
+        return contained(path, || flown(path)).map(|(r, c)| (r, Some(c)));
+    }
+    log::read(&read(path)?, origin, mount)
+        .map(|r| (r, None))
+        .map_err(|e| CliError(e.to_string()))
+}
+
+/// What the vessel's process recorded.
+fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
+    let log = Log::open(path)?.only(&["vessel"]);
+    let config = log.first("vessel")?.config::<VesselComputer>()?.vessel;
+    let mut all = Vec::new();
+    let mut decoded = Decoded::default();
+    log.steps(Order::ByStart, |_, _, step| {
+        if all.len() <= MAX_MEASUREMENTS {
+            let i = step.entry::<ComputerIn>()?.input.vessel;
+            decoded.good += 1;
+            all.extend(i.imu.into_iter().map(Measurement::Imu));
+            all.extend(i.attitude.into_iter().map(Measurement::Attitude));
+            all.extend(i.gnss.into_iter().map(Measurement::Gnss));
+            all.extend(i.heading.into_iter().map(Measurement::Heading));
+        }
+        Ok(())
+    })?;
+    let error = |message: String| CliError(LogError::new(&path.display().to_string(), message).to_string());
+    if all.is_empty() {
+        return Err(error("holds no measurement of a vessel".into()));
+    }
+    if all.len() > MAX_MEASUREMENTS {
+        return Err(error(format!("more than {MAX_MEASUREMENTS} measurements")));
+    }
+    let recording = Recording {
+        format: "MCAP",
+        measurements: all,
+        decoded,
+        notes: Vec::new(),
+    };
+    Ok((recording, config))
+}

@@ -1,0 +1,514 @@
+//! `alight init`: asks what an installer knows, writes the configurations of both computers, and checks them.
+//!
+//! The files are the shipped ones, comments included, with the answers in their places; every answer is validated by the
+//! configuration's own checks before the next question is asked.
+
+use std::fs::OpenOptions;
+use std::io::{BufRead, Write};
+use std::path::{Path, PathBuf};
+
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::terminal;
+use alight_shared::config;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::tags::{of_vessel, suggested};
+use clap::Args;
+
+use crate::status::finding::Level;
+use crate::tools::{check, tag};
+
+/// Where the files go.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "An empty answer keeps what stands in brackets. The answers may come from a file, a line each:\n\
+alight init --out boat < answers.txt\n\
+Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as certificates that are not made yet."
+)]
+pub struct InitArgs {
+    /// Write vessel.toml and drone.toml there; the directory is made, a file that is there stays as it is
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+}
+
+/// Sensors that are asked for.
+const SENSORS: usize = 8;
+/// Times that one question is asked.
+const TRIES: usize = 5;
+
+/// Both configurations while they are filled in.
+#[derive(Clone, Debug, PartialEq)]
+struct Boat {
+    vessel: String,
+    drone: String,
+}
+
+/// Whose file a key stands in.
+#[derive(Clone, Copy)]
+enum Of {
+    Vessel,
+    Drone,
+}
+
+/// A key of a file: whose, its table ("": the file's own) and its name.
+type Place = (Of, &'static str, &'static str);
+
+/// A question whose answer is a value of the files: the text, and the keys, all of which get it.
+struct Question(&'static str, &'static [Place]);
+
+const QUESTIONS: &[Question] = &[
+    Question(
+        "Number of the vessel, 1 to 65535",
+        &[(Of::Vessel, "", "vessel_id"), (Of::Drone, "bridge", "vessel_id")],
+    ),
+    Question(
+        "Number of the drone, 1 to 65535",
+        &[(Of::Drone, "bridge", "drone_id")],
+    ),
+    Question(
+        "Length of the deck along the vessel, m",
+        &[
+            (Of::Vessel, "vessel.deck", "length_m"),
+            (Of::Drone, "drone.deck", "length_m"),
+        ],
+    ),
+    Question(
+        "Width of the deck, m",
+        &[
+            (Of::Vessel, "vessel.deck", "width_m"),
+            (Of::Drone, "drone.deck", "width_m"),
+        ],
+    ),
+    Question(
+        "Centre of its upper surface from amidships at the water line: forward, right, down, m",
+        &[
+            (Of::Vessel, "vessel.deck", "centre_m"),
+            (Of::Drone, "drone.deck", "centre_m"),
+        ],
+    ),
+    Question(
+        "The inertial sensor's place from the same point: forward, right, down, m",
+        &[(Of::Vessel, "vessel.imu", "lever_arm_m")],
+    ),
+    Question(
+        "The GNSS antenna's place: forward, right, down, m",
+        &[(Of::Vessel, "vessel.gnss", "antenna_m")],
+    ),
+    Question(
+        "The autopilot's MAVLink, a URL (serial:///dev/ttyACM0:921600)",
+        &[(Of::Drone, "autopilot", "connect")],
+    ),
+    Question(
+        "The drone's take-off mass, kg",
+        &[(Of::Drone, "drone.airframe", "mass_kg")],
+    ),
+    Question(
+        "Its hover thrust, 0 to 1 (MPC_THR_HOVER, MOT_THST_HOVER)",
+        &[(Of::Drone, "autopilot", "hover_thrust")],
+    ),
+    Question(
+        "Its belly camera (/dev/video0; - : none of ours)",
+        &[(Of::Drone, "camera", "source")],
+    ),
+    Question(
+        "Winds and speeds in knots, true or false",
+        &[(Of::Vessel, "view", "knots"), (Of::Drone, "view", "knots")],
+    ),
+];
+
+impl Boat {
+    /// The shipped files.
+    fn shipped() -> Boat {
+        Boat {
+            vessel: include_str!("../../../vessel/vessel.toml").into(),
+            drone: include_str!("../../../drone/drone.toml").into(),
+        }
+    }
+    fn file(&mut self, of: Of) -> &mut String {
+        match of {
+            Of::Vessel => &mut self.vessel,
+            Of::Drone => &mut self.drone,
+        }
+    }
+    /// The value of a key as the file has it, the first line of it.
+    fn value(&mut self, (of, table, key): Place) -> Option<String> {
+        let mut found = lines(self.file(of)).filter(|(at, _)| *at == (table, key));
+        let (_, line) = found.next()?;
+        line.split_once(" = ").map(|(_, value)| value.to_owned())
+    }
+    /// Puts a value in the place of another; the comments around it stay.
+    fn set(&mut self, (of, table, key): Place, value: &str) {
+        self.replace((of, table, key), &format!("{key} = {value}"));
+    }
+    /// Puts lines in the place of a key and its value.
+    fn replace(&mut self, (of, table, key): Place, with: &str) {
+        let text = self.file(of);
+        let (mut all, mut replaced) = (String::new(), false);
+        for (at, line) in lines(text) {
+            if at == (table, key) && replaced {
+                continue;
+            }
+            let is_it = at == (table, key);
+            all += if is_it { with } else { line };
+            all.push('\n');
+            replaced |= is_it;
+        }
+        *text = all;
+    }
+    /// Whether both are valid as they stand.
+    fn check(&self) -> Result<(VesselComputer, DroneComputer), CliError> {
+        Ok((
+            config::parse(&self.vessel, "vessel.toml")?,
+            config::parse(&self.drone, "drone.toml")?,
+        ))
+    }
+    /// What follows from the answers: names of certificates, greatest thrust, tags that suit the deck.
+    fn derive(&mut self) -> Result<(), CliError> {
+        let number = |boat: &mut Boat, table, key| {
+            let value = boat.value((Of::Drone, table, key));
+            value.and_then(|v| v.parse::<f64>().ok()).unwrap_or_default()
+        };
+        let hovers = |boat: &mut Boat| {
+            let mass_kg = number(boat, "drone.airframe", "mass_kg");
+            [mass_kg, number(boat, "autopilot", "hover_thrust")]
+        };
+        // As shipped it is as measured.
+        let [mass_kg, hover] = hovers(self);
+        if [mass_kg, hover] != hovers(&mut Boat::shipped()) {
+            let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
+            self.set(
+                (Of::Drone, "drone.airframe", "max_thrust_n"),
+                &format!("{thrust_n:?}"),
+            );
+        }
+        let size = ["length_m", "width_m"].map(|side| number(self, "drone.deck", side));
+        let (vessel, drone) = self.check()?;
+        let tags = of_vessel(&suggested(size[0], size[1]), vessel.vessel_id);
+        let tags: String = tags.iter().map(tag::row).collect();
+        self.set((Of::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
+        let (other, own) = (vessel.vessel_id, drone.bridge.drone_id);
+        self.set((Of::Vessel, "radio.tls", "peers"), &format!("[\"drone-{own}\"]"));
+        self.set(
+            (Of::Drone, "radio.tls", "peers"),
+            &format!("[\"vessel-{other}\"]"),
+        );
+        self.check().map(|_| ())
+    }
+}
+
+/// Each line of a shipped file with the table and the key that it belongs to, ("", "") for comments and headings. A value of
+/// several lines is an array whose last line is its bracket.
+fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
+    let (mut table, mut open) = ("", None);
+    text.lines().map(move |line| {
+        if let Some(key) = open {
+            open = (line != "]").then_some(key);
+            return ((table, key), line);
+        }
+        if let Some(name) = line.strip_prefix('[') {
+            table = name.trim_matches(['[', ']']);
+        }
+        let is_name = |key: &&str| key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        let key = line.split_once(" = ").map(|(key, _)| key);
+        let Some(key) = key.filter(is_name) else {
+            return (("", ""), line);
+        };
+        open = line.ends_with('[').then_some(key);
+        ((table, key), line)
+    })
+}
+
+/// An answer as a value of the same kind as `before`, both as the file has them.
+fn written(answer: &str, before: &str) -> Result<String, String> {
+    let number = |text: &str| {
+        let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
+        number
+            .map(|x| format!("{x:?}"))
+            .ok_or_else(|| format!("{text}: a number is needed, such as 1.5"))
+    };
+    if before.starts_with('"') {
+        let text = if answer == "-" { "" } else { answer };
+        Ok(toml::Value::String(text.into()).to_string())
+    } else if before.starts_with('[') {
+        let parts = answer.split([',', ' ']).filter(|p| !p.is_empty());
+        let numbers: Vec<String> = parts.map(number).collect::<Result<_, _>>()?;
+        Ok(format!("[{}]", numbers.join(", ")))
+    } else if before.parse::<bool>().is_ok() {
+        let truth = answer.parse::<bool>();
+        truth
+            .map(|b| b.to_string())
+            .map_err(|_| format!("{answer}: true or false is needed"))
+    } else if before.contains('.') {
+        number(answer)
+    } else {
+        let whole = answer.parse::<i64>();
+        whole
+            .map(|n| n.to_string())
+            .map_err(|_| format!("{answer}: a whole number is needed, such as 3"))
+    }
+}
+
+/// Who answers.
+struct Installer<R, W> {
+    answers: R,
+    out: W,
+}
+
+impl<R: BufRead, W: Write> Installer<R, W> {
+    /// One answer; empty: as it stands.
+    fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
+        const ASKING: &str = "asking for what is installed";
+        write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;
+        self.out.flush().doing(ASKING)?;
+        let mut line = String::new();
+        let n = self.answers.read_line(&mut line).doing(ASKING)?;
+        if n == 0 {
+            return Err(CliError(format!(
+                "the answers end before \"{question}\": nothing was written; an empty line keeps what stands in brackets"
+            )));
+        }
+        Ok(line.trim().to_owned())
+    }
+    /// Asks until `take` accepts the answer. What it does not accept is said, a few times.
+    fn until(
+        &mut self,
+        question: &str,
+        stands: &str,
+        mut take: impl FnMut(&str) -> Result<(), String>,
+    ) -> Result<(), CliError> {
+        for _ in 0..TRIES {
+            let answer = self.ask(question, stands)?;
+            match take(&answer) {
+                Ok(()) => return Ok(()),
+                Err(why) => writeln!(self.out, "  {why}").doing("asking for what is installed")?,
+            }
+        }
+        Err(CliError(format!(
+            "\"{question}\" has no valid answer: nothing was written"
+        )))
+    }
+    /// A value that stands in the files.
+    fn value(&mut self, boat: &mut Boat, Question(question, places): &Question) -> Result<(), CliError> {
+        let Some(stands) = places.first().and_then(|at| boat.value(*at)) else {
+            return Ok(());
+        };
+        let shown = stands.trim_matches(['"', '[', ']']);
+        self.until(question, shown, |answer| {
+            if answer.is_empty() {
+                return Ok(());
+            }
+            let (new, mut changed) = (written(answer, &stands)?, boat.clone());
+            places.iter().for_each(|at| changed.set(*at, &new));
+            // Tags of the shipped deck may not fit another, and are chosen again at the end.
+            changed.derive().map_err(|e| e.to_string())?;
+            *boat = changed;
+            Ok(())
+        })
+    }
+    /// The vessel's address in the drone's file.
+    fn address(&mut self, boat: &mut Boat) -> Result<(), CliError> {
+        const QUESTION: &str = "The vessel's address on the network of the radio";
+        self.until(QUESTION, "192.168.7.1", |answer| {
+            let mut changed = boat.clone();
+            if !answer.is_empty() {
+                let endpoint = toml::Value::String(format!("quic/{answer}:7447"));
+                changed.set((Of::Drone, "radio", "connect"), &format!("[{endpoint}]"));
+            }
+            changed.check().map_err(|e| e.to_string())?;
+            *boat = changed;
+            Ok(())
+        })
+    }
+    /// The vessel's sensors, one after the other.
+    fn sensors(&mut self, boat: &mut Boat) -> Result<(), CliError> {
+        const SOURCES: Place = (Of::Vessel, "sensor", "sources");
+        let (shipped, mut sources) = (boat.clone(), Vec::new());
+        for k in 1..=SENSORS {
+            let mut connect = String::new();
+            let question = format!("Sensor {k} of the vessel, a URL (udpin://0.0.0.0:10110), empty: no more");
+            self.until(&question, "", |answer| {
+                answer.clone_into(&mut connect);
+                Ok(())
+            })?;
+            if connect.is_empty() {
+                break;
+            }
+            self.until(
+                "  its format: nmea, n2k, signalk, ubx or mavlink",
+                "nmea",
+                |answer| {
+                    let format = if answer.is_empty() { "nmea" } else { answer };
+                    let [connect, format] =
+                        [connect.as_str(), format].map(|text| toml::Value::String(text.into()));
+                    let source = format!(
+                        "\n[[sensor.sources]]\nname = \"sensor-{k}\"\nconnect = {connect}\nformat = {format}"
+                    );
+                    let (mut all, mut changed) = (sources.clone(), shipped.clone());
+                    all.push(source);
+                    changed.replace(SOURCES, &all.join("\n"));
+                    changed.check().map_err(|e| e.to_string())?;
+                    (sources, *boat) = (all, changed);
+                    Ok(())
+                },
+            )?;
+        }
+        Ok(())
+    }
+    /// All questions.
+    fn boat(&mut self) -> Result<Boat, CliError> {
+        let mut boat = Boat::shipped();
+        for question in QUESTIONS {
+            self.value(&mut boat, question)?;
+        }
+        self.address(&mut boat)?;
+        self.sensors(&mut boat)?;
+        boat.derive()?;
+        Ok(boat)
+    }
+}
+
+/// Writes a file that is not there yet.
+fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
+    let doing = || {
+        format!(
+            "writing {}; a file that is there stays: name another directory with --out",
+            path.display()
+        )
+    };
+    let mut file = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(path)
+        .doing(doing())?;
+    file.write_all(text.as_bytes()).doing(doing())
+}
+
+/// Asks, writes and checks.
+pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
+    let files = ["vessel.toml", "drone.toml"].map(|name| args.out.join(name));
+    if let Some(there) = files.iter().find(|f| f.exists()) {
+        return Err(CliError(format!(
+            "{} is there and stays as it is: name another directory with --out",
+            there.display()
+        )));
+    }
+    let mut installer = Installer {
+        answers: std::io::stdin().lock(),
+        out: std::io::stdout().lock(),
+    };
+    let boat = installer.boat()?;
+    drop(installer);
+    std::fs::create_dir_all(&args.out).doing(format_args!("making {}", args.out.display()))?;
+    let (vessel, drone) = boat.check()?;
+    let mut worst = Level::Fine;
+    let [first, second] = &files;
+    write_new(first, &boat.vessel)?;
+    write_new(second, &boat.drone).inspect_err(|_| {
+        // Both or none: with one of them the next try would be refused.
+        let _stays = std::fs::remove_file(first);
+    })?;
+    for path in &files {
+        terminal::line(format_args!("\nwritten: {}", path.display()));
+        worst = worst.max(check::print(path));
+    }
+    terminal::line(format_args!(
+        "\nNext: alight keys vessel {} and alight keys drone {} (docs/radio.md);\n\
+         copy each file to /etc/alight of its computer, and there:\n\
+         sudo -u alight alight check",
+        vessel.vessel_id, drone.bridge.drone_id
+    ));
+    Ok(worst.exit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answered(answers: &str) -> (Result<Boat, CliError>, String) {
+        let mut installer = Installer {
+            answers: answers.as_bytes(),
+            out: Vec::new(),
+        };
+        let boat = installer.boat();
+        (boat, String::from_utf8(installer.out).unwrap())
+    }
+
+    #[test]
+    fn init_without_answers_is_the_shipped_boat() {
+        let (boat, asked) = answered(&"\n".repeat(14));
+        let (vessel, drone) = boat.unwrap().check().unwrap();
+        assert_eq!(
+            vessel,
+            config::parse(include_str!("../../../vessel/vessel.toml"), "").unwrap()
+        );
+        assert_eq!(drone.bridge.drone_id, 1);
+        let shipped: DroneComputer = config::parse(include_str!("../../../drone/drone.toml"), "").unwrap();
+        assert_eq!(drone.drone.airframe, shipped.drone.airframe);
+        assert!(
+            asked.contains("Length of the deck along the vessel, m [2.5]"),
+            "{asked}"
+        );
+    }
+
+    #[test]
+    fn init_keys_of_the_shipped_files() {
+        let mut boat = Boat::shipped();
+        for Question(asked, places) in QUESTIONS {
+            let first = boat.value(places[0]);
+            assert!(first.is_some(), "{asked}");
+            assert!(places.iter().all(|at| boat.value(*at) == first), "{asked}");
+        }
+        let before = boat.clone();
+        boat.set((Of::Drone, "drone.deck", "tags"), "[]");
+        assert!(
+            boat.drone.contains("\ntags = []\n\n# 7. Operation"),
+            "{}",
+            boat.drone
+        );
+        assert_eq!(boat.vessel, before.vessel);
+    }
+
+    #[test]
+    fn init_of_a_boat() {
+        let answers = "7\n12\n1.8\n1.6\n-1.1, 0, -0.9\n0.2 0 -0.3\n0 0 -2\nserial:///dev/ttyACM0:921600\n5\n0.5\n\
+                       /dev/video2\ntrue\n10.1.2.3\nudpin://0.0.0.0:10110\nnmea\nserial:///dev/ttyUSB0:115200\nubx\n\n";
+        let (boat, asked) = answered(answers);
+        let boat = boat.unwrap_or_else(|e| panic!("{e}\n{asked}"));
+        let (vessel, drone) = boat.check().unwrap();
+        assert_eq!(
+            (vessel.vessel_id, drone.bridge.vessel_id, drone.bridge.drone_id),
+            (7, 7, 12)
+        );
+        assert_eq!(
+            (vessel.radio.tls.peers, drone.radio.tls.peers),
+            (vec!["drone-12".into()], vec!["vessel-7".into()])
+        );
+        assert_eq!(vessel.vessel.deck.centre_m, [-1.1, 0.0, -0.9]);
+        assert_eq!((drone.drone.deck.length_m, drone.drone.deck.width_m), (1.8, 1.6));
+        assert_eq!(drone.drone.airframe.max_thrust_n, 98.1);
+        assert_eq!(drone.radio.connect, ["quic/10.1.2.3:7447"]);
+        assert_eq!(vessel.sensor.sources.len(), 2);
+        assert!(vessel.view.knots && drone.view.knots);
+        // The files are for people: their comments stay.
+        assert!(boat.drone.contains("# Take-off mass, battery in, kg."));
+    }
+
+    #[test]
+    fn init_answers_that_are_none() {
+        let (boat, asked) = answered("one\n0x\n3\n");
+        assert!(asked.contains("one: a whole number is needed"), "{asked}");
+        assert!(boat.is_err_and(|e| {
+            e.to_string()
+                .contains("the answers end before \"Number of the drone")
+        }));
+        let (boat, _) = answered(&"x\n".repeat(20));
+        assert!(boat.is_err_and(|e| e.to_string().contains("has no valid answer")));
+        let (_, asked) = answered("1\n1\n-2\nnan\n");
+        assert!(
+            asked.contains("length_m") && asked.contains("nan: a number is needed"),
+            "{asked}"
+        );
+        let (_, asked) = answered(&("\n".repeat(12) + "the boat\n"));
+        assert!(asked.contains("quic/the boat:7447"), "{asked}");
+    }
+}

@@ -1,0 +1,210 @@
+//! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
+
+use std::path::{Path, PathBuf};
+
+use alight_computer::cells;
+use alight_computer::config::DroneComputer;
+use alight_computer::config::view::ViewConfig;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::playback::{ForeignLaw, NodeReplay, Plot, Viewer, replay, shown};
+use alight_computer::process::args::ViewArgs;
+use alight_computer::record::flight::store;
+use alight_computer::record::log::{Log, Start};
+use alight_computer::record::observer::StepObserver;
+use alight_computer::record::reading::{contained, is_whole};
+use alight_computer::record::{LIVE, Recorder, WORLD};
+use alight_computer::situation::Known;
+use alight_computer::table::{Table, verdict};
+use alight_computer::terminal::{self, Form, note};
+use alight_shared::time::Span;
+use clap::Args;
+use serde_json::json;
+
+use crate::tools::view::start_viewer;
+
+/// A recording to compute again.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "With --view a flight is held back to real time once the drone has appeared. It waits for no viewer,\n\
+and ends when it is over, or 10 s later while somebody still looks on."
+)]
+pub struct ReplayArgs {
+    /// Recording (`alight trial --record FILE.mcap`), or a flight of the recorder (`alight flights`), or one of its files
+    #[arg(value_name = "FILE.mcap|FLIGHT")]
+    pub path: PathBuf,
+    /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Draw the last landing to an SVG, as the drone believed it: path, displacement, velocities, angles
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Whether and where people look on.
+    #[command(flatten)]
+    pub view: ViewArgs,
+    /// Output format.
+    #[command(flatten)]
+    pub form: Form,
+}
+
+/// What only the laboratory has.
+pub struct Laboratory<'a> {
+    /// The law of a recorded planner that the drone does not carry: a baseline.
+    pub law: ForeignLaw<'a>,
+    /// Begins the plot of a log to a file.
+    pub plot: Option<BeginPlot<'a>>,
+}
+
+/// Begins the plot of a log to a file.
+pub type BeginPlot<'a> = &'a dyn Fn(&Path, &Log) -> Result<Box<dyn Plot>, CliError>;
+
+/// Replays and reports.
+pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliError> {
+    let path = &args.path;
+    if args.record.is_some() && !path.is_dir() {
+        return Err(CliError(format!(
+            "--record: {} is no flight's directory; viewers open a recording as it is",
+            path.display()
+        )));
+    }
+    let log = contained(path, || recorded(path))?;
+    let mut recorder = args.record.as_ref().map(|to| record(to, &log)).transpose()?;
+    let view = args.view.over(&ViewConfig::default());
+    let mut watcher = view.map(|view| watcher(args, &log, &view)).transpose()?;
+    let mut plot = args
+        .plot
+        .as_ref()
+        .map(|to| plot(to, &log, laboratory))
+        .transpose()?;
+    let mut observers: Vec<&mut dyn StepObserver> = Vec::new();
+    observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
+    observers.extend(watcher.as_mut().map(|w| w.as_mut() as &mut dyn StepObserver));
+    // Whoever looks at a flight sees people's time.
+    let is_shown = !log.is_recording() && !observers.is_empty();
+    observers.extend(plot.as_mut().map(|p| p.as_mut() as &mut dyn StepObserver));
+    let nodes = contained(path, || {
+        let shift = is_shown.then(|| log.utc_ahead()).transpose()?;
+        replay(
+            &log,
+            laboratory.law,
+            shift.unwrap_or(Span::from_nanos(0)),
+            observers,
+        )
+    })?;
+    if let (Some(to), Some(recorder)) = (&args.record, recorder) {
+        recorder.finish(to, &[("flight", path.display().to_string())])?;
+        let (_, lines) = shown(&log);
+        lines.into_iter().for_each(|line| note(args.form.alone(), line));
+        note(args.form.alone(), format!("recording: {}", to.display()));
+    }
+    if let (Some(to), Some(plot)) = (&args.plot, plot) {
+        plot.write()?;
+        note(args.form.alone(), format_args!("plot: {}", to.display()));
+    }
+    if let Some(watcher) = watcher {
+        watcher.linger();
+    }
+    report(args, &nodes)
+}
+
+/// Prints how it went.
+fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
+    let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
+    for n in nodes {
+        table.row(cells![
+            n.node,
+            n.steps,
+            n.differs_at_step
+                .map_or_else(|| "-".into(), |step| step.to_string()),
+            n.differs_at_s.map_or_else(String::new, |t| format!("{t:.2} s")),
+        ]);
+    }
+    let differing = nodes.iter().filter(|n| n.differs_at_step.is_some());
+    let first = differing.min_by(|a, b| {
+        a.differs_at_s
+            .unwrap_or(0.0)
+            .total_cmp(&b.differs_at_s.unwrap_or(0.0))
+    });
+    let text = first.map_or_else(
+        || "bit-identical".to_string(),
+        |n| match n.differs_at_s {
+            Some(t) => format!("first difference: {} at {t:.2} s of the recording", n.node),
+            None => format!("the outputs of {} differ", n.node),
+        },
+    );
+    note(args.form.alone(), table.text());
+    let value = json!({"identical": first.is_none(), "verdict": text, "nodes": nodes});
+    if !args.form.print(&value, nodes)? {
+        terminal::line(verdict(&text, first.is_none()));
+    }
+    Ok(Exit::of(first.is_none()))
+}
+
+/// The plot to draw of a flight.
+fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plot>, CliError> {
+    let begin = laboratory.plot.ok_or_else(|| {
+        CliError(
+            "--plot: this program flies and draws nothing; copy the flight to a computer with the whole program and run \
+             alight replay there"
+                .into(),
+        )
+    })?;
+    begin(to, log)
+}
+
+/// The recording to make of a flight.
+fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
+    let (headers, _) = shown(log);
+    if headers.is_empty() {
+        return Err(CliError(format!(
+            "{}: no node's steps to record",
+            log.path().display()
+        )));
+    }
+    let live = [(LIVE, "1".to_string())];
+    Recorder::create(to, &headers, &[], &live, |_| Ok(())).map(|(recorder, ())| recorder)
+}
+
+/// Who looks on.
+fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
+    let drone = log
+        .find("mission")
+        .map(Start::config::<DroneComputer>)
+        .transpose()?;
+    let known = Known {
+        title: format!("replay of {}", args.path.display()),
+        deck: drone.as_ref().map(|d| d.drone.deck),
+        ..Known::default()
+    };
+    let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));
+    let (watcher, lines) = start_viewer(view, "replay", known, bodies)?;
+    lines.into_iter().for_each(|line| note(args.form.alone(), line));
+    Ok(watcher)
+}
+
+/// What is recorded at `path`; says what of it has no end.
+fn recorded(path: &Path) -> Result<Log, CliError> {
+    let log = Log::open(path)?;
+    if log.starts.iter().all(|s| s.header.process == WORLD) {
+        let below = store::flights(path).is_ok_and(|f| !f.is_empty());
+        return Err(CliError(format!(
+            "{}: {}",
+            path.display(),
+            if below {
+                "holds flights and is none; name one of them (`alight flights` lists them)"
+            } else {
+                "no step is recorded there; `alight flights` lists the flights of this computer"
+            }
+        )));
+    }
+    let files = log.starts.iter().flat_map(|s| &s.files);
+    let cut = files.filter(|p| !is_whole(p)).count();
+    if cut > 0 && !log.is_recording() {
+        note(
+            true,
+            format!(
+                "files without an end: {cut}, read up to their last whole chunk; their processes run, or were killed"
+            ),
+        );
+    }
+    Ok(log)
+}

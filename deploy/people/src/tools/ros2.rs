@@ -1,0 +1,315 @@
+//! `alight ros2`: this computer as a node of ROS 2.
+
+use alight_shared::msg::{Command, CommandKind};
+use alight_shared::time::{DroneClock, Time};
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::wake::end_requested;
+use clap::Args;
+use std::time::Duration;
+
+use alight_computer::config::DroneComputer;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::process::instance::{EDITED_FILE, said};
+use alight_computer::process::observer::{Observer, Rejoined};
+use alight_computer::process::supervisor::pause;
+use alight_computer::process::wall::wall_ns;
+use alight_computer::situation::{Known, Situation};
+use alight_computer::subject::{Computer, Subject};
+use alight_computer::terminal;
+
+use crate::ros2::diagnostics::Diagnostics;
+use crate::ros2::messages::{DiagnosticArray, Odometry, PoseWithCovarianceStamped, Stamp, TfMessage};
+use crate::ros2::names::{MAX_DOMAIN, RosNode};
+use crate::ros2::orders::{Caller, Orders, is_late};
+use crate::ros2::poses::Poses;
+use crate::ros2::session::{Place, Request, Session, Topic};
+use crate::status::Status;
+
+/// Whose node, and where ROS is.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight ros2\n\
+ROS's side needs its router and RMW_IMPLEMENTATION=rmw_zenoh_cpp:\n  \
+ros2 run rmw_zenoh_cpp rmw_zenohd\n  \
+ros2 topic echo /alight/drone_1/odometry\n  \
+alight ros2 --orders; ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
+With --orders whoever reaches that router may order.\n\
+It ends by Ctrl-C, and nothing in a flight waits for it. docs/ros2.md"
+)]
+pub struct Ros2Args {
+    #[command(flatten)]
+    subject: Subject,
+    /// Zenoh router of ROS
+    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]
+    connect: String,
+    /// Without a router: ROS's sessions connect to this endpoint
+    #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
+    listen: Option<String>,
+    /// ROS_DOMAIN_ID
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_DOMAIN)))]
+    domain: u32,
+    /// Namespace of the node, which is drone_N or vessel_N in it
+    #[arg(long, value_name = "NAME", default_value = "alight")]
+    namespace: String,
+    /// Begin the names of frames so, such as drone_1/
+    #[arg(long, value_name = "PREFIX", default_value = "")]
+    frame_prefix: String,
+    /// Offer the services land and abort to whoever reaches the router
+    #[arg(long)]
+    orders: bool,
+}
+
+/// Why an order is not passed on.
+const ABSENT: &str = "not ordered: no process reports on this computer (systemctl status alight-drone)";
+const UNKNOWN: &str = "not ordered: these processes have no configuration beside their memory (--config)";
+const ENDS: &str = "not ordered: alight ros2 ends";
+/// Looks at the computer's messages this often, and publishes no more often: 20 Hz.
+const PERIOD: Duration = Duration::from_millis(50);
+/// A configuration that cannot be read is read again after this long, ns.
+const READ_AGAIN_NS: i64 = 1_000_000_000;
+/// Diagnostics are published this often, ns.
+const DIAGNOSTICS_NS: i64 = 1_000_000_000;
+/// Length of the history of a topic of poses, as ROS's own publishers have it, and of `/tf`.
+const DEPTH: u32 = 10;
+const TF_DEPTH: u32 = 100;
+/// Longest prefix of frames.
+const MAX_PREFIX: usize = 64;
+
+/// Publishes until it is asked to end.
+pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
+    if end_requested() {
+        return Ok(Exit::Success);
+    }
+    if args.frame_prefix.len() > MAX_PREFIX {
+        return Err(CliError(format!(
+            "--frame-prefix: {MAX_PREFIX} characters at most"
+        )));
+    }
+    let subject = if args.orders {
+        args.subject.ordered()?
+    } else {
+        args.subject.fixed()?
+    };
+    let mut look = Look::at(subject)?;
+    let node = RosNode::new(args.domain, &args.namespace, name(&look.computer))?;
+    let place = match &args.listen {
+        Some(here) => Place::Here(here.clone()),
+        None => Place::Router(args.connect.clone()),
+    };
+    let mut diagnostics = Diagnostics::of(node.name());
+    let mut session = Session::of(node.clone(), place);
+    let to_diagnostics: Topic<DiagnosticArray> = session.topic("/diagnostics".into(), DEPTH);
+    let mut drone = match &look.computer {
+        Computer::Drone(_) => Some(Drone::of(&node, args, &mut session)),
+        Computer::Vessel(_) => None,
+    };
+    let mut judged_ns = i64::MIN;
+    while !end_requested() {
+        if let Some(line) = session.poll(steady_ns()) {
+            terminal::line(line);
+        }
+        let seen = look.poll()?;
+        if let Some(drone) = &mut drone {
+            match seen {
+                Some((Computer::Drone(computer), ports)) => drone.step(computer, ports, &mut session),
+                Some((Computer::Vessel(_), _)) | None => drone.refuse(&session, ABSENT),
+            }
+        }
+        if steady_ns().saturating_sub(judged_ns) >= DIAGNOSTICS_NS {
+            judged_ns = steady_ns();
+            let all = diagnostics.array(&look.status(), Stamp::from_nanos(wall_ns()));
+            session.publish(&to_diagnostics, &all);
+        }
+        pause(PERIOD);
+    }
+    if let Some(drone) = &mut drone {
+        drone.refuse(&session, ENDS);
+    }
+    Ok(Exit::Success)
+}
+
+/// The node's name.
+fn name(computer: &Computer) -> String {
+    match computer {
+        Computer::Vessel(v) => format!("vessel_{}", v.vessel_id),
+        Computer::Drone(d) => format!("drone_{}", d.bridge.drone_id),
+    }
+}
+
+/// Shared memory of the computer's processes.
+struct Ports {
+    observer: Observer,
+    commands: Publisher<Command>,
+    since_ns: i64,
+    /// The configuration is what these processes run by.
+    is_configured: bool,
+    /// Its configuration was found, so that orders have the right number.
+    is_known: bool,
+    /// Goes last: the others lie in it.
+    _memory: Memory,
+}
+
+impl Ports {
+    fn join(instance: &Instance) -> Result<Ports, CliError> {
+        let memory = Memory::join(instance, "ros2")?;
+        Ok(Ports {
+            observer: Observer::join(&memory)?,
+            commands: memory.publisher()?,
+            since_ns: steady_ns(),
+            is_configured: false,
+            is_known: false,
+            _memory: memory,
+        })
+    }
+}
+
+/// Looks at the computer's processes whenever they run.
+struct Look {
+    subject: Subject,
+    computer: Computer,
+    instance: Instance,
+    known: Known,
+    joined: Rejoined<Ports>,
+    runs: bool,
+    /// Why the configuration cannot be read, and when it is read again.
+    unread: Option<(String, i64)>,
+}
+
+impl Look {
+    fn at(subject: Subject) -> Result<Look, CliError> {
+        let computer = subject.computer()?;
+        let instance = computer.instance();
+        Ok(Look {
+            instance: Instance::new(instance)?,
+            known: Known::of(&computer),
+            joined: Rejoined::of(instance)?,
+            runs: false,
+            unread: None,
+            subject,
+            computer,
+        })
+    }
+    /// Takes in what is new; None while no process reports.
+    fn poll(&mut self) -> Result<Option<(&Computer, &mut Ports)>, CliError> {
+        self.runs = self.joined.poll(Ports::join);
+        let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
+            return Ok(None);
+        };
+        ports.observer.poll();
+        if ports.observer.snapshot.processes.is_empty() {
+            return Ok(None);
+        }
+        let waits = self
+            .unread
+            .as_ref()
+            .is_some_and(|(_, at_ns)| steady_ns() < *at_ns);
+        if !ports.is_configured && !waits {
+            // Each landing writes one of its own, before its processes begin: their clock is in it.
+            match self.subject.computer() {
+                Ok(newest) => {
+                    let (was, is) = (name(&self.computer), name(&newest));
+                    if was != is {
+                        return Err(CliError(format!(
+                            "the configuration is {is}'s now, and this node is {was}: start it again"
+                        )));
+                    }
+                    self.known = Known::of(&newest);
+                    self.computer = newest;
+                    self.unread = None;
+                    ports.is_configured = true;
+                    ports.is_known = self.subject.is_configured();
+                }
+                Err(CliError(why)) => {
+                    if self.unread.as_ref().is_none_or(|(before, _)| *before != why) {
+                        terminal::line(format!(
+                            "{why}\nThe configuration read before is kept, and aborts alone are passed on, until it can be read."
+                        ));
+                    }
+                    self.unread = Some((why, steady_ns() + READ_AGAIN_NS));
+                }
+            }
+        }
+        Ok(Some((&self.computer, ports)))
+    }
+    /// What is known by now, and what it means.
+    fn status(&mut self) -> Status {
+        self.known.refresh_for(&self.computer, steady_ns());
+        let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
+            return Status::absent(&self.known);
+        };
+        let snapshot = &mut ports.observer.snapshot;
+        snapshot.edited = said(&self.instance, EDITED_FILE);
+        Status::of(Situation {
+            since_ns: ports.since_ns,
+            ..Situation::of(self.known.clone(), snapshot, steady_ns())
+        })
+    }
+}
+
+/// What the drone's computer has beside diagnostics.
+struct Drone {
+    poses: Poses,
+    orders: Orders<Request>,
+    odometry: Topic<Odometry>,
+    deck_odometry: Topic<Odometry>,
+    deck_pose: Topic<PoseWithCovarianceStamped>,
+    transforms: Topic<TfMessage>,
+}
+
+impl Drone {
+    fn of(node: &RosNode, args: &Ros2Args, session: &mut Session) -> Drone {
+        if args.orders {
+            session.service(node.private("land"), CommandKind::Land);
+            session.service(node.private("abort"), CommandKind::Abort);
+        }
+        Drone {
+            poses: Poses::new(&args.frame_prefix),
+            orders: Orders::default(),
+            odometry: session.topic(node.private("odometry"), DEPTH),
+            deck_odometry: session.topic(node.private("deck/odometry"), DEPTH),
+            deck_pose: session.topic(node.private("deck/pose"), DEPTH),
+            transforms: session.topic("/tf".into(), TF_DEPTH),
+        }
+    }
+    /// Answers every order where there is nobody to give it to.
+    fn refuse(&mut self, session: &Session, why: &str) {
+        self.orders.answer(false, why);
+        while let Some(request) = session.request() {
+            request.reply(false, why);
+        }
+    }
+    /// Passes on what is ordered, and publishes what is new.
+    fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut Session) {
+        while let Some(request) = session.request() {
+            if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {
+                request.reply(false, &why);
+                continue;
+            }
+            // A landing of a wrong number is none; an abort is tried.
+            if !ports.is_known && request.kind != CommandKind::Abort {
+                request.reply(false, UNKNOWN);
+                continue;
+            }
+            self.orders.take(request.kind, request, computer, steady_ns());
+        }
+        let seen = &ports.observer.snapshot;
+        let mission = seen.mission.fresh(steady_ns());
+        let due = self.orders.poll(computer.bridge.drone_id, mission, steady_ns());
+        ports.commands.send_any(due.as_ref());
+        // The drone's clock against the system's, which may be set at any time.
+        let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();
+        let stamp = |at: Time<DroneClock>| at.nanos().saturating_add(ahead_ns);
+        let new = self.poses.newer(seen, stamp);
+        if let Some(drone) = &new.drone {
+            session.publish(&self.odometry, drone);
+        }
+        if let (Some(deck), Some(pose)) = (&new.deck, new.deck_pose()) {
+            session.publish(&self.deck_odometry, deck);
+            session.publish(&self.deck_pose, &pose);
+        }
+        if let Some(transforms) = new.transforms() {
+            session.publish(&self.transforms, &transforms);
+        }
+    }
+}

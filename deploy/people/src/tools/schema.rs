@@ -1,0 +1,151 @@
+//! `alight schema`: the messages on Zenoh and iceoryx2, for programs of others.
+
+use alight_computer::cells;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::table::{Cell, Table};
+use alight_computer::terminal;
+use alight_shared::msg::MESSAGE_VERSION;
+use alight_shared::schema;
+use alight_shared::topics::{self, Medium, Topic};
+use clap::Args;
+use serde_json::json;
+
+/// Width of a terminal.
+const WIDTH: usize = 80;
+/// Descriptions stand below their fields, so far in.
+const INDENT: usize = 4;
+
+/// Whose schema.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Topics of the radio are keys of Zenoh, alight/vessel-1/estimate; a query on\n\
+alight/vessel-1/@schema/estimate answers with the schema. Topics of memory\nare services of iceoryx2. How to read both: docs/radio.md"
+)]
+pub struct SchemaArgs {
+    /// Topic whose fields are shown [default: a list of all topics]
+    #[arg(value_name = "TOPIC")]
+    pub topic: Option<String>,
+    /// Print one JSON object, the last line: topics with their JSON Schemas
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Shows them.
+pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
+    let all = all();
+    let shown: Vec<&Topic> = match &args.topic {
+        None => all.clone(),
+        Some(name) => all.iter().copied().filter(|t| t.name == name).collect(),
+    };
+    if shown.is_empty() {
+        let names: Vec<&str> = all.iter().map(|t| t.name).collect();
+        return Err(CliError(format!(
+            "no topic {}: there are {}",
+            args.topic.as_deref().unwrap_or_default(),
+            names.join(", ")
+        )));
+    }
+    if args.json {
+        let described: Vec<_> = shown.iter().map(|t| t.described()).collect();
+        terminal::line(json!({ "message_version": MESSAGE_VERSION, "topics": described }));
+    } else if args.topic.is_some() {
+        // A drone and a vessel each have a status.
+        let texts: Vec<String> = shown.iter().map(|t| fields(t)).collect();
+        terminal::line(texts.join("\n\n"));
+    } else {
+        terminal::line(list(&shown));
+    }
+    Ok(Exit::Success)
+}
+
+/// Those of the table, and what processes report about themselves.
+fn all() -> Vec<&'static Topic> {
+    let reports = [&topics::PROCESS, &topics::VESSEL_PROCESS];
+    topics::ALL.iter().chain(reports).collect()
+}
+
+fn list(topics: &[&Topic]) -> String {
+    let mut table = Table::new(3..=5, ["topic", "message", "on", "Hz", "bytes", "stale s"]);
+    for t in topics {
+        let stale_s = Cell::number(t.stale_after.secs(), 1);
+        let rate = Cell::number(t.rate_hz, if t.rate_hz < 1.0 { 1 } else { 0 });
+        table.row(cells![
+            t.name,
+            t.type_name(),
+            t.medium.name(),
+            rate,
+            t.bytes,
+            stale_s
+        ]);
+    }
+    format!(
+        "{}\nMessage version {MESSAGE_VERSION}. Bytes: the most on the radio, the size in memory.\n\
+         After `stale s` a message counts as missing.\nFields of one: alight schema estimate. For programs: --json",
+        table.text()
+    )
+}
+
+fn fields(topic: &Topic) -> String {
+    let fields = schema::fields(&(topic.schema)());
+    let width = fields.iter().map(|f| f.path.chars().count()).max().unwrap_or(0);
+    let mut lines = vec![format!(
+        "{}: {}, version {MESSAGE_VERSION}, {}, {} Hz, {} bytes",
+        topic.name,
+        topic.type_name(),
+        topic.medium.name(),
+        topic.rate_hz,
+        topic.bytes,
+    )];
+    if topic.medium == Medium::Radio {
+        lines.push(format!(
+            "encoding: application/octet-stream;{}",
+            topic.encoding_schema()
+        ));
+    }
+    for f in &fields {
+        lines.push(format!("{:width$}  {}", f.path, f.kind));
+        let stated: Vec<&str> = [f.unit.as_str(), &f.frame]
+            .into_iter()
+            .filter(|t| !t.is_empty())
+            .collect();
+        let stated = if stated.is_empty() {
+            String::new()
+        } else {
+            format!("[{}] ", stated.join("; "))
+        };
+        lines.extend(wrapped(&format!("{stated}{}", f.description)));
+    }
+    lines.join("\n")
+}
+
+/// A description in lines that fit.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= WIDTH => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(format!("{:INDENT$}{word}", "")),
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::iter::once;
+
+    #[test]
+    fn lines_of_every_schema_within_a_terminal() {
+        let all = all();
+        let texts = once(list(&all)).chain(all.iter().map(|t| fields(t)));
+        for text in texts {
+            for line in text.lines() {
+                assert!(line.chars().count() <= WIDTH, "{line}");
+            }
+        }
+    }
+}

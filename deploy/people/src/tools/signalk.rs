@@ -1,0 +1,254 @@
+//! `alight signalk`: what this computer knows, for the boat's Signal K server.
+
+use std::time::Duration;
+
+use alight_computer::config::link_url::LinkUrl;
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::io::runtime;
+use alight_computer::io::web_socket::{SignalKSocket, Subscribe};
+use alight_computer::process::observer::Follower;
+use alight_computer::situation::{Known, Situation};
+use alight_computer::subject::{Computer, Subject};
+use alight_computer::terminal;
+use alight_transport::clock::steady_ns;
+use alight_transport::wake::end_requested;
+use clap::Args;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
+
+use crate::signalk::Deltas;
+use crate::status::Status;
+
+/// Whose, and where the server is.
+#[derive(Args, Debug)]
+#[command(after_help = "Run it as the user that runs Alight, next to its service:\n  \
+sudo -u alight alight signalk --connect ws://venus.local:3000\n\
+Where the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
+It sends alight.* and notifications.alight.*; what it receives is no order.\n\
+It ends by Ctrl-C, and nothing in a flight waits for it. docs/signalk.md")]
+pub struct SignalKArgs {
+    #[command(flatten)]
+    subject: Subject,
+    /// The server, with the file of a token where it asks for one
+    #[arg(long, value_name = "URL", default_value = "ws://127.0.0.1:3000")]
+    connect: String,
+}
+
+/// Period of sending what is new.
+const PERIOD: Duration = Duration::from_millis(500);
+/// A server that is not there is tried again after this long, and after twice as long each time up to a bound.
+const RETRY: Duration = Duration::from_secs(2);
+const MAX_RETRY: Duration = Duration::from_secs(32);
+
+/// Publishes until it is asked to end.
+pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
+    if end_requested() {
+        return Ok(Exit::Success);
+    }
+    let url: LinkUrl = args.connect.parse().map_err(CliError)?;
+    let LinkUrl::SignalK(host, token) = &url else {
+        return Err(CliError(format!(
+            "--connect {url}: write ws://HOST:3000, or ws://HOST:3000?token=FILE"
+        )));
+    };
+    let mut look = Look::at(args.subject.fixed()?)?;
+    runtime::block_on(async {
+        let (mut deltas, mut retry) = (Deltas::default(), Retry::default());
+        while !end_requested() {
+            let connected = SignalKSocket::connect(host, Subscribe::None, token.as_deref()).await;
+            let why = match connected {
+                Ok(socket) => {
+                    deltas.forget();
+                    let taken = || {
+                        if retry.taken() {
+                            terminal::line(format_args!("connected to {url}"));
+                        }
+                    };
+                    publish(socket, &mut deltas, &mut look, taken).await
+                }
+                Err(e) => Err(e),
+            };
+            let Err(why) = why.map_err(|e| e.to_string()) else {
+                break;
+            };
+            let (is_news, pause) = retry.failed(&why);
+            if is_news {
+                terminal::line(format_args!("{url}: {why}; trying again"));
+            }
+            wait(pause).await;
+        }
+        Ok(Exit::Success)
+    })
+}
+
+/// Waits, and no longer than until this is asked to end.
+async fn wait(pause: Duration) {
+    let until = Instant::now() + pause;
+    while !end_requested() && Instant::now() < until {
+        sleep(PERIOD.min(pause)).await;
+    }
+}
+
+/// When a server is tried again, and what is said of it.
+#[derive(Debug)]
+struct Retry {
+    /// What was said of it last; None: that it takes what it is sent.
+    said: Option<String>,
+    pause: Duration,
+    connected: bool,
+}
+
+impl Default for Retry {
+    fn default() -> Self {
+        Retry {
+            said: None,
+            pause: RETRY,
+            connected: false,
+        }
+    }
+}
+
+impl Retry {
+    /// A delta was sent, and the connection is still there: whether that is news.
+    fn taken(&mut self) -> bool {
+        (self.said, self.pause) = (None, RETRY);
+        !core::mem::replace(&mut self.connected, true)
+    }
+    /// There is no connection, or none any more: whether that is news, and how long to wait.
+    fn failed(&mut self, why: &str) -> (bool, Duration) {
+        let pause = self.pause;
+        self.pause = (2 * pause).min(MAX_RETRY);
+        self.connected = false;
+        let is_news = self.said.as_deref() != Some(why);
+        self.said = Some(why.into());
+        (is_news, pause)
+    }
+}
+
+/// Sends what is new until the connection ends, or this is asked to. A connection that is there at the look after a delta
+/// has `taken` it.
+async fn publish(
+    mut socket: SignalKSocket,
+    deltas: &mut Deltas,
+    look: &mut Look,
+    mut taken: impl FnMut(),
+) -> std::io::Result<()> {
+    let mut due = interval(PERIOD);
+    due.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut is_sent = false;
+    while !end_requested() {
+        tokio::select! {
+            // A greeting, and answers to what others ask of these paths: nothing of it counts.
+            received = socket.receive() => drop(received?),
+            _ = due.tick() => {
+                if is_sent {
+                    taken();
+                }
+                if let Some(delta) = deltas.delta(&look.status(), steady_ns()) {
+                    socket.send(delta).await?;
+                    is_sent = true;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Looks at the computer's processes whenever they run.
+struct Look {
+    subject: Subject,
+    computer: Computer,
+    known: Known,
+    follower: Follower,
+    /// Of the processes by whose configuration it looks.
+    joins: u64,
+}
+
+impl Look {
+    fn at(subject: Subject) -> Result<Look, CliError> {
+        let computer = subject.computer()?;
+        Ok(Look {
+            follower: Follower::of(computer.instance(), "signalk")?,
+            known: Known::of(&computer),
+            computer,
+            subject,
+            joins: 0,
+        })
+    }
+    /// Reads the configuration again where other processes run. One that is being edited leaves the one before.
+    fn follow(&mut self) {
+        let is_running = self.follower.poll().is_some();
+        let joins = self.follower.joins();
+        if !is_running || core::mem::replace(&mut self.joins, joins) == joins {
+            return;
+        }
+        if let Ok(computer) = self.subject.computer() {
+            (self.known, self.computer) = (Known::of(&computer), computer);
+        }
+    }
+    fn status(&mut self) -> Status {
+        self.follow();
+        let now_ns = steady_ns();
+        self.known.refresh_for(&self.computer, now_ns);
+        match self.follower.poll() {
+            Some((_, seen)) if !seen.processes.is_empty() => {
+                Status::of(Situation::of(self.known.clone(), seen, now_ns))
+            }
+            Some(_) | None => Status::absent(&self.known),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_computer::process::instance::OwnedInstance;
+    use alight_computer::process::supervisor::pause;
+    use alight_transport::memory::{Memory, Services};
+
+    #[test]
+    fn signalk_server_that_takes_nothing() {
+        let mut retry = Retry::default();
+        let pauses: Vec<u64> = (0..6).map(|_| retry.failed("refused").1.as_secs()).collect();
+        assert_eq!(pauses, [2, 4, 8, 16, 32, 32]);
+        assert!(!retry.failed("refused").0, "said once");
+        assert!(retry.failed("closed").0 && !retry.failed("closed").0);
+        assert!(retry.taken() && !retry.taken());
+        assert_eq!(retry.failed("closed"), (true, RETRY));
+    }
+
+    #[test]
+    fn configuration_of_restarted_processes() {
+        let name = format!("test-signalk-{}", std::process::id());
+        let path = std::env::temp_dir().join(format!("alight-{name}.toml"));
+        let write = |vessel: u32| {
+            std::fs::write(&path, format!("vessel_id = {vessel}\ninstance = \"{name}\"\n")).unwrap();
+        };
+        write(7);
+        let subject = Subject {
+            config: Some(path.clone()),
+            ..Subject::default()
+        };
+        let mut look = Look::at(subject).unwrap();
+        let vessel = |look: &Look| match &look.computer {
+            Computer::Vessel(v) => v.vessel_id,
+            Computer::Drone(_) => 0,
+        };
+        write(8);
+        assert!(!look.status().running);
+        assert_eq!(vessel(&look), 7, "nothing new runs");
+        let owned = OwnedInstance::take(&name).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        owned.ready().unwrap();
+        for _ in 0..2000 {
+            if vessel(&look) == 7 {
+                pause(Duration::from_millis(5));
+                look.follow();
+            }
+        }
+        assert_eq!(vessel(&look), 8);
+        look.follower.leave();
+        drop((services, memory));
+        std::fs::remove_file(path).unwrap();
+    }
+}

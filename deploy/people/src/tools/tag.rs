@@ -1,0 +1,349 @@
+//! `alight tag`: the deck's tags as a list for the configuration and as sheets to print.
+
+use std::path::PathBuf;
+
+use alight_computer::config::DroneComputer;
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::terminal;
+use alight_shared::config;
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::tags::{DeckTag, MARGIN, Tags, of_vessel, suggested};
+use alight_uav::camera::layout::{CELLS, cells, faults};
+use clap::{Args, ValueEnum};
+use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
+
+/// The deck's tags.
+#[derive(Args, Debug)]
+pub struct TagArgs {
+    /// Configuration of the drone's computer, whose deck and tags are meant [default: the shipped one's]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// The tags that are suggested for the deck's size, in the place of those that are configured
+    #[arg(long)]
+    pub suggest: bool,
+    /// Number of the vessel, whose tags get numbers of their own [default: with --suggest the configuration's]
+    #[arg(long, value_name = "N")]
+    pub vessel: Option<u32>,
+    /// Write printable sheets of the tags at true scale, and a drawing of the deck with their places
+    #[arg(long, value_name = "FILE")]
+    pub pdf: Option<PathBuf>,
+    /// Paper of the sheets; a tag that is larger is cut into tiles
+    #[arg(long, value_enum, default_value = "a4")]
+    pub paper: Paper,
+}
+
+/// A paper of ISO 216, upright.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Paper {
+    A0,
+    A1,
+    A2,
+    A3,
+    A4,
+}
+
+impl Paper {
+    /// Width and height, mm.
+    fn size_mm(self) -> [f64; 2] {
+        match self {
+            Paper::A0 => [841.0, 1189.0],
+            Paper::A1 => [594.0, 841.0],
+            Paper::A2 => [420.0, 594.0],
+            Paper::A3 => [297.0, 420.0],
+            Paper::A4 => [210.0, 297.0],
+        }
+    }
+}
+
+/// Prints the list and writes the sheets.
+pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
+    let computer = match &args.config {
+        Some(path) => config::load::<DroneComputer>(path)?,
+        None => DroneComputer::default(),
+    };
+    let drone = computer.drone;
+    let deck = drone.deck;
+    let tags = if args.suggest {
+        suggested(deck.length_m, deck.width_m)
+    } else {
+        drone.tags()
+    };
+    // What is printed and glued keeps its numbers unless it is asked for others.
+    let vessel = args.vessel.or(args.suggest.then_some(computer.bridge.vessel_id));
+    let tags = vessel.map_or(tags, |vessel| of_vessel(&tags, vessel));
+    terminal::line(listed(&tags));
+    for fault in faults(&tags, &deck) {
+        terminal::note(true, format!("alight tag: {fault}"));
+    }
+    if let Some(path) = &args.pdf {
+        let (bytes, pages) = Sheets::print(&deck, &tags, args.paper);
+        std::fs::write(path, bytes).doing(format!("writing {}", path.display()))?;
+        let text = format!(
+            "{}: {pages} pages. Print at 100 %, without fitting to the page.",
+            path.display()
+        );
+        terminal::note(true, text);
+    }
+    Ok(Exit::Success)
+}
+
+/// A tag as the drone's configuration has it, on a line of its own.
+pub fn row(t: &DeckTag) -> String {
+    let DeckTag {
+        id,
+        side_m,
+        centre_m: [x, y, z],
+    } = t;
+    format!("  {{ id = {id}, side_m = {side_m:?}, centre_m = [{x:?}, {y:?}, {z:?}] }},\n")
+}
+
+/// The tags as the drone's configuration has them.
+fn listed(tags: &[DeckTag]) -> String {
+    let rows: String = tags.iter().map(row).collect();
+    format!("[drone.deck]\ntags = [\n{rows}]")
+}
+
+/// Points of a PDF in a millimetre.
+const POINTS_PER_MM: f64 = 72.0 / 25.4;
+/// Room around a tile for its marks and words, mm; printers leave 5 mm blank.
+const BORDER_MM: f64 = 15.0;
+/// Length of cutting marks, mm, and their distance from the corner.
+const MARK_MM: [f64; 2] = [5.0, 1.0];
+const FONT: Name = Name(b"F");
+
+/// A page being drawn, in mm from its lower left corner.
+struct Page {
+    content: Content,
+    paper_mm: [f64; 2],
+}
+
+impl Page {
+    fn new(paper: Paper) -> Page {
+        let mut content = Content::new();
+        let scale = POINTS_PER_MM as f32;
+        content
+            .transform([scale, 0.0, 0.0, scale, 0.0, 0.0])
+            .set_line_width(0.2);
+        Page {
+            content,
+            paper_mm: paper.size_mm(),
+        }
+    }
+    fn text(&mut self, x: f64, y: f64, height_mm: f64, text: &str) {
+        self.content.begin_text().set_font(FONT, height_mm as f32);
+        self.content
+            .next_line(x as f32, y as f32)
+            .show(Str(text.as_bytes()));
+        self.content.end_text();
+    }
+    fn line(&mut self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) {
+        self.content
+            .move_to(x0 as f32, y0 as f32)
+            .line_to(x1 as f32, y1 as f32)
+            .stroke();
+    }
+    fn rectangle(&mut self, x: f64, y: f64, width: f64, height: f64) -> &mut Content {
+        self.content.rect(x as f32, y as f32, width as f32, height as f32)
+    }
+    /// A tag with its margin, its lower left corner at `x`, `y`; its upper edge is forward.
+    fn tag(&mut self, tag: &DeckTag, x: f64, y: f64, scale: f64) {
+        let cell = 1e3 * tag.side_m / 8.0 * scale;
+        let Some(cells) = cells(tag.id) else { return };
+        // One black square, and on it the white cells: no seams between black ones.
+        self.content.set_fill_gray(0.0);
+        self.rectangle(x + cell, y + cell, 8.0 * cell, 8.0 * cell)
+            .fill_nonzero();
+        self.content.set_fill_gray(1.0);
+        for (row, whites) in cells.iter().enumerate().skip(1).take(CELLS - 2) {
+            for (column, _) in whites
+                .iter()
+                .enumerate()
+                .skip(1)
+                .take(CELLS - 2)
+                .filter(|(_, white)| **white)
+            {
+                let (x, y) = (x + column as f64 * cell, y + (CELLS - 1 - row) as f64 * cell);
+                self.rectangle(x, y, cell, cell).fill_nonzero();
+            }
+        }
+        self.content.set_fill_gray(0.0);
+    }
+    /// A line of 100 mm, by which a person sees whether the printer kept the scale.
+    fn ruler(&mut self) {
+        let y = 4.0;
+        self.line([BORDER_MM, y], [BORDER_MM + 100.0, y]);
+        for x in [0.0, 100.0] {
+            self.line([BORDER_MM + x, y - 1.5], [BORDER_MM + x, y + 1.5]);
+        }
+        self.text(BORDER_MM + 102.0, y - 1.0, 3.0, "100 mm");
+    }
+}
+
+/// The pages.
+struct Sheets {
+    paper: Paper,
+    pages: Vec<Page>,
+}
+
+impl Sheets {
+    /// The PDF and how many pages it has.
+    fn print(deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
+        let mut sheets = Sheets {
+            paper,
+            pages: Vec::new(),
+        };
+        sheets.overview(deck, tags);
+        tags.iter().for_each(|tag| sheets.tiles(tag));
+        let pages = sheets.pages.len();
+        (sheets.finish(), pages)
+    }
+    /// The deck from above, forward up, and the table of its tags.
+    fn overview(&mut self, deck: &DeckGeometry, tags: &[DeckTag]) {
+        let mut page = Page::new(self.paper);
+        let [width, height] = page.paper_mm;
+        let (length_mm, across_mm) = (1e3 * deck.length_m, 1e3 * deck.width_m);
+        let table = 5.0 * (tags.len() + 3) as f64;
+        let room = [width - 2.0 * BORDER_MM, height - 3.0 * BORDER_MM - table];
+        let scale = (room[0] / across_mm).min(room[1] / length_mm);
+        // The deck's centre on the page.
+        let (cx, cy) = (0.5 * width, height - 2.0 * BORDER_MM - 0.5 * length_mm * scale);
+        let mut y = height - BORDER_MM;
+        let title = format!(
+            "Deck {length_mm:.0} x {across_mm:.0} mm from above, scale 1 : {:.1}; forward is up",
+            1.0 / scale
+        );
+        page.text(BORDER_MM, y, 4.0, &title);
+        let (x0, y0) = (cx - 0.5 * across_mm * scale, cy - 0.5 * length_mm * scale);
+        page.rectangle(x0, y0, across_mm * scale, length_mm * scale)
+            .stroke();
+        for [from, to] in [
+            [[x0, cy], [x0 + across_mm * scale, cy]],
+            [[cx, y0], [cx, y0 + length_mm * scale]],
+        ] {
+            page.content.set_dash_pattern([2.0, 2.0], 0.0);
+            page.line(from, to);
+            page.content.set_dash_pattern([], 0.0);
+        }
+        y = y0 - 8.0;
+        page.text(
+            BORDER_MM,
+            y,
+            3.0,
+            "id, family 36h11: black side (with white margin), centre from the deck's centre, mm",
+        );
+        for tag in tags {
+            let side = 1e3 * tag.side_m * MARGIN * scale;
+            let [forward, right, _] = tag.centre_m.map(|v| 1e3 * v);
+            let (x, below) = (cx + right * scale - 0.5 * side, cy + forward * scale - 0.5 * side);
+            page.content.set_fill_gray(1.0);
+            page.rectangle(x, below, side, side).fill_nonzero();
+            page.tag(tag, x, below, scale);
+            page.rectangle(x, below, side, side).stroke();
+            page.text(x + 0.3, below + side + 0.3, 2.5, &format!("{}", tag.id));
+            y -= 5.0;
+            let (side, whole) = (1e3 * tag.side_m, 1e3 * tag.side_m * MARGIN);
+            let row = format!(
+                "{}:  {side:.1} ({whole:.1}),  forward {forward:.0}, right {right:.0}",
+                tag.id
+            );
+            page.text(BORDER_MM, y, 3.0, &row);
+        }
+        page.ruler();
+        self.pages.push(page);
+    }
+    /// A tag at true scale in as many tiles as it needs, from its upper left corner on.
+    fn tiles(&mut self, tag: &DeckTag) {
+        let whole = 1e3 * tag.side_m * MARGIN;
+        let paper_mm = self.paper.size_mm();
+        let [columns, rows] = paper_mm.map(|mm| (whole / (mm - 2.0 * BORDER_MM)).ceil().max(1.0) as usize);
+        let (width, height) = (whole / columns as f64, whole / rows as f64);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let mut page = Page::new(self.paper);
+            let (x, y) = (0.5 * (paper_mm[0] - width), 0.5 * (paper_mm[1] - height));
+            page.content.save_state();
+            page.rectangle(x, y, width, height).clip_nonzero().end_path();
+            let below = (rows - 1 - row) as f64 * height;
+            page.tag(tag, x - column as f64 * width, y - below, 1.0);
+            page.content.restore_state();
+            let [length, apart] = MARK_MM;
+            for (corner_x, out_x) in [(x, -1.0), (x + width, 1.0)] {
+                for (corner_y, out_y) in [(y, -1.0), (y + height, 1.0)] {
+                    let from = [corner_x + out_x * apart, corner_y + out_y * apart];
+                    page.line([from[0], corner_y], [from[0] + out_x * length, corner_y]);
+                    page.line([corner_x, from[1]], [corner_x, from[1] + out_y * length]);
+                }
+            }
+            let words = format!(
+                "Tag {} of 36h11, black side {:.1} mm; row {} of {rows}, column {} of {columns}; this edge forward",
+                tag.id,
+                1e3 * tag.side_m,
+                row + 1,
+                column + 1
+            );
+            page.text(BORDER_MM, y + height + MARK_MM[0] + 3.0, 3.0, &words);
+            page.ruler();
+            self.pages.push(page);
+        }
+    }
+    fn finish(self) -> Vec<u8> {
+        let mut pdf = Pdf::new();
+        let mut refs = (1..).map(Ref::new);
+        let mut next = || refs.next().unwrap_or(Ref::new(1));
+        let (catalog, tree, font) = (next(), next(), next());
+        pdf.catalog(catalog).pages(tree);
+        pdf.type1_font(font).base_font(Name(b"Helvetica"));
+        let mut kids = Vec::with_capacity(self.pages.len());
+        for page in self.pages {
+            let (id, content) = (next(), next());
+            let [width, height] = page.paper_mm.map(|mm| (mm * POINTS_PER_MM) as f32);
+            let mut leaf = pdf.page(id);
+            leaf.parent(tree)
+                .media_box(Rect::new(0.0, 0.0, width, height))
+                .contents(content);
+            leaf.resources().fonts().pair(FONT, font);
+            leaf.finish();
+            pdf.stream(content, &page.content.finish());
+            kids.push(id);
+        }
+        let count = i32::try_from(kids.len()).unwrap_or(i32::MAX);
+        pdf.pages(tree).kids(kids).count(count);
+        pdf.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tag_list_of_the_shipped_configuration() {
+        let tags = DeckGeometry::default().tags();
+        let shipped: DroneComputer =
+            config::parse(include_str!("../../../drone/drone.toml"), "shipped").unwrap();
+        assert_eq!(*shipped.drone.tags(), *tags);
+        let read: DroneComputer = config::parse(&listed(&tags), "list").unwrap();
+        assert_eq!(*read.drone.tags(), *tags);
+    }
+
+    #[test]
+    fn tag_sheets_at_true_scale() {
+        let deck = DeckGeometry::default();
+        let one = |side_m| {
+            Tags::filled([DeckTag {
+                side_m,
+                ..DeckTag::default()
+            }])
+        };
+        // 125 mm fit on A4; 1 m is 6 x 4 tiles of 180 x 267 mm there, and 2 x 1 on A0.
+        for (side_m, paper, tiles) in [(0.1, Paper::A4, 1), (0.8, Paper::A4, 24), (0.8, Paper::A0, 2)] {
+            let (bytes, pages) = Sheets::print(&deck, &one(side_m), paper);
+            assert_eq!(pages, 1 + tiles, "{side_m} m on {paper:?}");
+            let text = String::from_utf8_lossy(&bytes);
+            assert!(text.starts_with("%PDF-") && text.contains("/Count "), "{side_m}");
+        }
+        // The black square's width in the tile's own millimetres.
+        let (bytes, _) = Sheets::print(&deck, &one(0.1), Paper::A4);
+        assert!(String::from_utf8_lossy(&bytes).contains(" 100 100 re"));
+    }
+}

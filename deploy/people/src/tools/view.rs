@@ -1,0 +1,345 @@
+//! `alight view`: status of this computer in a browser or Foxglove.
+
+use std::net::SocketAddr;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use alight_computer::config::view::{FOXGLOVE, ViewConfig};
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::playback::{Bodies, Viewer};
+use alight_computer::process::instance::{EDITED_FILE, said};
+use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
+use alight_computer::process::local_command::LocalCommand;
+use alight_computer::process::observer::Rejoined;
+use alight_computer::process::supervisor::pause;
+use alight_computer::process::wall::wall_ns;
+use alight_computer::situation::Known;
+use alight_computer::subject::{Computer, Subject};
+use alight_computer::terminal;
+use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::wake::end_requested;
+use clap::Args;
+
+use crate::status::Status;
+use crate::tools::{flights, view_vessel};
+use crate::view::camera::CameraFeed;
+use crate::view::memory_feed::MemoryFeed;
+use crate::view::server::{Order, Served};
+use crate::view::watcher::Watcher;
+
+/// What is to be shown, and where.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
+Then open http://127.0.0.1:7450 in a browser on this computer. For a phone on\n\
+board name an address of this computer's network (or view.listen), where\n\
+everybody sees it: alight view --listen 192.168.7.1:7450\n\
+Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket,\n\
+ws://127.0.0.1:8765.\n\
+It ends by Ctrl-C, and nothing in a flight waits for it."
+)]
+pub struct ViewCommand {
+    #[command(flatten)]
+    subject: Subject,
+    /// Address of the page [default: view.listen of the configuration, 127.0.0.1:7450]
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub listen: Option<SocketAddr>,
+    /// Serve the topics of a recording to Foxglove [default: view.foxglove; without a value: 127.0.0.1:8765]
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
+    pub foxglove: Option<Option<SocketAddr>>,
+    /// End when standard input closes
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// Time between two looks; the display rates of recordings lie on this grid.
+const LOOK_PERIOD_NS: i64 = 20_000_000;
+/// The same when there is only the page to show.
+const PAGE_PERIOD: Duration = Duration::from_millis(100);
+/// The name is asked again after this long when nothing runs under it.
+const ABSENT_PAUSE: Duration = Duration::from_millis(500);
+
+/// Where it is served: the flags over the configuration.
+fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
+    let address = |text: &str| {
+        text.parse::<SocketAddr>()
+            .doing(format_args!("the address {text}"))
+    };
+    Ok(Served {
+        page: address(&view.listen)?,
+        foxglove: match view.foxglove.as_str() {
+            "" => None,
+            text => Some(address(text)?),
+        },
+        name: name.into(),
+        may_order: view.abort,
+    })
+}
+
+/// Starts the view of a flight that is computed; gives it with the lines that say where it is served.
+pub fn start_viewer(
+    view: &ViewConfig,
+    name: &str,
+    known: Known,
+    bodies: Bodies,
+) -> Result<(Box<dyn Viewer>, Vec<String>), CliError> {
+    let watcher = Watcher::start(served(view, name)?, known, &bodies, true)?;
+    let lines = watcher.server.lines();
+    Ok((Box::new(watcher), lines))
+}
+
+/// Shows until it is asked to end.
+pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
+    // The first question puts the signal's handler in place.
+    let told_to_end = end_with_supervisor(args.supervised);
+    if end_requested() {
+        return Ok(Exit::Success);
+    }
+    let over = |mut view: ViewConfig| {
+        view.listen = args.listen.map_or(view.listen, |a| a.to_string());
+        if let Some(address) = args.foxglove {
+            view.foxglove = address.map_or_else(|| FOXGLOVE.into(), |a| a.to_string());
+        }
+        view
+    };
+    let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
+    let subject = args.subject.fixed()?;
+    match subject.computer()? {
+        Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
+        Computer::Drone(d) => {
+            let view = over(d.view.clone());
+            drone(*d, &subject, &view, &ends)
+        }
+    }
+}
+
+fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool) -> Result<Exit, CliError> {
+    if !view.foxglove.is_empty() {
+        return Err(CliError(
+            "the vessel has nothing for Foxglove: serve it on the drone's computer (--foxglove, view.foxglove)".into(),
+        ));
+    }
+    let served = served(view, "vessel")?;
+    let server = crate::view::server::Server::start(served)?;
+    server.lines().iter().for_each(terminal::line);
+    let mut look = view_vessel::Look::new(computer, view.abort)?;
+    while !ends() {
+        server.show(look.picture(steady_ns()));
+        look.close_deck(server.order());
+        pause(PAGE_PERIOD);
+    }
+    Ok(Exit::Success)
+}
+
+fn drone(
+    mut computer: DroneComputer,
+    subject: &Subject,
+    view: &ViewConfig,
+    ends: &dyn Fn() -> bool,
+) -> Result<Exit, CliError> {
+    let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
+    let served = served(view, &computer.instance)?;
+    let is_live = served.foxglove.is_some();
+    let mut watcher = Watcher::start(served, Known::drone(&computer), &bodies, false)?;
+    watcher.server.lines().iter().for_each(terminal::line);
+    let instance = Instance::new(&computer.instance)?;
+    let mut joined: Rejoined<Ports> = Rejoined::of(&computer.instance)?;
+    let wall_ns = wall_offset_ns();
+    while !ends() {
+        let mut is_new = false;
+        let runs = joined.poll(|instance| {
+            is_new = true;
+            Ports::join(instance)
+        });
+        let Some(ports) = joined.ports.as_mut().filter(|_| runs) else {
+            watcher.show_nothing(
+                Time::from_nanos(steady_ns() + wall_ns),
+                Status::absent(&watcher.board.situation.known),
+            );
+            reject(watcher.server.order());
+            pause(ABSENT_PAUSE);
+            continue;
+        };
+        if is_new {
+            // Processes that were started since may have another number and another clock.
+            if let Ok(Computer::Drone(newest)) = subject.computer() {
+                computer = *newest;
+                watcher.board.situation.known = Known::drone(&computer);
+            }
+            watcher.reset(Span::from_nanos(wall_ns));
+            watcher.board.earlier = flights::earlier(&computer.recorder.directory);
+            watcher.board.order.label = view.abort.then_some("ABORT");
+        }
+        watcher.board.situation.seen.edited = said(&instance, EDITED_FILE);
+        ports.look(&computer, &mut watcher, wall_ns);
+        let wait = if is_live {
+            let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);
+            Duration::from_nanos(next.unsigned_abs())
+        } else {
+            PAGE_PERIOD
+        };
+        // Whoever asks consumes the signal: it has to be passed on.
+        if !ports.memory.wait(wait) {
+            break;
+        }
+    }
+    Ok(Exit::Success)
+}
+
+fn reject(order: Option<Order>) {
+    if let Some(order) = order {
+        // Who gave it may have gone.
+        let _gone = order.reply.send(Err("no mission runs".into()));
+    }
+}
+
+/// Shared memory of a drone's processes.
+struct Ports {
+    memory: Memory,
+    feed: MemoryFeed,
+    camera: CameraFeed,
+    commands: Publisher<Command>,
+    reports: Publisher<ProcessState>,
+    life: Life,
+    abort: Option<(LocalCommand, Order)>,
+}
+
+impl Ports {
+    fn join(instance: &Instance) -> Result<Ports, CliError> {
+        let memory = Memory::join(instance, ProcessKind::View.name())?;
+        Ok(Ports {
+            feed: MemoryFeed::join(&memory)?,
+            camera: CameraFeed::default(),
+            commands: memory.publisher()?,
+            reports: memory.publisher()?,
+            life: Life::begin(ProcessKind::View, draw_boot(), false),
+            abort: None,
+            memory,
+        })
+    }
+    /// Shows what is new of the processes, and carries out the page's order.
+    fn look(&mut self, computer: &DroneComputer, watcher: &mut Watcher, wall_ns: i64) {
+        let now_ns = steady_ns();
+        let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
+        let (t, now): (Time<TrueTime>, _) = (Time::from_nanos(grid_ns), computer.clock.now());
+        self.camera.poll(&self.memory, t, now, watcher);
+        let mission = self.feed.poll(t, now, watcher);
+        self.life.stepped(Some((steady_ns() - now_ns) as f64 * 1e-9));
+        if let Some(answer) = self.order(computer, watcher.server.order(), mission.as_ref()) {
+            watcher.board.order.answer = answer;
+        }
+        if let Some(report) = self.life.state(Vec::new, 0) {
+            self.reports.send(&report);
+        }
+    }
+
+    /// Carries out the order of the page: an abort as `alight command abort` gives it here. What became of it, once that
+    /// is known.
+    fn order(
+        &mut self,
+        computer: &DroneComputer,
+        given: Option<Order>,
+        mission: Option<&MissionState>,
+    ) -> Option<String> {
+        if let Some(order) = given {
+            match self.abort {
+                None => {
+                    let command = LocalCommand::new(computer, Some(CommandKind::Abort), steady_ns());
+                    self.abort = Some((command, order));
+                }
+                Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
+            }
+        }
+        let (command, _) = self.abort.as_mut()?;
+        self.commands.send_any(command.due(steady_ns()).as_ref());
+        let taken = mission.filter(|m| command.taken(m) == Some(true));
+        let answer = match taken {
+            Some(m) => Ok(format!("abort taken: {}", m.state.name())),
+            None if command.is_over(steady_ns()) => Err(
+                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
+                    .to_owned(),
+            ),
+            None => return None,
+        };
+        let (_, order) = self.abort.take()?;
+        let text = answer.clone().unwrap_or_else(|e| e);
+        let _gone = order.reply.send(answer);
+        Some(text)
+    }
+}
+
+/// The time of day less the steady clock, ns: messages for Foxglove bear the time of day.
+fn wall_offset_ns() -> i64 {
+    wall_ns() - steady_ns()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_computer::process::instance::OwnedInstance;
+    use alight_shared::msg::{Header, State};
+    use alight_shared::time::DroneClock;
+    use alight_transport::memory::{Services, Subscriber};
+
+    fn published(at: Time<DroneClock>, state: State) -> MissionState {
+        MissionState {
+            header: Header::new(1, 1, 7, 1, at),
+            state,
+            ..MissionState::default()
+        }
+    }
+
+    #[test]
+    fn view_of_shared_memory_and_its_abort() {
+        let name = format!("test-view-{}", std::process::id());
+        let owned = OwnedInstance::take(&name).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut missions: Publisher<MissionState> = memory.publisher().unwrap();
+        let mut commands: Subscriber<Command> = memory.subscriber().unwrap();
+        let computer = DroneComputer {
+            instance: name,
+            ..DroneComputer::default()
+        };
+        let mut joined = Ports::join(owned.instance()).unwrap();
+        let view = ViewConfig {
+            listen: "127.0.0.1:0".into(),
+            ..ViewConfig::default()
+        };
+        let served = served(&view, "test").unwrap();
+        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut show = |joined: &mut Ports, state, abort| {
+            let now = computer.clock.now();
+            missions.send(&MissionState {
+                abort,
+                ..published(now, state)
+            });
+            let mission = joined.feed.poll(Time::from_nanos(now.nanos()), now, &mut watcher);
+            let picture = watcher.board.picture(Time::from_nanos(now.nanos()));
+            (mission, picture.status.state.map(|s| s.name))
+        };
+        let (descends, shown) = show(&mut joined, State::Descent, None);
+        assert_eq!(shown.as_deref(), Some("Descent"));
+
+        let (reply, mut answer) = tokio::sync::oneshot::channel();
+        let given = joined.order(&computer, Some(Order { reply }), descends.as_ref());
+        assert_eq!(given, None);
+        let sent = commands.newest(0).unwrap();
+        assert_eq!(sent.kind, CommandKind::Abort);
+        assert!(answer.try_recv().is_err(), "answered before the mission did");
+        let (reply, mut second) = tokio::sync::oneshot::channel();
+        assert_eq!(joined.order(&computer, Some(Order { reply }), None), None);
+        assert!(second.try_recv().unwrap().is_err(), "two at a time");
+        let echo = Some([sent.header.boot, sent.header.sequence]);
+        let (gave_up, _) = show(&mut joined, State::GaveUp, echo);
+        let text = joined.order(&computer, None, gave_up.as_ref());
+        assert_eq!(text.as_deref(), Some("abort taken: Gave up"));
+        assert_eq!(answer.try_recv().unwrap(), Ok("abort taken: Gave up".into()));
+        drop((missions, commands, joined, services, memory));
+    }
+}

@@ -1,0 +1,182 @@
+//! The vessel's computer for people with a browser: her status, judged, as `alight status` prints it.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use alight_computer::config::VesselComputer;
+use alight_computer::exit::CliError;
+use alight_computer::process::observer::Follower;
+use alight_computer::situation::{Known, Situation};
+use alight_computer::vessel::crew::OrderOnItsWay;
+use alight_shared::msg::{DeckOrder, State};
+use alight_shared::process::ProcessKind;
+use alight_shared::time::{Time, TrueTime};
+
+use crate::status::Status;
+use crate::tools::flights;
+use crate::view::motion::MotionHistory;
+use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
+use crate::view::server::Order;
+
+/// Changes of drones' states that are kept.
+const LOG_LINES: usize = 12;
+/// Drones whose changes are followed.
+const DRONES: usize = 32;
+
+/// Looks at the vessel's status, again and again.
+pub struct Look<'a> {
+    computer: &'a VesselComputer,
+    aboard: Follower,
+    known: Known,
+    /// Since when its process has not reported, on the steady clock, ns; None: it has.
+    silent_since_ns: Option<i64>,
+    motion: MotionHistory,
+    /// When the newest status was written, on the steady clock, ns.
+    seen_ns: i64,
+    states: BTreeMap<u32, State>,
+    log: VecDeque<(i64, String)>,
+    /// Flights that had ended when the look began, as the vessel's own process does.
+    earlier: Vec<FlightLine>,
+    /// When the newest flight ended that was seen to, how and why.
+    result: Option<(i64, &'static str, String)>,
+    order: OrderView,
+    /// The page's order under way to the vessel's process.
+    given: Option<(OrderOnItsWay, Order)>,
+}
+
+impl<'a> Look<'a> {
+    /// At this vessel; `may_order`: the page may close her deck.
+    pub fn new(computer: &'a VesselComputer, may_order: bool) -> Result<Look<'a>, CliError> {
+        Ok(Look {
+            computer,
+            aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
+            known: Known::vessel(computer),
+            silent_since_ns: None,
+            motion: MotionHistory::default(),
+            seen_ns: i64::MIN,
+            states: BTreeMap::new(),
+            log: VecDeque::new(),
+            earlier: flights::earlier(&computer.recorder.directory),
+            result: None,
+            order: OrderView {
+                label: may_order.then_some("CLOSE THE DECK"),
+                answer: String::new(),
+            },
+            given: None,
+        })
+    }
+    /// The crew's word on the deck, as `alight command deck closed` gives it.
+    pub fn close_deck(&mut self, order: Option<Order>) {
+        if let Some(order) = order {
+            let memory = self.aboard.poll().map(|(memory, _)| memory);
+            let given = match memory.filter(|_| self.given.is_none()) {
+                Some(m) => {
+                    OrderOnItsWay::give(m, self.computer, DeckOrder::Closed).map_err(|e| e.to_string())
+                }
+                None => Err("the vessel's process does not run, or an order is under way".to_owned()),
+            };
+            match given {
+                Ok(given) => self.given = Some((given, order)),
+                Err(e) => self.answer(order, Err(format!("THE DECK IS NOT CLOSED: {e}"))),
+            }
+        }
+        let Some((given, _)) = &mut self.given else { return };
+        let answer = match given.poll() {
+            Some(status) if status.deck.closed.is_some() => Ok("the deck is closed".to_owned()),
+            None if !given.is_over() => return,
+            Some(_) | None => Err("THE DECK IS NOT CLOSED: the vessel's process has not taken it".to_owned()),
+        };
+        if let Some((_, order)) = self.given.take() {
+            self.answer(order, answer);
+        }
+    }
+    fn answer(&mut self, order: Order, answer: Result<String, String>) {
+        self.order.answer = answer.clone().unwrap_or_else(|e| e);
+        // Who gave it may have gone.
+        let _gone = order.reply.send(answer);
+    }
+    /// The picture at `now_ns` of the steady clock.
+    pub fn picture(&mut self, now_ns: i64) -> Picture {
+        self.known.refresh(self.computer, now_ns);
+        let Some((_, seen)) = self.aboard.poll() else {
+            self.silent_since_ns = None;
+            return Picture {
+                status: Status::absent(&self.known),
+                result: self.result(now_ns),
+                ..Picture::default()
+            };
+        };
+        let mut situation = Situation::of(self.known.clone(), seen, now_ns);
+        if situation.seen.vessel.is_some() {
+            self.silent_since_ns = None;
+        } else {
+            // Just joined: its next report is up to half a second away.
+            situation.since_ns = *self.silent_since_ns.get_or_insert(now_ns);
+        }
+        self.take(&situation);
+        let ago = |(at, text): &(i64, String)| LogLine {
+            ago_s: situation.since_s(*at),
+            text: text.clone(),
+        };
+        Picture {
+            clock_s: 0.0,
+            log: self.log.iter().rev().map(ago).collect(),
+            status: Status::of(situation),
+            scene: None,
+            camera: None,
+            motion: self.motion.view(),
+            track: TrackView::default(),
+            result: self.result(now_ns),
+            flights: self.earlier.clone(),
+            order: self.order.clone(),
+        }
+    }
+
+    fn result(&self, now_ns: i64) -> Option<ResultView> {
+        let (at, outcome, text) = self.result.as_ref()?;
+        Some(ResultView {
+            ago_s: now_ns.saturating_sub(*at) as f64 * 1e-9,
+            outcome,
+            text: text.clone(),
+        })
+    }
+
+    /// What is new in it.
+    fn take(&mut self, s: &Situation) {
+        let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
+            return;
+        };
+        let at_ns = process.at_ns;
+        if at_ns <= self.seen_ns {
+            return;
+        }
+        self.seen_ns = at_ns;
+        let samples = &status.estimator.motion;
+        // They were taken evenly over the half second before.
+        let step_ns = 500_000_000 / i64::try_from(samples.len().max(1)).unwrap_or(1);
+        for (k, sample) in (0..)
+            .zip(samples.iter().rev())
+            .collect::<Vec<_>>()
+            .into_iter()
+            .rev()
+        {
+            let t: Time<TrueTime> = Time::from_nanos(at_ns - k * step_ns);
+            self.motion.add(t, Some(*sample));
+        }
+        for drone in status.drones.iter() {
+            let (number, state) = (drone.status.header.drone, drone.status.state);
+            let known = self.states.len() < DRONES || self.states.contains_key(&number);
+            let before = self.states.get(&number).copied();
+            if known && self.states.insert(number, state) != Some(state) {
+                // Whoever looks on since it stood on the deck has seen no flight.
+                if let (Some(ended), Some(_)) = (state.ending(), before) {
+                    self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
+                }
+                let entered = drone.status.state.because(&drone.status.entered);
+                self.log.push_back((at_ns, format!("drone {number} {entered}")));
+            }
+        }
+        while self.log.len() > LOG_LINES {
+            self.log.pop_front();
+        }
+    }
+}

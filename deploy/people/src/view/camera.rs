@@ -1,0 +1,165 @@
+//! The drone's camera on the page: marked images out of shared memory, encoded here, while somebody looks.
+
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_transport::images::{ImageBytes, ImageSubscriber, ImageTopic};
+use alight_transport::memory::Memory;
+use jpeg_encoder::{ColorType, Encoder};
+
+use crate::view::camera_image::ShownImage;
+use crate::view::watcher::Watcher;
+
+/// Most bytes of an encoded image.
+const MAX_BYTES: usize = 20_000;
+/// JPEG qualities, of which the first is taken that gives no more than those bytes; noise alone needs the last.
+const QUALITIES: [u8; 3] = [60, 30, 5];
+
+/// Reads the camera's images while somebody looks.
+#[derive(Default)]
+pub struct CameraFeed {
+    images: Option<ImageSubscriber>,
+}
+
+impl CameraFeed {
+    /// Shows the newest image, if there is one; the camera makes none while nobody looks.
+    pub fn poll(&mut self, memory: &Memory, t: Time<TrueTime>, now: Time<DroneClock>, watcher: &mut Watcher) {
+        if !watcher.server.is_watched() {
+            self.images = None;
+            watcher.board.camera = None;
+            return;
+        }
+        if self.images.is_none() {
+            // Where it cannot be had, all places taken, the page goes on without it, and it is tried again.
+            self.images = memory.image_subscriber(ImageTopic::Marked).ok();
+        }
+        let Some(images) = &mut self.images else { return };
+        let newest = core::iter::from_fn(|| images.next_image()).last();
+        if let Some((image, jpeg)) = newest.and_then(|i| encode(&i).map(|jpeg| (i, jpeg))) {
+            let age = now - Time::from_nanos(image.at_ns);
+            watcher.server.show_camera(jpeg);
+            watcher.board.camera = Some(ShownImage {
+                at: watcher.board_time(t) - age,
+                at_ns: image.at_ns,
+                marks: image.marks,
+            });
+        }
+    }
+}
+
+/// As a JPEG; None for one that no quality makes small enough, or whose size is not that of its bytes.
+fn encode(image: &ImageBytes) -> Option<Vec<u8>> {
+    let [width, height] = image.size.map(|s| u16::try_from(s).unwrap_or(0));
+    QUALITIES.into_iter().find_map(|quality| {
+        let mut jpeg = Vec::with_capacity(MAX_BYTES);
+        let encoder = Encoder::new(&mut jpeg, quality);
+        let encoded = encoder.encode(&image.pixels, width, height, ColorType::Rgb);
+        (encoded.is_ok() && jpeg.len() <= MAX_BYTES).then_some(jpeg)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::server::Served;
+    use alight_computer::process::instance::OwnedInstance;
+    use alight_computer::process::supervisor::pause;
+    use alight_computer::situation::Known;
+    use alight_transport::memory::Services;
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+    use std::time::Duration;
+
+    /// Looks of 5 ms at what is going to be.
+    const MAX_POLLS: u32 = 2000;
+
+    #[test]
+    fn camera_image_while_somebody_looks() {
+        let owned = OwnedInstance::take(&format!("test-marked-{}", std::process::id())).unwrap();
+        let memory = Memory::join(owned.instance(), "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut camera = memory.image_publisher(ImageTopic::Marked, 3 * 64 * 48).unwrap();
+        let served = Served {
+            page: "127.0.0.1:0".parse().unwrap(),
+            foxglove: None,
+            name: "test".into(),
+            may_order: false,
+        };
+        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut feed = CameraFeed::default();
+        let mut poll = |watcher: &mut Watcher| {
+            feed.poll(&memory, Time::from_secs(50.0), Time::from_secs(7.0), watcher);
+            watcher.board.picture(Time::from_secs(50.0)).camera
+        };
+        assert_eq!(poll(&mut watcher), None);
+        assert!(!camera.is_read(), "the camera works for nobody");
+
+        let to = watcher.server.page();
+        let ask = |path: &str| {
+            let mut stream = TcpStream::connect(to).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            let request = format!("GET {path} HTTP/1.1\r\nHost: {to}\r\nConnection: close\r\n\r\n");
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        };
+        let viewer = ask("/events");
+        for _ in 0..MAX_POLLS {
+            if !watcher.server.is_watched() {
+                pause(Duration::from_millis(5));
+            }
+        }
+        assert_eq!(poll(&mut watcher), None);
+        assert!(camera.is_read());
+        camera.send(6_500_000_000, [64, 48], [3, 1], &[90; 3 * 64 * 48]);
+        let view = poll(&mut watcher).unwrap();
+        assert_eq!((view.age_s, view.number), (0.5, 6500));
+        let mut answer = Vec::new();
+        ask("/camera.jpg").read_to_end(&mut answer).unwrap();
+        assert!(answer.windows(2).any(|w| w == [0xff, 0xd8]), "no JPEG");
+
+        drop(viewer);
+        for _ in 0..MAX_POLLS {
+            if watcher.server.is_watched() {
+                // The server finds the viewer gone when it writes to it.
+                watcher.server.show(watcher.board.picture(Time::from_secs(50.0)));
+                pause(Duration::from_millis(5));
+            }
+        }
+        assert_eq!(poll(&mut watcher), None);
+        assert!(!camera.is_read());
+        drop((camera, feed, services, memory));
+    }
+
+    fn image(pixels: Vec<u8>) -> ImageBytes {
+        ImageBytes {
+            size: [320, 320],
+            pixels,
+            ..ImageBytes::default()
+        }
+    }
+
+    #[test]
+    fn encoded_image_of_bounded_size() {
+        let mut x = 1_u32;
+        let noise = (0..3 * 320 * 320).map(|_| {
+            x ^= x << 13;
+            x ^= x >> 17;
+            x ^= x << 5;
+            x as u8
+        });
+        let jpeg = encode(&image(noise.collect())).unwrap();
+        assert!(
+            jpeg.len() <= MAX_BYTES && jpeg.starts_with(&[0xff, 0xd8]),
+            "{}",
+            jpeg.len()
+        );
+        assert!(encode(&image(vec![90; 3 * 320 * 320])).is_some_and(|jpeg| jpeg.len() < 4000));
+        assert_eq!(encode(&image(vec![90; 3 * 320 * 319])), None);
+        let of_size = |size| {
+            encode(&ImageBytes {
+                size,
+                ..image(vec![90; 300])
+            })
+        };
+        assert_eq!(of_size([0, 10]), None);
+        assert_eq!(of_size([u32::MAX, 10]), None);
+    }
+}

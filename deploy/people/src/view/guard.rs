@@ -1,0 +1,203 @@
+//! Bounds on viewers' connections: number, queue of each, time without reading or asking.
+//!
+//! A connection that is accepted when all places are taken gets one all the same: of those that have not asked for anything
+//! yet the one that was silent longest is closed, and only without such a one a viewer. So whoever opens connections and
+//! sends nothing over them keeps nobody out.
+
+use std::future::Future;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Weak};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use alight_transport::clock::steady_ns;
+use axum::extract::connect_info::Connected;
+use axum::serve::{IncomingStream, Listener};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
+use tokio::sync::oneshot;
+use tokio::time::{Instant, Sleep};
+
+/// Connections at a time; a browser has up to six.
+const CONNECTIONS: usize = 64;
+/// Connections that wait to be taken.
+const BACKLOG: u32 = 64;
+/// What the kernel keeps for a viewer that does not read, bytes: a few pictures, so that one that reads slowly sees
+/// recent ones.
+const SEND_BUFFER_BYTES: u32 = 32 << 10;
+/// A connection over which nothing went for so long is closed, and one whose first request is not complete by then.
+const IDLE: Duration = Duration::from_secs(30);
+/// After a connection could not be accepted (no more files).
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
+
+/// Accepts viewers.
+pub struct Guard {
+    listener: TcpListener,
+    places: Vec<Place>,
+}
+
+/// A connection as the guard sees it.
+struct Place {
+    peer: Weak<State>,
+    close: oneshot::Sender<()>,
+}
+
+impl Guard {
+    /// Listens on `address`; inside a runtime.
+    pub fn listen(address: SocketAddr) -> io::Result<Guard> {
+        let socket = if address.is_ipv4() {
+            TcpSocket::new_v4()?
+        } else {
+            TcpSocket::new_v6()?
+        };
+        // A server that is started again listens at once.
+        socket.set_reuseaddr(true)?;
+        socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
+        socket.bind(address)?;
+        Ok(Guard {
+            listener: socket.listen(BACKLOG)?,
+            places: Vec::with_capacity(CONNECTIONS),
+        })
+    }
+    /// Gives a place to a connection, which may cost another its own.
+    fn seat(&mut self, stream: TcpStream) -> Connection {
+        self.places.retain(|p| p.peer.strong_count() > 0);
+        if self.places.len() >= CONNECTIONS {
+            let order = |p: &Place| p.peer.upgrade().map(|s| s.order());
+            let all = self.places.iter().enumerate();
+            if let Some((k, _)) = all.min_by_key(|(_, p)| order(p)) {
+                // One that ended meanwhile needs no closing.
+                let _ended = self.places.swap_remove(k).close.send(());
+            }
+        }
+        let peer = Peer::default();
+        peer.0.active_ns.store(steady_ns(), Ordering::Relaxed);
+        let (close, closed) = oneshot::channel();
+        self.places.push(Place {
+            peer: Arc::downgrade(&peer.0),
+            close,
+        });
+        Connection {
+            stream,
+            peer,
+            closed: Some(closed),
+            idle: Box::pin(tokio::time::sleep(IDLE)),
+        }
+    }
+}
+
+impl Listener for Guard {
+    type Io = Connection;
+    type Addr = SocketAddr;
+
+    async fn accept(&mut self) -> (Connection, SocketAddr) {
+        loop {
+            if let Ok((stream, address)) = self.listener.accept().await {
+                return (self.seat(stream), address);
+            }
+            tokio::time::sleep(ACCEPT_PAUSE).await;
+        }
+    }
+    fn local_addr(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+}
+
+/// What is known of a viewer.
+#[derive(Debug, Default)]
+struct State {
+    stalled: AtomicBool,
+    asked: AtomicBool,
+    active_ns: AtomicI64,
+}
+
+impl State {
+    /// The one with the least of these gives way first: that has not asked, that was silent longest.
+    fn order(&self) -> (bool, i64) {
+        (
+            self.asked.load(Ordering::Relaxed),
+            self.active_ns.load(Ordering::Relaxed),
+        )
+    }
+}
+
+/// A viewer, as the handlers of its requests see it.
+#[derive(Clone, Debug, Default)]
+pub struct Peer(Arc<State>);
+
+impl Peer {
+    /// Whether it has not taken what was sent to it: it is sent nothing more until it has.
+    pub fn is_stalled(&self) -> bool {
+        self.0.stalled.load(Ordering::Relaxed)
+    }
+    /// A request of it is complete.
+    pub fn has_asked(&self) {
+        self.0.asked.store(true, Ordering::Relaxed);
+    }
+}
+
+impl Connected<IncomingStream<'_, Guard>> for Peer {
+    fn connect_info(stream: IncomingStream<'_, Guard>) -> Peer {
+        stream.io().peer.clone()
+    }
+}
+
+/// The connection of a viewer.
+pub struct Connection {
+    stream: TcpStream,
+    peer: Peer,
+    /// Comes when its place is given to another.
+    closed: Option<oneshot::Receiver<()>>,
+    idle: Pin<Box<Sleep>>,
+}
+
+impl Connection {
+    /// Closes a connection over which nothing goes, or whose place is another's.
+    fn watch<T>(&mut self, cx: &mut Context<'_>, done: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+        let closed = self.closed.as_mut();
+        if closed.is_none_or(|c| Pin::new(c).poll(cx).is_ready()) {
+            self.closed = None;
+            return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
+        }
+        if done.is_ready() {
+            let state = &self.peer.0;
+            state.active_ns.store(steady_ns(), Ordering::Relaxed);
+            if state.asked.load(Ordering::Relaxed) {
+                self.idle.as_mut().reset(Instant::now() + IDLE);
+            }
+            return done;
+        }
+        self.idle
+            .as_mut()
+            .poll(cx)
+            .map(|()| Err(io::ErrorKind::TimedOut.into()))
+    }
+}
+
+impl AsyncRead for Connection {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let read = Pin::new(&mut self.stream).poll_read(cx, buffer);
+        self.watch(cx, read)
+    }
+}
+
+impl AsyncWrite for Connection {
+    fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write(cx, bytes);
+        self.peer.0.stalled.store(written.is_pending(), Ordering::Relaxed);
+        self.watch(cx, written)
+    }
+    fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(cx)
+    }
+    fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(cx)
+    }
+}

@@ -1,0 +1,115 @@
+//! Messages of the processes of a drone's computer, read from their shared memory without waiting.
+
+use alight_bridge::{BridgeIn, BridgeOut};
+use alight_computer::exit::CliError;
+use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_shared::msg::{
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
+    SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+};
+use alight_shared::process::ProcessState;
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_transport::clock::steady_ns;
+use alight_transport::memory::{Memory, Subscriber};
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::{PlannerIn, PlannerOut};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+
+use crate::view::watcher::Watcher;
+
+/// Reads all that a viewer shows.
+pub struct MemoryFeed {
+    processes: Subscriber<ProcessState>,
+    estimate: Subscriber<VesselEstimate<DroneClock>>,
+    wave: Subscriber<WaveModel<DroneClock>>,
+    deck: Subscriber<DeckGrant<DroneClock>>,
+    link: Subscriber<LinkState>,
+    tags: Subscriber<TagPose>,
+    uvdar: Subscriber<UvdarFix>,
+    ranges: Subscriber<RangeSample>,
+    drone: Subscriber<DroneState>,
+    forecast: Subscriber<DeckForecast>,
+    commands: Subscriber<Command>,
+    autopilot: Subscriber<AutopilotState>,
+    mission: Subscriber<MissionState>,
+    plan: Subscriber<Plan>,
+    set_point: Subscriber<SetPoint>,
+}
+
+impl MemoryFeed {
+    /// Looks on.
+    pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
+        Ok(MemoryFeed {
+            processes: memory.subscriber()?,
+            estimate: memory.subscriber()?,
+            wave: memory.subscriber()?,
+            deck: memory.subscriber()?,
+            link: memory.subscriber()?,
+            tags: memory.subscriber()?,
+            uvdar: memory.subscriber()?,
+            ranges: memory.subscriber()?,
+            drone: memory.subscriber()?,
+            forecast: memory.subscriber()?,
+            commands: memory.subscriber()?,
+            autopilot: memory.subscriber()?,
+            mission: memory.subscriber()?,
+            plan: memory.subscriber()?,
+            set_point: memory.subscriber()?,
+        })
+    }
+    /// Shows `watcher` what is new; the mission's newest state, if it is.
+    pub fn poll(
+        &mut self,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        watcher: &mut Watcher,
+    ) -> Option<MissionState> {
+        let ns = now.nanos();
+        let bridge = BridgeOut {
+            estimate: self.estimate.newest(ns),
+            wave: self.wave.newest(ns),
+            deck: self.deck.newest(ns),
+            link: self.link.newest(ns),
+            ..BridgeOut::default()
+        };
+        watcher.step(t, NodeStep::Bridge(now, &BridgeIn::default(), &bridge));
+        watcher.received(t, &bridge);
+        let seen = PredictorIn {
+            tags: self.tags.all(ns),
+            uvdar: self.uvdar.all(ns),
+            ranges: self.ranges.all(ns),
+            drone: self.drone.newest(ns),
+            ..PredictorIn::default()
+        };
+        let predicted = PredictorOut {
+            forecast: self.forecast.newest(ns),
+            ..PredictorOut::default()
+        };
+        watcher.step(t, NodeStep::Predictor(now, &seen, &predicted));
+        let plan = self.plan.newest(ns);
+        let planned = PlannerOut { plan };
+        watcher.step(t, NodeStep::Planner(now, &PlannerIn::default(), &planned));
+        let piloted = PilotOut {
+            set_point: self.set_point.newest(ns),
+            ..PilotOut::default()
+        };
+        let flown = PilotIn {
+            plan,
+            ..PilotIn::default()
+        };
+        watcher.step(t, NodeStep::Pilot(now, &flown, &piloted));
+        let asked = MissionIn {
+            autopilot: self.autopilot.newest(ns),
+            commands: self.commands.all(ns),
+            ..MissionIn::default()
+        };
+        let decided = MissionOut {
+            state: self.mission.newest(ns),
+            ..MissionOut::default()
+        };
+        watcher.board.processes(self.processes.all(steady_ns()));
+        watcher.step(t, NodeStep::Mission(now, &asked, &decided));
+        decided.state
+    }
+}

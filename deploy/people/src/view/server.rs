@@ -1,0 +1,409 @@
+//! The viewers' server: the page, its pictures as server-sent events, and Foxglove's protocol, on a runtime of one
+//! thread of its own.
+//!
+//! Nothing waits for a viewer: the newest picture replaces the one before, and a viewer that has not taken what was
+//! sent to it is sent nothing until it has.
+
+use std::convert::Infallible;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use alight_computer::exit::{CliError, Doing};
+use alight_transport::clock::steady_ns;
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderName, ORIGIN};
+use axum::http::{HeaderMap, StatusCode};
+use axum::middleware::{Next, from_fn};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use foxglove::{Context, WebSocketServer};
+use tokio::sync::{oneshot, watch};
+
+use crate::view::guard::{Guard, Peer};
+use crate::view::picture::Picture;
+
+/// Messages that wait for a viewer with Foxglove; then the oldest give way.
+const BACKLOG: usize = 512;
+/// An order that the page gave has an answer after this long.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+/// A viewer that has not taken the last picture is looked at again after this long.
+const STALL_PAUSE: Duration = Duration::from_millis(100);
+
+/// What is served where.
+#[derive(Clone, Debug)]
+pub struct Served {
+    /// Of the page.
+    pub page: SocketAddr,
+    /// Of Foxglove's protocol.
+    pub foxglove: Option<SocketAddr>,
+    /// Name towards Foxglove.
+    pub name: String,
+    /// The page may give the crew's order.
+    pub may_order: bool,
+}
+
+/// An order of the page; whoever carries it out answers with what became of it, for people.
+pub struct Order {
+    /// Takes the answer.
+    pub reply: oneshot::Sender<Result<String, String>>,
+}
+
+/// The server; it ends when this is dropped.
+pub struct Server {
+    pictures: watch::Sender<Bytes>,
+    camera: watch::Sender<Bytes>,
+    viewers: Viewers,
+    orders: Receiver<Order>,
+    context: Option<Arc<Context>>,
+    addresses: Addresses,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Where it listens.
+#[derive(Clone, Copy, Debug)]
+struct Addresses {
+    page: SocketAddr,
+    foxglove: Option<SocketAddr>,
+}
+
+/// What the handlers of requests share.
+#[derive(Clone)]
+struct Shared {
+    pictures: watch::Receiver<Bytes>,
+    camera: watch::Receiver<Bytes>,
+    viewers: Viewers,
+    orders: SyncSender<Order>,
+    may_order: bool,
+}
+
+/// How many look on in a browser.
+#[derive(Clone, Default)]
+struct Viewers(Arc<AtomicUsize>);
+
+/// One of them, until it leaves.
+struct Viewer(Viewers);
+
+impl Viewers {
+    fn one_more(&self) -> Viewer {
+        self.0.fetch_add(1, Ordering::Relaxed);
+        Viewer(self.clone())
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        self.0.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl Server {
+    /// Starts it; an address that cannot be taken is an error.
+    pub fn start(served: Served) -> Result<Server, CliError> {
+        let (pictures, newest) = watch::channel(Bytes::new());
+        let (camera, newest_image) = watch::channel(Bytes::new());
+        let (give, orders) = sync_channel(1);
+        let (stop, stopped) = oneshot::channel();
+        let (tell, started) = sync_channel(1);
+        let viewers = Viewers::default();
+        let shared = Shared {
+            pictures: newest,
+            camera: newest_image,
+            viewers: viewers.clone(),
+            orders: give,
+            may_order: served.may_order,
+        };
+        let context = served.foxglove.map(|_| Context::new());
+        let own = context.clone();
+        let thread = std::thread::Builder::new()
+            .name("viewers".into())
+            .spawn(move || run(&served, own, shared, stopped, &tell))
+            .doing("starting the viewers' server")?;
+        let ended = |_| Err("its thread ended".into());
+        let addresses = started.recv().unwrap_or_else(ended).map_err(CliError)?;
+        Ok(Server {
+            pictures,
+            camera,
+            viewers,
+            orders,
+            context,
+            addresses,
+            stop: Some(stop),
+            thread: Some(thread),
+        })
+    }
+    /// Shows a picture to everybody who looks on.
+    pub fn show(&self, picture: Picture) {
+        let picture = Picture {
+            clock_s: (steady_ns() / 1_000_000) as f64 * 1e-3,
+            ..picture
+        };
+        // Its types are all of JSON's.
+        let Ok(json) = serde_json::to_string(&picture) else {
+            return;
+        };
+        self.pictures
+            .send_replace(format!("data: {json}\n\n").into_bytes().into());
+    }
+    /// The newest image of the drone's camera, a JPEG, for whoever asks for it.
+    pub fn show_camera(&self, jpeg: Vec<u8>) {
+        self.camera.send_replace(jpeg.into());
+    }
+    /// Whether somebody looks on in a browser.
+    pub fn is_watched(&self) -> bool {
+        self.viewers.0.load(Ordering::Relaxed) > 0
+    }
+    /// An order that the page gave.
+    pub fn order(&self) -> Option<Order> {
+        self.orders.try_recv().ok()
+    }
+    /// Where messages for Foxglove go.
+    pub fn context(&self) -> Option<&Arc<Context>> {
+        self.context.as_ref()
+    }
+    /// Where it listens, for people: a line each.
+    pub fn lines(&self) -> Vec<String> {
+        let Addresses { page, foxglove } = self.addresses;
+        let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
+        core::iter::once(format!("page: http://{page}"))
+            .chain(live)
+            .collect()
+    }
+    /// Address of the page.
+    #[cfg(test)]
+    pub(super) fn page(&self) -> SocketAddr {
+        self.addresses.page
+    }
+    /// Address of Foxglove's protocol.
+    #[cfg(test)]
+    pub(super) fn foxglove(&self) -> Option<SocketAddr> {
+        self.addresses.foxglove
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if let Some(stop) = self.stop.take() {
+            // A thread that ended needs no stop.
+            let _ended = stop.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ended = thread.join();
+        }
+    }
+}
+
+/// The thread: tells whether it has started, and serves until it is stopped.
+fn run(
+    served: &Served,
+    context: Option<Arc<Context>>,
+    shared: Shared,
+    stopped: oneshot::Receiver<()>,
+    tell: &SyncSender<Result<Addresses, String>>,
+) {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_io()
+        .enable_time()
+        .build();
+    let runtime = match runtime {
+        Ok(runtime) => runtime,
+        Err(e) => {
+            let _gone = tell.send(Err(format!("starting the viewers' server: {e}")));
+            return;
+        }
+    };
+    runtime.block_on(async {
+        match listen(served, context).await {
+            Ok((guard, addresses)) => {
+                let _gone = tell.send(Ok(addresses));
+                let service = router(shared).into_make_service_with_connect_info::<Peer>();
+                tokio::select! {
+                    _ended = axum::serve(guard, service) => {}
+                    _stopped = stopped => {}
+                }
+            }
+            Err(e) => drop(tell.send(Err(e))),
+        }
+    });
+    // Connections that are open end with their tasks.
+    runtime.shutdown_background();
+}
+
+async fn listen(served: &Served, context: Option<Arc<Context>>) -> Result<(Guard, Addresses), String> {
+    use axum::serve::Listener;
+    let (address, other) = (served.page, "name another with --listen or view.listen");
+    let failed = |e: std::io::Error| format!("showing the page on {address}: {e}; {other}");
+    let guard = Guard::listen(address).map_err(failed)?;
+    let page = guard.local_addr().map_err(failed)?;
+    let mut foxglove = None;
+    if let (Some(context), Some(address)) = (context, served.foxglove) {
+        let server = WebSocketServer::new()
+            .name(&served.name)
+            .bind(address.ip().to_string(), address.port())
+            .context(&context)
+            .message_backlog_size(BACKLOG);
+        let started = server.start().await;
+        let handle = started.map_err(|e| {
+            format!("listening for Foxglove on {address}: {e}; name another with --foxglove or view.foxglove")
+        })?;
+        foxglove = Some(SocketAddr::new(address.ip(), handle.port()));
+    }
+    Ok((guard, Addresses { page, foxglove }))
+}
+
+fn router(shared: Shared) -> Router {
+    const HTML: &str = include_str!("page/view.html");
+    const CSS: &str = include_str!("page/view.css");
+    const JS: &str = include_str!("page/view.js");
+    const WORKER: &str = include_str!("page/worker.js");
+    const MANIFEST: &str = include_str!("page/manifest.json");
+    const ICON: &str = include_str!("page/icon.svg");
+    Router::new()
+        .route("/", get(|| async { file("text/html; charset=utf-8", HTML) }))
+        .route(
+            "/view.css",
+            get(|| async { file("text/css; charset=utf-8", CSS) }),
+        )
+        .route(
+            "/view.js",
+            get(|| async { file("text/javascript; charset=utf-8", JS) }),
+        )
+        .route(
+            "/worker.js",
+            get(|| async { file("text/javascript; charset=utf-8", WORKER) }),
+        )
+        .route(
+            "/manifest.json",
+            get(|| async { file("application/manifest+json", MANIFEST) }),
+        )
+        .route("/icon.svg", get(|| async { file("image/svg+xml", ICON) }))
+        .route("/events", get(events))
+        .route("/state", get(state))
+        .route("/camera.jpg", get(camera))
+        .route("/order", post(order))
+        .layer(from_fn(complete))
+        .with_state(shared)
+}
+
+/// A request is complete: its connection keeps its place before those that have sent none.
+async fn complete(ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+    peer.has_asked();
+    next.run(request).await
+}
+
+/// Nothing from elsewhere, in no frame of another page, nothing kept.
+fn headers(content: &'static str) -> [(HeaderName, &'static str); 4] {
+    [
+        (CONTENT_TYPE, content),
+        (CACHE_CONTROL, "no-store"),
+        (
+            CONTENT_SECURITY_POLICY,
+            "default-src 'self'; frame-ancestors 'none'",
+        ),
+        (HeaderName::from_static("x-content-type-options"), "nosniff"),
+    ]
+}
+
+fn file(content: &'static str, body: &'static str) -> Response {
+    (headers(content), body).into_response()
+}
+
+/// The pictures, from the newest on.
+async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Peer>) -> Response {
+    let mut newest = shared.pictures.clone();
+    newest.mark_changed();
+    let one = (newest, peer, shared.viewers.one_more());
+    let stream = futures_util::stream::unfold(one, |(mut newest, peer, viewer)| async move {
+        newest.changed().await.ok()?;
+        while peer.is_stalled() {
+            tokio::time::sleep(STALL_PAUSE).await;
+        }
+        let picture = newest.borrow_and_update().clone();
+        Some((Ok::<Bytes, Infallible>(picture), (newest, peer, viewer)))
+    });
+    (headers("text/event-stream"), Body::from_stream(stream)).into_response()
+}
+
+/// The newest picture, once.
+async fn state(State(shared): State<Shared>) -> Response {
+    let newest = shared.pictures.borrow().clone();
+    let json = newest
+        .strip_prefix(b"data: ")
+        .map_or(Bytes::new(), |json| Bytes::copy_from_slice(json.trim_ascii_end()));
+    if json.is_empty() {
+        return (StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet\n").into_response();
+    }
+    (headers("application/json"), json).into_response()
+}
+
+/// The newest image of the drone's camera.
+async fn camera(State(shared): State<Shared>) -> Response {
+    let jpeg = shared.camera.borrow().clone();
+    if jpeg.is_empty() {
+        return (StatusCode::NOT_FOUND, "no image of the camera yet\n").into_response();
+    }
+    (headers("image/jpeg"), jpeg).into_response()
+}
+
+/// The crew's order, from our own page only.
+async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
+    if let Err(why) = of_own_page(&given) {
+        return (StatusCode::FORBIDDEN, why).into_response();
+    }
+    if !shared.may_order {
+        let why = "orders are not given from the page: view.abort is false in the configuration";
+        return (StatusCode::FORBIDDEN, why).into_response();
+    }
+    let (reply, answer) = oneshot::channel();
+    match shared.orders.try_send(Order { reply }) {
+        Ok(()) => {}
+        Err(TrySendError::Full(_)) => {
+            return (StatusCode::TOO_MANY_REQUESTS, "one is under way").into_response();
+        }
+        Err(TrySendError::Disconnected(_)) => return StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    }
+    match tokio::time::timeout(ANSWER_TIMEOUT, answer).await {
+        Ok(Ok(Ok(text))) => text.into_response(),
+        Ok(Ok(Err(text))) => (StatusCode::CONFLICT, text).into_response(),
+        Ok(Err(_)) | Err(_) => {
+            let text = "NO ANSWER: whether it was taken is not known; give it by another way";
+            (StatusCode::GATEWAY_TIMEOUT, text).into_response()
+        }
+    }
+}
+
+/// Whether a request comes from the page that we served: no other page can give an order, be it by a form, by a
+/// script, or by a name of its own that it lets lead here.
+fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
+    let one = |name: &HeaderName| {
+        let mut all = given.get_all(name).iter();
+        let first = all.next().and_then(|v| v.to_str().ok());
+        first.filter(|_| all.next().is_none())
+    };
+    let (Some(host), Some(origin)) = (one(&HOST), one(&ORIGIN)) else {
+        return Err("the request names no page that it comes from (Origin)");
+    };
+    if origin.strip_prefix("http://") != Some(host) {
+        return Err("the request comes from another page");
+    }
+    if !is_address(host) {
+        return Err("open the page by the computer's address instead of a name, and give it there");
+    }
+    Ok(())
+}
+
+/// An address or this computer, with or without a port: no name that somebody else can give.
+fn is_address(host: &str) -> bool {
+    let bare = host.trim_start_matches('[').trim_end_matches(']');
+    let name = host.split_once(':').map_or(host, |(name, _)| name);
+    host.parse::<SocketAddr>().is_ok() || bare.parse::<IpAddr>().is_ok() || name == "localhost"
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,204 @@
+//! Watcher: messages of the nodes into the board, the board to the viewers.
+
+use std::time::Duration;
+
+use alight_bridge::BridgeOut;
+use alight_computer::exit::{CliError, Doing};
+use alight_computer::playback::{Bodies, Viewer};
+use alight_computer::process::supervisor::pause;
+use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_computer::record::scenery::Scenery;
+use alight_computer::record::views::Views;
+use alight_computer::situation::Known;
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_transport::clock::steady_ns;
+
+use crate::status::Status;
+use crate::view::board::Board;
+use crate::view::live_sink::LiveSink;
+use crate::view::picture::Picture;
+use crate::view::server::{Served, Server};
+
+/// Time between two pictures, ns.
+const PICTURE_PERIOD_NS: i64 = 200_000_000;
+/// What is computed faster than it flies is held back in steps of at most this.
+const MAX_PAUSE: Duration = Duration::from_millis(50);
+/// After the end of what was computed somebody may still look at its last picture for so long.
+const LINGER_NS: i64 = 10_000_000_000;
+
+/// Period of Foxglove's shapes, ms.
+const SCENE_MS: i64 = 1_000;
+
+/// What Foxglove is shown.
+struct Live {
+    sink: LiveSink,
+    views: Views,
+    scenery: Option<Scenery>,
+}
+
+/// Looks on, and shows.
+pub struct Watcher {
+    /// The server.
+    pub server: Server,
+    /// What is known.
+    pub board: Board,
+    live: Option<Live>,
+    next_ns: i64,
+    /// The newest step's time.
+    newest: Time<TrueTime>,
+    /// The time of steps less the clock of the processes' reports.
+    offset: Span,
+    pace: Pace,
+}
+
+impl Watcher {
+    /// Starts the server; `paced`: what is looked at is computed, and held back to real time.
+    pub fn start(served: Served, known: Known, bodies: &Bodies, paced: bool) -> Result<Watcher, CliError> {
+        let server = Server::start(served)?;
+        let mut live = None;
+        if let Some(context) = server.context() {
+            let mut sink = LiveSink::new(context);
+            let opened = Views::new(&mut sink).doing("opening Foxglove's channels")?;
+            let scenery = bodies
+                .as_ref()
+                .map(|(d, a)| Scenery::new(&mut sink, d, a, SCENE_MS));
+            live = Some(Live {
+                views: opened,
+                scenery: scenery.transpose().doing("opening Foxglove's channels")?,
+                sink,
+            });
+        }
+        Ok(Watcher {
+            server,
+            board: Board::new(known),
+            live,
+            next_ns: i64::MIN,
+            newest: Time::EPOCH,
+            offset: Span::ZERO,
+            pace: if paced { Pace::Waiting } else { Pace::Free },
+        })
+    }
+    /// Forgets what was known but for the flights that ended: another set of processes runs, whose steps come on a clock
+    /// that is by `offset` ahead of their reports'.
+    pub fn reset(&mut self, offset: Span) {
+        self.offset = offset;
+        self.board.reset(Time::from_nanos(steady_ns()));
+        self.next_ns = i64::MIN;
+    }
+    /// The board's time of a step at `t`.
+    pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
+        t - self.offset
+    }
+    /// Shows at `t` this in place of a status, and the flights that ended.
+    pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
+        let Picture { flights, result, .. } = self.board.picture(t - self.offset);
+        self.server.show(Picture {
+            status,
+            flights,
+            result,
+            ..Picture::default()
+        });
+    }
+    /// Shows a picture when one is due.
+    pub fn show(&mut self, t: Time<TrueTime>) {
+        self.newest = t;
+        if t.nanos() >= self.next_ns {
+            self.next_ns = t.nanos() + PICTURE_PERIOD_NS;
+            self.server.show(self.board.picture(t - self.offset));
+        }
+    }
+}
+
+impl Viewer for Watcher {
+    fn linger(&self) {
+        self.server.show(self.board.picture(self.newest - self.offset));
+        let until = steady_ns() + LINGER_NS;
+        while self.server.is_watched() && steady_ns() < until {
+            pause(MAX_PAUSE);
+        }
+    }
+}
+
+impl StepObserver for Watcher {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        let at = t - self.offset;
+        match step {
+            NodeStep::Vessel(_, _, o) => self.board.vessel(at, o),
+            NodeStep::Bridge(_, _, o) => self.board.bridge(at, o),
+            NodeStep::Predictor(_, i, o) => {
+                self.board.predictor(at, i, o);
+                self.pace.begin(t, i.drone.is_some());
+            }
+            NodeStep::Mission(_, i, o) => self.board.mission(at, i, o),
+            NodeStep::Planner(_, _, o) => self.board.planner(at, o),
+            NodeStep::Pilot(_, _, o) => self.board.pilot(o),
+        }
+        if let Some(live) = &mut self.live {
+            live.step(t, step);
+        }
+        match step {
+            NodeStep::Vessel(..) => self.show(t),
+            NodeStep::Mission(..) => {
+                self.show(t);
+                self.pace.hold(t);
+            }
+            NodeStep::Bridge(..) | NodeStep::Predictor(..) | NodeStep::Planner(..) | NodeStep::Pilot(..) => {}
+        }
+    }
+}
+
+impl Live {
+    fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
+        let Live { sink, views, scenery } = self;
+        let NodeStep::Predictor(_, i, o) = step else {
+            return views.step(sink, t, step);
+        };
+        // It is where it says it is: its NED is the scene's, but for the water's level.
+        let at = i.drone.map(|d| d.position);
+        let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
+        views.true_drone = at.or(views.true_drone);
+        views.step(sink, t, step);
+        if let Some(scenery) = scenery {
+            scenery.show(sink, views, t, o.forecast.as_ref(), i.drone.as_ref());
+        }
+    }
+}
+
+impl Watcher {
+    /// The vessel's broadcast as the bridge received it, where the vessel herself is not looked at.
+    pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
+        self.board.received(t - self.offset, o.estimate.as_ref());
+        if let Some(live) = &mut self.live {
+            live.views.received(&mut live.sink, t, o);
+        }
+    }
+}
+
+/// Holds back what is computed faster than real time.
+enum Pace {
+    /// It is real time.
+    Free,
+    /// The drone has not appeared: nothing is to be seen yet.
+    Waiting,
+    /// Steady clock less the world's time at which the drone appeared, ns.
+    From(i64),
+}
+
+impl Pace {
+    fn begin(&mut self, t: Time<TrueTime>, appeared: bool) {
+        if matches!(self, Pace::Waiting) && appeared {
+            *self = Pace::From(steady_ns() - t.nanos());
+        }
+    }
+    fn hold(&mut self, t: Time<TrueTime>) {
+        let Pace::From(offset) = *self else { return };
+        let ahead = || t.nanos() - (steady_ns() - offset);
+        while ahead() > 1_000_000 {
+            pause(Duration::from_nanos(ahead().unsigned_abs()).min(MAX_PAUSE));
+        }
+        if ahead() < -1_000_000_000 {
+            // This computer is slower than real time: what is behind is not caught up with.
+            *self = Pace::From(steady_ns() - t.nanos());
+        }
+    }
+}

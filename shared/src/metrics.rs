@@ -1,0 +1,218 @@
+//! Metrics of processes, each under its own name.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::admission::{AccessRejection, RejectionReason};
+use crate::msg::{Seq, State};
+
+/// Metrics of one process at most.
+pub const MAX_METRICS: usize = 32;
+/// Those of a process.
+pub type Metrics = Seq<Metric, MAX_METRICS>;
+
+macro_rules! names {
+    ($($metric:ident: $name:literal,)* ; $($newer:ident: $newer_name:literal,)*) => {
+        /// What a metric is of.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+        #[repr(u8)]
+        pub enum MetricName {
+            $(#[doc = $name] $metric,)*
+            /// Inputs rejected for this reason.
+            Rejected(RejectionReason),
+            /// Peers rejected for this reason.
+            PeersRejectedFor(AccessRejection),
+            $(#[doc = $newer_name] $newer,)*
+        }
+        impl MetricName {
+            /// The name that a person reads.
+            pub fn text(self) -> String {
+                match self {
+                    $(MetricName::$metric => $name.into(),)*
+                    $(MetricName::$newer => $newer_name.into(),)*
+                    MetricName::Rejected(reason) => format!("rejected {}", reason.name()),
+                    MetricName::PeersRejectedFor(reason) => format!("peers rejected for {}", reason.name()),
+                }
+            }
+        }
+    };
+}
+names! {
+    // Of the vessel.
+    SensorReadingsMissed: "sensor readings missed",
+    BytesSent: "bytes sent",
+    PacketsDropped: "packets dropped",
+    TimeRequestsRejected: "time requests rejected",
+    DroneMessages: "drone messages received",
+    DroneMessagesRejected: "drone messages rejected",
+    DroneMessageAge: "age of drone message",
+    DroneState: "drone state",
+    DroneDescents: "drone descents",
+    DroneBattery: "drone battery",
+    RateFraction: "fraction of the full rates",
+    PeersRejected: "unauthorised peers rejected",
+    LastPeerRejection: "last peer rejected for",
+    MeasurementToEstimateP50: "measurement to estimate p50",
+    MeasurementToEstimateP99: "measurement to estimate p99",
+    // Of the bridge.
+    BytesReceived: "bytes received",
+    SessionsReopened: "sessions reopened",
+    VesselStatusRejected: "vessel status rejected",
+    // Of the pilot.
+    VesselToSetPointP50: "vessel measurement to set-point p50",
+    VesselToSetPointP99: "vessel measurement to set-point p99",
+    OdometryToSetPointP50: "odometry to set-point p50",
+    OdometryToSetPointP99: "odometry to set-point p99",
+    // Of the link to the autopilot.
+    ClockUncertainty: "clock uncertainty",
+    SamplesRejected: "samples rejected",
+    ClockRestarts: "clock restarts",
+    HoverThrust: "hover thrust",
+    SetPointsSent: "set-points sent",
+    LinkReopened: "link reopened",
+    UnsignedFrames: "unsigned frames rejected",
+    OtherKeyFrames: "frames signed with another key rejected",
+    OldFrames: "frames with an old signature rejected",
+    UncheckedSignatures: "signatures not checked",
+    // Of the cameras.
+    Images: "images",
+    WrongSize: "images of another size",
+    TagDetections: "tag detections",
+    OtherTags: "other tags",
+    FaintTags: "faint tags",
+    MisshapenTags: "misshapen tags",
+    DeckFixes: "deck fixes",
+    Markers: "markers identified",
+    SingleMarkers: "single markers",
+    WithoutPose: "without a pose",
+    ExposureToFixP50: "exposure to fix p50",
+    ExposureToFixP99: "exposure to fix p99",
+    SourceReopened: "source reopened",
+    Exposure: "exposure",
+    Gain: "gain",
+    TagContrast: "tag contrast",
+    TagSaturation: "tag saturation",
+    // Of the simulated world.
+    LatestTick: "latest tick",
+    LateTicks: "late ticks",
+    TimeSinceStart: "time since start",
+    SlicesUnanswered: "slices unanswered",
+    ImagesDropped: "images dropped",
+    // Of every process that records.
+    StepsUnrecorded: "steps not recorded",
+    // Of every process that steps on time.
+    LongestStep: "longest time between steps",
+    LateSteps: "late steps",
+    ;
+    // A name's number is part of the layout: a new one stands at the end, with a new version of the messages.
+    DroneSessions: "sessions of drones",
+    NewestAsked: "newest messages asked for",
+    VesselSession: "sessions of the vessel",
+    ImageMean: "image mean",
+    TooDark: "too dark",
+}
+
+/// The value of a metric, with its unit.
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C, u8)]
+pub enum MetricValue {
+    /// A number of things.
+    Count(u64),
+    /// s.
+    Seconds(f64),
+    /// 0 to 1.
+    Fraction(f64),
+    /// Why a peer was rejected, if one was.
+    AccessRejection(Option<AccessRejection>),
+    /// A state of the mission, if it is known.
+    State(Option<State>),
+}
+
+/// A metric.
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Metric {
+    /// What it is of.
+    pub name: MetricName,
+    /// Its value.
+    pub value: MetricValue,
+}
+
+impl Default for Metric {
+    fn default() -> Self {
+        MetricName::BytesSent.count(0_u32)
+    }
+}
+
+impl MetricName {
+    /// A metric with this value.
+    pub fn with(self, value: MetricValue) -> Metric {
+        Metric { name: self, value }
+    }
+    /// A metric that counts.
+    pub fn count(self, n: impl Into<u64>) -> Metric {
+        self.with(MetricValue::Count(n.into()))
+    }
+    /// A time, s.
+    pub fn seconds(self, s: f64) -> Metric {
+        self.with(MetricValue::Seconds(s))
+    }
+    /// A fraction, 0 to 1.
+    pub fn fraction(self, fraction: f64) -> Metric {
+        self.with(MetricValue::Fraction(fraction))
+    }
+}
+
+impl Metric {
+    /// The name that a program reads: in small letters, with underscores, times with their unit.
+    pub fn key(&self) -> String {
+        let plain = |c: char| {
+            if c.is_ascii_alphanumeric() {
+                c.to_ascii_lowercase()
+            } else {
+                '_'
+            }
+        };
+        let mut key: String = self.name.text().chars().map(plain).collect();
+        if matches!(self.value, MetricValue::Seconds(_)) {
+            key.push_str("_s");
+        }
+        key
+    }
+    /// The value that a program reads.
+    pub fn json(&self) -> serde_json::Value {
+        match self.value {
+            MetricValue::Count(n) => n.into(),
+            MetricValue::Seconds(v) | MetricValue::Fraction(v) => v.into(),
+            MetricValue::AccessRejection(why) => why.map(AccessRejection::name).into(),
+            MetricValue::State(state) => state.map(State::name).into(),
+        }
+    }
+}
+
+/// For people's programs as an object of names and values, between our own as they are.
+pub(crate) fn serialize<S: Serializer>(metrics: &Metrics, s: S) -> Result<S::Ok, S::Error> {
+    if s.is_human_readable() {
+        s.collect_map(metrics.iter().map(|m| (m.key(), m.json())))
+    } else {
+        metrics.serialize(s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metric_keys_and_values() {
+        let shown = |m: Metric| (m.key(), m.json());
+        assert_eq!(
+            shown(MetricName::OdometryToSetPointP50.seconds(0.25)),
+            ("odometry_to_set_point_p50_s".into(), 0.25.into())
+        );
+        let rejected = MetricName::Rejected(RejectionReason::Stale).count(3_u32);
+        assert_eq!(shown(rejected), ("rejected_stale".into(), 3.into()));
+        let state = MetricName::DroneState.with(MetricValue::State(Some(State::Landed)));
+        assert_eq!(shown(state), ("drone_state".into(), "Landed".into()));
+    }
+}

@@ -1,0 +1,180 @@
+//! Reports of a process about itself.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::metrics::{self, MetricName, MetricValue, Metrics};
+use crate::msg::Seq;
+
+/// Topics that one process reads, at most.
+pub const MAX_INPUTS: usize = 12;
+
+/// The processes of a vessel and its drone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum ProcessKind {
+    /// The simulated vehicles.
+    #[default]
+    World,
+    /// The vessel's estimator and broadcast.
+    Vessel,
+    /// The drone's end of the radio.
+    Bridge,
+    /// The deck's forecast.
+    Predictor,
+    /// The state machine.
+    Mission,
+    /// The trajectory.
+    Planner,
+    /// The set-points.
+    Pilot,
+    /// The emulated radio of a trial.
+    Link,
+    /// The link to the autopilot.
+    Autopilot,
+    /// The vessel's real sensors.
+    Sensors,
+    /// The belly camera's images.
+    Camera,
+    /// The ultraviolet camera's images.
+    Uvdar,
+    /// What people look on with.
+    View,
+}
+
+impl ProcessKind {
+    /// Those of a landing, in the order of their start.
+    pub const ALL: [ProcessKind; 7] = [
+        ProcessKind::Vessel,
+        ProcessKind::Bridge,
+        ProcessKind::Predictor,
+        ProcessKind::Mission,
+        ProcessKind::Planner,
+        ProcessKind::Pilot,
+        ProcessKind::World,
+    ];
+    /// Those of the drone's computer, in the order of their start.
+    pub const DRONE: [ProcessKind; 5] = [
+        ProcessKind::Bridge,
+        ProcessKind::Predictor,
+        ProcessKind::Mission,
+        ProcessKind::Planner,
+        ProcessKind::Pilot,
+    ];
+    /// The subcommand that runs it; `vessel` is the service.
+    pub const fn subcommand(self) -> &'static str {
+        if matches!(self, ProcessKind::Vessel) {
+            "estimator"
+        } else {
+            self.name()
+        }
+    }
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            ProcessKind::World => "world",
+            ProcessKind::Vessel => "vessel",
+            ProcessKind::Bridge => "bridge",
+            ProcessKind::Predictor => "predictor",
+            ProcessKind::Mission => "mission",
+            ProcessKind::Planner => "planner",
+            ProcessKind::Pilot => "pilot",
+            ProcessKind::Link => "link",
+            ProcessKind::Autopilot => "autopilot",
+            ProcessKind::Sensors => "sensors",
+            ProcessKind::Camera => "camera",
+            ProcessKind::Uvdar => "uvdar",
+            ProcessKind::View => "view",
+        }
+    }
+}
+
+/// What a process read on one topic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct InputState {
+    /// Index of the topic in [`crate::topics::ALL`].
+    pub topic: u32,
+    /// Messages received since the process began.
+    pub received: u64,
+    /// Messages missed by their sequence numbers.
+    pub missed: u64,
+    /// Age of the newest, s; infinite when there is none.
+    pub age_s: f64,
+    /// Median age when it was read, s.
+    pub read_age_p50_s: f64,
+    /// 99th percentile of the age when it was read, s.
+    pub read_age_p99_s: f64,
+}
+
+/// Keys on which one process speaks over the radio, at most.
+pub const MAX_FLOWS: usize = 9;
+
+/// What a process sent over the radio on one key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct RadioFlow {
+    /// Index of the topic in [`crate::topics::ALL`]; beyond it: its own report.
+    pub topic: u32,
+    /// Messages over the last seconds, Hz.
+    pub rate_hz: f32,
+    /// Bytes over the last seconds with the middleware's, UDP's and IP's headers, bytes/s.
+    pub bytes_per_s: f32,
+}
+
+/// What a process reports about itself, twice a second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct ProcessState {
+    /// Which.
+    pub kind: ProcessKind,
+    /// Its process id.
+    pub pid: u32,
+    /// Drawn anew at each start.
+    pub boot: u32,
+    /// The steady clock when this was written, ns.
+    pub at_ns: i64,
+    /// The steady clock when the process began, ns.
+    pub began_ns: i64,
+    /// Steps of its node.
+    pub steps: u64,
+    /// Processor time since it began, s.
+    pub cpu_s: f64,
+    /// Resident memory, bytes.
+    pub resident_bytes: u64,
+    /// Median time of one step of the node, s.
+    pub step_p50_s: f64,
+    /// 99th percentile of the same, s.
+    pub step_p99_s: f64,
+    /// Messages that it could not send.
+    pub unsent: u64,
+    /// What it counts and measures beside.
+    #[serde(serialize_with = "metrics::serialize")]
+    #[schemars(with = "Metrics")]
+    pub metrics: Metrics,
+    /// What it reads.
+    pub inputs: Seq<InputState, MAX_INPUTS>,
+    /// What it sends over the radio.
+    pub flows: Seq<RadioFlow, MAX_FLOWS>,
+}
+
+impl ProcessState {
+    /// The metric of that name, if it has one.
+    pub fn metric(&self, name: MetricName) -> Option<MetricValue> {
+        self.metrics.iter().find(|m| m.name == name).map(|m| m.value)
+    }
+    /// A time among its metrics, s; NaN when it has none of that name.
+    pub fn seconds(&self, name: MetricName) -> f64 {
+        match self.metric(name) {
+            Some(MetricValue::Seconds(s)) => s,
+            Some(_) | None => f64::NAN,
+        }
+    }
+    /// A count among its metrics; 0 when it has none of that name.
+    pub fn count(&self, name: MetricName) -> u64 {
+        match self.metric(name) {
+            Some(MetricValue::Count(n)) => n,
+            Some(_) | None => 0,
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Instance: one set of processes on a computer, and the names of its services.
+
+use std::path::PathBuf;
+
+use iceoryx2::prelude::*;
+use iceoryx2::service::attribute::{AttributeDefinitionError, AttributeKey, AttributeValue};
+
+use crate::{Doing, TransportError};
+use alight_shared::msg::MESSAGE_VERSION;
+
+/// The kind of iceoryx2 service: between processes, ports used by one thread each.
+pub(super) type Ipc = ipc::Service;
+
+/// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
+const SERVICE: &str = "/run/alight";
+
+/// Longest path of a socket, bytes (`sun_path` of unix(7)).
+const MAX_SOCKET_PATH: usize = 108;
+/// iceoryx2 names a socket by 32 digits and `.event`, in a directory of its own.
+const SOCKET_NAME: usize = 1 + 32 + 6;
+
+/// The name of a topic's service.
+pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
+    ServiceName::new(name).doing(|| format!("naming the service {name}"))
+}
+
+/// Adds a service's attributes, each under its key: the version of the messages' layout and that of the program. Our
+/// processes open a service only where both are their own, so that processes of one program alone share it.
+fn attributes<A>(
+    empty: A,
+    add: impl Fn(A, &AttributeKey, &AttributeValue) -> Result<A, AttributeDefinitionError>,
+) -> Result<A, TransportError> {
+    let message = MESSAGE_VERSION.to_string();
+    let all = [
+        ("alight.message_version", message.as_str()),
+        ("alight.version", env!("CARGO_PKG_VERSION")),
+    ];
+    all.into_iter().try_fold(empty, |sum, (key, value)| {
+        let doing = || format!("naming the attribute {key} = {value} of a service");
+        let name = AttributeKey::try_from(key).doing(doing)?;
+        add(sum, &name, &AttributeValue::try_from(value).doing(doing)?).doing(doing)
+    })
+}
+/// What a service is created with.
+pub(super) fn defined() -> Result<AttributeSpecifier, TransportError> {
+    attributes(AttributeSpecifier::new(), |all, key, value| {
+        all.define(key, value)
+    })
+}
+/// What a service is to have.
+pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
+    attributes(AttributeVerifier::new(), |all, key, value| {
+        all.require(key, value)
+    })
+}
+
+/// One set of processes on a computer; several may run side by side under different names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Instance {
+    name: String,
+}
+
+impl Instance {
+    /// The instance `name`: 1 to 32 of a-z, 0-9 and '-'.
+    pub fn new(name: &str) -> Result<Instance, TransportError> {
+        let fits = (1..=32).contains(&name.len())
+            && name
+                .bytes()
+                .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
+        if fits {
+            Ok(Instance { name: name.into() })
+        } else {
+            let what = "a name is 1 to 32 of a-z, 0-9 and '-'".into();
+            let doing = format!("naming the instance {name:?}");
+            Err(TransportError { doing, what })
+        }
+    }
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// Where it keeps its files beside shared memory: where a service keeps them if there is one of
+    /// this name, so that an operator's commands find it, else among temporary files.
+    pub fn directory(&self) -> PathBuf {
+        let name = format!("alight-{}", self.name);
+        let of_service = std::path::Path::new(SERVICE).join(&name);
+        if of_service.exists() {
+            of_service
+        } else {
+            std::env::temp_dir().join(name)
+        }
+    }
+    /// The beginning of the names of its files in shared memory.
+    pub fn prefix(&self) -> String {
+        format!("alight_{}_", self.name)
+    }
+    /// Removes everything the instance left in shared memory and in its middleware's directory. To
+    /// be called only while none of its processes lives.
+    pub fn wipe(&self) -> std::io::Result<()> {
+        let prefix = self.prefix();
+        for directory in ["/dev/shm", "/tmp"] {
+            let Ok(entries) = std::fs::read_dir(directory) else {
+                continue;
+            };
+            for entry in entries.flatten() {
+                if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                    // Another file that vanished meanwhile is as good as removed.
+                    let _gone = std::fs::remove_file(entry.path());
+                }
+            }
+        }
+        match std::fs::remove_dir_all(self.middleware()) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
+            Ok(()) | Err(_) => Ok(()),
+        }
+    }
+    pub(super) fn middleware(&self) -> PathBuf {
+        self.directory().join("iceoryx2")
+    }
+    pub(super) fn config(&self) -> Result<Config, TransportError> {
+        let doing = || format!("naming the files of instance {}", self.name);
+        let path = self.middleware().as_os_str().len() + self.prefix().len() + SOCKET_NAME;
+        if path > MAX_SOCKET_PATH {
+            let spare = path - MAX_SOCKET_PATH;
+            let what = format!(
+                "in {} the paths of its sockets are longer than {MAX_SOCKET_PATH} bytes: a name that is {spare} shorter \
+                 fits",
+                self.middleware().display()
+            );
+            return Err(TransportError { doing: doing(), what });
+        }
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).doing(doing)?;
+        let root = format!("{}/", self.middleware().display());
+        config
+            .global
+            .set_root_path(&Path::new(root.as_bytes()).doing(doing)?);
+        Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_with_too_long_socket_paths() {
+        let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
+        assert!(matches!(instance(2), Ok(Ok(_))));
+        let Ok(Err(rejected)) = instance(32) else {
+            panic!("32 bytes fit into no path of a socket");
+        };
+        assert!(rejected.to_string().contains("shorter fits"), "{rejected}");
+        assert!(instance(33).is_err());
+    }
+}

@@ -1,0 +1,419 @@
+//! Shared memory between the processes of one computer: iceoryx2 services, one per topic, declared
+//! once with their quality of service in [`alight_shared::topics`].
+//!
+//! The settings of a service are those of whoever creates it first, and a process that dies while
+//! it creates one can leave it unusable. So one process, the supervisor, creates all services
+//! ([`Services::create`]) before any other begins, and the others only open them.
+
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
+use std::time::Duration;
+
+use iceoryx2::node::{Node as IoxNode, NodeWaitFailure};
+use iceoryx2::port::listener::Listener as IoxListener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher as IoxPublisher;
+use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
+
+use crate::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
+pub use crate::instance::Instance;
+use crate::instance::{Ipc, defined, required, service_name};
+use crate::statistics::InputStatistics;
+use crate::{Doing, TransportError};
+use alight_shared::plain::{self, Plain};
+use alight_shared::topics::Topic;
+
+/// Publishers of one topic: each process of a computer may publish its state, and one that was
+/// killed keeps its place until it is cleaned up.
+const PUBLISHERS: usize = 16;
+/// Subscribers of one topic: all processes, and people who look on.
+const SUBSCRIBERS: usize = 24;
+/// Processes that have a topic open.
+const NODES: usize = 32;
+/// Most messages that one call reads: a publisher that runs wild does not hold its reader.
+const MAX_PER_READ: usize = 64;
+
+/// A message as iceoryx2 moves it; listings show the topic's own type.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+struct Sample<T: Plain>(T);
+
+// SAFETY: `Plain` demands what this does, and the wrapper adds nothing to the layout.
+#[allow(unsafe_code)]
+unsafe impl<T: Plain> ZeroCopySend for Sample<T> {
+    unsafe fn type_name() -> &'static str {
+        T::TOPIC.type_name()
+    }
+}
+
+/// A process's place in shared memory.
+pub struct Memory {
+    node: IoxNode<Ipc>,
+}
+
+impl Memory {
+    /// Joins `instance` under the name of a process.
+    pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
+        // Messages of the middleware reach a person through the errors it returns.
+        set_log_level(LogLevel::Fatal);
+        let doing = || format!("joining the shared memory of instance {}", instance.name());
+        std::fs::create_dir_all(instance.middleware()).doing(doing)?;
+        let name = NodeName::new(process).doing(doing)?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&instance.config()?)
+            .create::<Ipc>()
+            .doing(doing)?;
+        Ok(Memory { node })
+    }
+    /// Removes what processes that were killed left behind.
+    pub fn reap(&self) {
+        let _left = self.node.try_cleanup_dead_nodes();
+    }
+    /// Waits, no longer than `span`; false when the process was asked to end. Another signal only
+    /// cuts the wait short.
+    pub fn wait(&self, span: Duration) -> bool {
+        !matches!(self.node.wait(span), Err(NodeWaitFailure::TerminationRequest))
+    }
+
+    fn messages<T: Plain>(&self) -> Result<MessageBuilder<T>, TransportError> {
+        Ok(self
+            .node
+            .service_builder(&service_name(T::TOPIC.name)?)
+            .publish_subscribe::<Sample<T>>()
+            .enable_safe_overflow(true)
+            .history_size(0)
+            .subscriber_max_buffer_size(T::TOPIC.buffer)
+            .subscriber_max_borrowed_samples(2)
+            .max_publishers(PUBLISHERS)
+            .max_subscribers(SUBSCRIBERS)
+            .max_nodes(NODES))
+    }
+    fn events(
+        &self,
+        topic: &Topic,
+    ) -> Result<iceoryx2::service::builder::event::Builder<Ipc>, TransportError> {
+        Ok(self
+            .node
+            .service_builder(&service_name(topic.name)?)
+            .event()
+            .max_notifiers(PUBLISHERS)
+            .max_listeners(SUBSCRIBERS)
+            .max_nodes(NODES)
+            .event_id_max_value(1))
+    }
+    /// A publisher of messages `T`, on their topic.
+    pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
+        let doing = || format!("publishing {}", T::TOPIC.name);
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
+        let port = messages
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .doing(doing)?;
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
+        Ok(Publisher {
+            port,
+            notifier: events.notifier_builder().create().doing(doing)?,
+            unsent: 0,
+        })
+    }
+    /// A subscriber to messages `T`, on their topic.
+    pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
+        let doing = || format!("reading {}", T::TOPIC.name);
+        let messages = self
+            .messages::<T>()?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
+        let port = messages
+            .subscriber_builder()
+            .buffer_size(T::TOPIC.buffer)
+            .create()
+            .doing(doing)?;
+        Ok(Subscriber {
+            port,
+            statistics: InputStatistics::new(T::TOPIC),
+        })
+    }
+    /// A publisher of images whose pixels take `bytes` at most.
+    pub fn image_publisher(&self, topic: ImageTopic, bytes: usize) -> Result<ImagePublisher, TransportError> {
+        ImagePublisher::open(&self.node, topic, bytes)
+    }
+    /// A subscriber to images.
+    pub fn image_subscriber(&self, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
+        ImageSubscriber::open(&self.node, topic)
+    }
+    /// Wakes up when a message `T` is published.
+    pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
+        let doing = || format!("listening for {}", T::TOPIC.name);
+        let events = self
+            .events(T::TOPIC)?
+            .open_with_attributes(&required()?)
+            .doing(doing)?;
+        let port = events.listener_builder().create().doing(doing)?;
+        Ok(Listener { port })
+    }
+}
+
+type MessageBuilder<T> = iceoryx2::service::builder::publish_subscribe::Builder<Sample<T>, (), Ipc>;
+
+/// What holds one service open.
+type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
+
+/// All services of an instance, held open by the one process that creates them.
+pub struct Services {
+    #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
+    held: Vec<Held>,
+    /// Those of images, which are no messages.
+    _images: ImageServices,
+}
+
+impl Services {
+    /// Creates the service of every topic of shared memory.
+    pub fn create(memory: &Memory) -> Result<Services, TransportError> {
+        let images = ImageServices::create(&memory.node)?;
+        let mut created = Created(memory, Vec::new());
+        plain::each(&mut created)?;
+        Ok(Services {
+            held: created.1,
+            _images: images,
+        })
+    }
+}
+
+struct Created<'a>(&'a Memory, Vec<Held>);
+
+impl plain::Visitor for Created<'_> {
+    type Error = TransportError;
+    fn visit<T: Plain>(&mut self) -> Result<(), TransportError> {
+        let Created(memory, held) = self;
+        let doing = || format!("creating {}", T::TOPIC.name);
+        let messages: publish_subscribe::PortFactory<Ipc, Sample<T>, ()> = memory
+            .messages::<T>()?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
+        let events = memory
+            .events(T::TOPIC)?
+            .create_with_attributes(&defined()?)
+            .doing(doing)?;
+        held.push((Box::new(messages), events));
+        Ok(())
+    }
+}
+
+/// Publishes messages `T`.
+pub struct Publisher<T: Plain> {
+    port: IoxPublisher<Ipc, Sample<T>, ()>,
+    notifier: Notifier<Ipc>,
+    unsent: u64,
+}
+
+impl<T: Plain> Publisher<T> {
+    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
+    /// does not read loses the oldest.
+    pub fn send(&mut self, message: &T) {
+        let sent = self
+            .port
+            .loan_uninit()
+            .is_ok_and(|slot| slot.write_payload(Sample(*message)).send().is_ok());
+        if !sent {
+            self.unsent += 1;
+            return;
+        }
+        // A listener that cannot be woken finds the message at its next wake-up.
+        let _woken = self.notifier.notify();
+    }
+    /// The same for a message that may be there.
+    pub fn send_any(&mut self, message: Option<&T>) {
+        if let Some(message) = message {
+            self.send(message);
+        }
+    }
+    /// Messages that could not be sent.
+    pub fn unsent(&self) -> u64 {
+        self.unsent
+    }
+}
+
+/// Wakes a process up.
+pub struct Listener {
+    pub(crate) port: IoxListener<Ipc>,
+}
+
+impl Listener {
+    /// Takes all wake-ups: a listener that is not drained wakes at once again.
+    pub fn drain(&self) {
+        let _drained = self.port.try_wait(|_| {});
+    }
+}
+
+/// Readable when a message was published, for who waits for other descriptors, too.
+impl AsFd for Listener {
+    #[allow(unsafe_code)]
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor is the port's, which alone closes it and outlives this borrow.
+        unsafe { BorrowedFd::borrow_raw(self.port.file_descriptor().native_handle()) }
+    }
+}
+impl AsRawFd for Listener {
+    fn as_raw_fd(&self) -> RawFd {
+        self.as_fd().as_raw_fd()
+    }
+}
+
+/// Reads messages `T`.
+pub struct Subscriber<T: Plain> {
+    port: IoxSubscriber<Ipc, Sample<T>, ()>,
+    statistics: InputStatistics,
+}
+
+impl<T: Plain> Subscriber<T> {
+    /// The newest message that waits, if any does; `now_ns` is the clock of its stamps.
+    pub fn newest(&mut self, now_ns: i64) -> Option<T> {
+        self.all(now_ns).pop()
+    }
+    /// All messages that wait, in order, at most [`MAX_PER_READ`].
+    pub fn all(&mut self, now_ns: i64) -> Vec<T> {
+        let mut messages = Vec::new();
+        while messages.len() < MAX_PER_READ {
+            // An error is a publisher that went away in the middle: what it sent is lost, and the
+            // next read looks again.
+            let Ok(Some(sample)) = self.port.receive() else {
+                break;
+            };
+            let Sample(message) = *sample;
+            self.statistics.count(message.order(), message.at_ns(), now_ns);
+            messages.push(message);
+        }
+        messages
+    }
+    /// What was read so far.
+    pub fn statistics(&self) -> &InputStatistics {
+        &self.statistics
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Header, RangeSample, SetPoint};
+    use alight_shared::time::{DroneClock, Time};
+    use alight_shared::topics::Medium;
+
+    fn at(sequence: u32) -> Header<DroneClock> {
+        Header::new(
+            1,
+            1,
+            9,
+            sequence,
+            Time::from_nanos(i64::from(sequence) * 1_000_000),
+        )
+    }
+
+    #[test]
+    fn subscriber_queues_and_leftover_files() {
+        let instance = Instance::new(&format!("memory-test-{}", std::process::id())).unwrap();
+        instance.wipe().unwrap();
+        let memory = Memory::join(&instance, "test").unwrap();
+        let early = memory.publisher::<SetPoint>();
+        assert!(
+            early.is_err(),
+            "a service that nobody created is not created by who opens it"
+        );
+        let services = Services::create(&memory).unwrap();
+        let topics = alight_shared::topics::ALL
+            .iter()
+            .filter(|t| t.medium == Medium::Memory);
+        assert_eq!(services.held.len(), topics.count() + 1);
+
+        let mut set_points = memory.publisher::<SetPoint>().unwrap();
+        let mut newest = memory.subscriber::<SetPoint>().unwrap();
+        let mut ranges = memory.publisher::<RangeSample>().unwrap();
+        let mut all = memory.subscriber::<RangeSample>().unwrap();
+        let wake = memory.listener::<RangeSample>().unwrap();
+        for k in 1..=20 {
+            set_points.send(&SetPoint {
+                header: at(k),
+                thrust: f64::from(k),
+                ..SetPoint::default()
+            });
+            ranges.send(&RangeSample {
+                header: at(k),
+                range_m: f64::from(k),
+                variance: 1.0,
+            });
+        }
+        assert_eq!((set_points.unsent(), ranges.unsent()), (0, 0));
+        assert_eq!(newest.newest(0).map(|s| s.thrust), Some(20.0));
+        assert_eq!(newest.newest(0), None);
+        let read: Vec<f64> = all.all(0).iter().map(|r| r.range_m).collect();
+        assert_eq!(read, (5..=20).map(f64::from).collect::<Vec<_>>());
+        // Only gaps between messages that were read can be seen; the first four came before them.
+        assert_eq!(all.statistics().state(0).missed, 0);
+        ranges.send(&RangeSample {
+            header: at(24),
+            range_m: 24.0,
+            variance: 1.0,
+        });
+        assert_eq!(all.all(0).len(), 1);
+        assert_eq!(all.statistics().state(0).missed, 3);
+
+        let mut steps = 0;
+        crate::wake::run(&[&wake], Duration::from_millis(1), || {
+            steps += 1;
+            steps < 3
+        })
+        .unwrap();
+        assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");
+
+        // The middleware leaves its own small segment behind; an instance's end wipes that too.
+        drop((set_points, newest, ranges, all, wake, services, memory));
+        instance.wipe().unwrap();
+        let prefix = instance.prefix();
+        let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        assert_eq!(
+            left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+                .count(),
+            0
+        );
+        std::fs::remove_dir_all(instance.directory()).unwrap();
+    }
+
+    #[test]
+    fn image_transfer_and_oversized_image() {
+        let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
+        instance.wipe().unwrap();
+        let memory = Memory::join(&instance, "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut images = memory.image_publisher(ImageTopic::Marked, 64 * 48).unwrap();
+        let mut others = memory.image_subscriber(ImageTopic::Simulated).unwrap();
+        assert!(!images.is_read());
+        let mut reader = memory.image_subscriber(ImageTopic::Marked).unwrap();
+        assert!(images.is_read());
+        let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
+        for k in 1..=5 {
+            images.send(k, [64, 48], [3, 1], &pixels);
+        }
+        images.send(6, [640, 480], [0; 2], &vec![0; 640 * 480]);
+        assert_eq!(images.unsent(), 1);
+        assert_eq!(others.next_image(), None);
+        // Two wait, the older ones gave way.
+        let first = reader.next_image().unwrap();
+        assert_eq!((first.at_ns, first.size, first.marks), (4, [64, 48], [3, 1]));
+        assert_eq!(first.pixels, pixels);
+        assert_eq!(reader.next_image().map(|i| i.at_ns), Some(5));
+        assert_eq!(reader.next_image(), None);
+        assert_eq!(crate::images::decode(&[0; 23]), None);
+        drop((images, reader, others, services, memory));
+        instance.wipe().unwrap();
+        std::fs::remove_dir_all(instance.directory()).unwrap();
+    }
+}

@@ -1,0 +1,509 @@
+//! The radio between the computers: a zenoh session with explicit endpoints and no scouting.
+//!
+//! The vessel listens and only drones dial: two sides that dial can end up in a split session.
+//! zenoh repeats nothing by itself, so every message is small, complete and the newest wins; a
+//! message that does not fit into the local queue is dropped, never waited for. A session that went
+//! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
+
+mod answers;
+mod attempts;
+mod config;
+mod held;
+mod presence;
+mod publication;
+
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, atomic::AtomicBool, atomic::AtomicU64, atomic::Ordering};
+use std::time::Duration;
+
+use tokio::sync::Notify;
+use tracing::warn;
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::query::{Querier, Queryable};
+use zenoh::sample::Sample;
+
+use crate::clock::steady_ns;
+use crate::observe::{ReceiveChannel, receive_channel};
+use crate::radio::attempts::Attempts;
+use crate::radio::config::ZenohFile;
+pub use crate::radio::config::{RadioConfig, TlsConfig, zenoh_text};
+use crate::radio::presence::Present;
+pub use crate::radio::publication::{Publication, Urgency};
+use crate::rejections::PlaintextAttempts;
+use crate::{Received, TransportError};
+use alight_shared::admission::Sender;
+use alight_shared::config::{Check, Keys};
+use alight_shared::wire::MAX_WIRE_BYTES;
+
+/// A publisher's answer is awaited for so long; its broadcasts come meanwhile.
+const ASK_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Messages that wait for the process; what comes on top is dropped.
+const INBOX: usize = 256;
+
+/// A key to read.
+#[derive(Clone, Debug)]
+pub struct Subscription {
+    /// The key expression.
+    key: String,
+    /// The newest message is asked for, too ([`Radio::ask`]).
+    asked: bool,
+}
+
+impl Subscription {
+    /// The newest message is asked of the publisher as soon as there is one.
+    pub fn asked(key: impl Into<String>) -> Subscription {
+        let key = key.into();
+        Subscription { key, asked: true }
+    }
+}
+impl From<String> for Subscription {
+    fn from(key: String) -> Subscription {
+        Subscription { key, asked: false }
+    }
+}
+impl From<&str> for Subscription {
+    fn from(key: &str) -> Subscription {
+        key.to_owned().into()
+    }
+}
+
+/// UDP's and IP's header, 28 bytes, and about 20 of the middleware's framing of a message.
+pub const HEADER_BYTES: u64 = 48;
+
+/// What went out on one outlet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Flow {
+    /// Messages.
+    pub messages: u64,
+    /// Their bytes with headers.
+    pub bytes: u64,
+}
+
+/// What the radio counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RadioCounts {
+    /// Messages handed to the middleware.
+    pub sent: u64,
+    /// Bytes of them.
+    pub sent_bytes: u64,
+    /// Messages it did not take.
+    pub unsent: u64,
+    /// Messages that came.
+    pub received: u64,
+    /// Newest messages that were asked for.
+    pub asked: u64,
+    /// Messages dropped because they were too long or the process did not read.
+    pub dropped: u64,
+    /// How often a session was reopened.
+    pub reopened: u64,
+}
+
+/// One side of the radio.
+pub struct Radio {
+    parts: Parts,
+    open: Option<Open>,
+    /// A router's client that is not connected yet.
+    opening: Option<Receiver<Result<Open, TransportError>>>,
+    attempts: Attempts,
+    /// Somebody calls [`Radio::watch`].
+    watched: bool,
+    inbox: Receiver<Received>,
+    counts: RadioCounts,
+    flows: Vec<Flow>,
+    last_received_ns: Option<i64>,
+    /// When the news were last young enough, or a session was opened.
+    last_fresh_ns: i64,
+    /// Strangers that knock without TLS.
+    plaintext_attempts: Option<PlaintextAttempts>,
+    /// What a test bench put between the session and the process.
+    channel: Option<Box<dyn ReceiveChannel>>,
+}
+
+/// What a session is opened with.
+#[derive(Clone)]
+struct Parts {
+    config: RadioConfig,
+    /// Zenoh's own configuration, as it was at the start.
+    file: Option<ZenohFile>,
+    publications: Vec<Publication>,
+    subscriptions: Vec<Subscription>,
+    sender: SyncSender<Received>,
+    /// Something has arrived.
+    arrival: Arc<Notify>,
+    dropped: Arc<AtomicU64>,
+    /// Somebody holds what we ask for, and was not asked yet.
+    due: Arc<AtomicBool>,
+}
+
+/// The open session. What is declared in it ends with it.
+struct Open {
+    publishers: Vec<Publisher<'static>>,
+    /// Each with the number of its subscription.
+    queriers: Vec<(usize, Querier<'static>)>,
+    #[allow(dead_code, reason = "who answers lives as long as this is held")]
+    queryables: Vec<Queryable<()>>,
+    #[allow(dead_code, reason = "a token is there as long as this is held")]
+    token: Option<LivelinessToken>,
+    /// Who else is there.
+    present: Present,
+    session: zenoh::Session,
+}
+
+impl Parts {
+    /// The beginning of our keys, `alight/NAME`; None: we publish nothing.
+    fn name(&self) -> Option<&str> {
+        let key = self.publications.first()?.key.as_str();
+        let (at, _) = key.match_indices('/').nth(1)?;
+        key.get(..at)
+    }
+    fn open(&self) -> Result<Open, TransportError> {
+        let own: Vec<String> = self.publications.iter().map(|o| o.key.clone()).collect();
+        let name = self.name().unwrap_or("alight/nobody");
+        let session = zenoh::open(self.config.session(name, &own, self.file.as_ref())?)
+            .wait()
+            .map_err(|e| TransportError::because("opening the radio's session", e))?;
+        let declaring = |e| TransportError::because(format!("declaring {name} on the radio"), e);
+        let mut open = Open {
+            publishers: self.publishers(&session)?,
+            queriers: Vec::new(),
+            queryables: Vec::new(),
+            token: None,
+            present: Present::of(&session).map_err(declaring)?,
+            session,
+        };
+        if let Some(name) = self.name() {
+            open.queryables = answers::declare(&open.session, name, &self.publications).map_err(declaring)?;
+            open.token = Some(presence::declare(&open.session, name).map_err(declaring)?);
+        }
+        for (number, subscription) in self.subscriptions.iter().enumerate() {
+            let receive = self.receiver(number);
+            open.session
+                .declare_subscriber(subscription.key.clone())
+                .callback(move |sample| receive(&sample))
+                .background()
+                .wait()
+                .map_err(|e| TransportError::because(format!("reading {}", subscription.key), e))?;
+            if subscription.asked {
+                let querier = self.querier(&open.session, &subscription.key);
+                let querier = querier
+                    .map_err(|e| TransportError::because(format!("asking for {}", subscription.key), e))?;
+                open.queriers.push((number, querier));
+            }
+        }
+        Ok(open)
+    }
+    fn publishers(&self, session: &zenoh::Session) -> Result<Vec<Publisher<'static>>, TransportError> {
+        let declared = self.publications.iter().map(|publication| {
+            session
+                .declare_publisher(publication.key.clone())
+                .encoding(publication.encoding())
+                .congestion_control(CongestionControl::Drop)
+                .priority(publication.urgency.priority())
+                .express(true)
+                // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
+                .reliability(Reliability::BestEffort)
+                .wait()
+                .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))
+        });
+        declared.collect()
+    }
+    /// What is done with a message of a subscription, whether it was broadcast or is an answer.
+    fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
+        let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
+        let arrival = Arc::clone(&self.arrival);
+        move |sample| {
+            let payload = sample.payload();
+            if payload.len() > MAX_WIRE_BYTES {
+                dropped.fetch_add(1, Ordering::Relaxed);
+                return;
+            }
+            let bytes = payload.to_bytes().into_owned();
+            let received = Received {
+                subscription,
+                sender: Sender::of_key(sample.key_expr().as_str()),
+                at_ns: steady_ns(),
+                bytes,
+            };
+            match sender.try_send(received) {
+                Ok(()) => arrival.notify_one(),
+                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                    dropped.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        }
+    }
+    /// Asks on a key, and notices when somebody is there to answer.
+    fn querier(&self, session: &zenoh::Session, key: &str) -> zenoh::Result<Querier<'static>> {
+        let querier = session
+            .declare_querier(key.to_owned())
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .express(true)
+            .timeout(ASK_TIMEOUT)
+            .wait()?;
+        let due = Arc::clone(&self.due);
+        let answerable = querier.matching_listener().callback(move |status| {
+            due.fetch_or(status.matching(), Ordering::Relaxed);
+        });
+        answerable.background().wait()?;
+        Ok(querier)
+    }
+}
+
+impl Radio {
+    /// Opens the session, publishes on `publications` and reads `subscriptions`. A router that is not there is awaited in the
+    /// background.
+    pub fn open(
+        config: &RadioConfig,
+        publications: Vec<Publication>,
+        subscriptions: Vec<impl Into<Subscription>>,
+    ) -> Result<Radio, TransportError> {
+        // Whoever opens it, also an operator's command: what cannot work is reported before it is tried.
+        config
+            .check(&Keys::ROOT)
+            .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
+        config.check_zenoh()?;
+        let (sender, inbox) = sync_channel(INBOX);
+        let mut radio = Radio {
+            flows: vec![Flow::default(); publications.len()],
+            parts: Parts {
+                config: config.clone(),
+                file: ZenohFile::of(config)?,
+                publications,
+                subscriptions: subscriptions.into_iter().map(Into::into).collect(),
+                sender,
+                arrival: Arc::new(Notify::new()),
+                dropped: Arc::default(),
+                due: Arc::default(),
+            },
+            open: None,
+            opening: None,
+            attempts: Attempts::default(),
+            watched: false,
+            inbox,
+            counts: RadioCounts::default(),
+            last_received_ns: None,
+            last_fresh_ns: steady_ns(),
+            plaintext_attempts: None,
+            channel: receive_channel(),
+        };
+        radio.begin()?;
+        radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
+        // A session that never receives anything is silent too: an opening that stalled half way
+        // (seen once, over UDP on a computer under load) ends there.
+        radio.last_received_ns = Some(steady_ns());
+        Ok(radio)
+    }
+
+    /// Opens the session; a client's, whose opening waits for its router, in a thread of its own.
+    fn begin(&mut self) -> Result<(), TransportError> {
+        if !self.parts.config.router {
+            let open = self.parts.open()?;
+            self.opened(open);
+            return Ok(());
+        }
+        let (sender, opened) = sync_channel(1);
+        let parts = self.parts.clone();
+        let opening = move || {
+            // Whoever waits for it may have ended.
+            let _gone = sender.send(parts.open());
+        };
+        std::thread::Builder::new()
+            .name("open".into())
+            .spawn(opening)
+            .map_err(|e| TransportError::because("starting a thread that opens the radio's session", e))?;
+        self.opening = Some(opened);
+        Ok(())
+    }
+    /// A session begins: until now nothing could come.
+    fn opened(&mut self, open: Open) {
+        self.open = Some(open);
+        self.attempts.succeeded();
+        self.last_fresh_ns = steady_ns();
+        self.last_received_ns = Some(self.last_fresh_ns);
+    }
+    /// Begins again; what fails is tried again later.
+    fn begin_anew(&mut self) {
+        if let Err(e) = self.begin() {
+            self.failed(&e);
+        }
+    }
+    fn failed(&mut self, why: &TransportError) {
+        if let Some(said) = self.attempts.failed(steady_ns(), why) {
+            warn!("{said}");
+        }
+    }
+    /// Takes over the session that a thread has opened, or begins again after one that could not be opened.
+    fn take_opened(&mut self) {
+        let Some(opening) = &self.opening else {
+            if self.open.is_none() && self.attempts.is_due(steady_ns()) {
+                self.begin_anew();
+            }
+            return;
+        };
+        let result = match opening.try_recv() {
+            Err(TryRecvError::Empty) => return,
+            Ok(result) => result,
+            Err(TryRecvError::Disconnected) => Err(TransportError::because(
+                "opening the radio's session",
+                "its thread ended without a result",
+            )),
+        };
+        self.opening = None;
+        match result {
+            Ok(open) => self.opened(open),
+            Err(e) => self.failed(&e),
+        }
+    }
+
+    /// Asks for the newest message of each subscription that is to be asked for, once since somebody is there who answers.
+    /// What comes is received like every other message, and is to be judged like one.
+    pub fn ask(&mut self) {
+        let Some(open) = self.open.as_ref().filter(|o| !o.queriers.is_empty()) else {
+            return;
+        };
+        if !self.parts.due.swap(false, Ordering::Relaxed) {
+            return;
+        }
+        for (number, querier) in &open.queriers {
+            let receive = self.parts.receiver(*number);
+            let ask = querier.get().callback(move |reply| {
+                // An error is no message: the next broadcast is.
+                if let Ok(sample) = reply.result() {
+                    receive(sample);
+                }
+            });
+            if ask.wait().is_ok() {
+                self.counts.asked += 1;
+            }
+        }
+    }
+    /// How many of these have a session, by their liveliness tokens. A process that stands still keeps its token: what it
+    /// sends, and when, is what counts.
+    pub fn count_present(&self, of: impl Fn(&Sender) -> bool) -> usize {
+        self.open.as_ref().map_or(0, |o| o.present.count(of))
+    }
+
+    /// Publishes on publication `publication`.
+    pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
+        let length = bytes.len() as u64;
+        let open = self.open.as_ref();
+        let publisher = open.and_then(|o| o.publishers.get(publication));
+        let bytes = ZBytes::from(bytes);
+        let kept = self.parts.publications.get(publication);
+        if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
+            held.set(&bytes);
+        }
+        if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
+            self.counts.sent += 1;
+            self.counts.sent_bytes += length;
+            if let Some(flow) = self.flows.get_mut(publication) {
+                flow.messages += 1;
+                flow.bytes += length + kept.map_or(HEADER_BYTES, |p| p.overhead);
+            }
+        } else {
+            self.counts.unsent += 1;
+        }
+    }
+
+    /// Waits until something has arrived since the last wait, for who waits for other things, too.
+    pub async fn arrival(&self) {
+        self.parts.arrival.notified().await;
+    }
+    /// The next message; waits at most `timeout` for it.
+    pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
+        if let Some(plaintext_attempts) = &self.plaintext_attempts {
+            plaintext_attempts.poll();
+        }
+        self.take_opened();
+        let mut next = if timeout.is_zero() {
+            self.inbox.try_recv().ok()
+        } else {
+            // We hold a sender ourselves: the only error is that the time is up.
+            self.inbox.recv_timeout(timeout).ok()
+        };
+        while let Some(received) = next {
+            self.counts.received += 1;
+            self.last_received_ns = Some(received.at_ns);
+            let Some(channel) = &mut self.channel else {
+                return Some(received);
+            };
+            channel.take(received);
+            next = self.inbox.try_recv().ok();
+        }
+        self.channel.as_mut()?.ready(steady_ns())
+    }
+
+    /// The watchdog of the side that dials: opens the session anew when it went silent, or when it has
+    /// brought no news younger than the limit for too long, the newest now being `age_s` old (infinite:
+    /// unknown). The latter is a stream that is far behind, or a session over datagrams whose
+    /// declarations were lost or overtaken, for then one side speaks and the other has nobody to speak to
+    /// (measured over a link with 30 ms of jitter: 2 of 8 sessions). To be called now and then. The side
+    /// that listens keeps its socket, and silence is no news to it; what it cannot mend is
+    /// [`Radio::survives_pause`].
+    pub fn watch(&mut self, age_s: f64) {
+        self.watched = true;
+        let is_begun = self.opening.is_some() || self.open.is_none() && self.attempts.is_pausing();
+        if self.parts.config.connect.is_empty() || is_begun {
+            return;
+        }
+        let now = steady_ns();
+        let since_s = |at: i64| now.saturating_sub(at) as f64 * 1e-9;
+        let (limit_s, lease_s) = (self.parts.config.reopen_after_s, self.parts.config.link_lease_s());
+        if age_s <= limit_s {
+            self.last_fresh_ns = now;
+        }
+        let silent_s = self.last_received_ns.map_or(0.0, since_s);
+        let silent = silent_s > self.parts.config.silence_limit_s();
+        let old = silent_s < lease_s && since_s(self.last_fresh_ns) > limit_s + lease_s;
+        if !silent && !old && self.open.is_some() {
+            return;
+        }
+        if let Some(old) = self.open.take() {
+            // Closing may hang for ten seconds under loss; nobody waits for it.
+            let _detached = std::thread::Builder::new().name("close".into()).spawn(move || {
+                let session = old.session.clone();
+                drop(old);
+                let _closed = session.close().wait();
+            });
+        }
+        self.last_received_ns = Some(now);
+        self.last_fresh_ns = now;
+        self.begin_anew();
+    }
+
+    /// Whether the session can be trusted after its process stood still for `gap_s`: held up for about a
+    /// lease, the middleware's reader of a listener's datagram socket stays blocked for good and
+    /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
+    /// free it). Only a new process receives again. What dials is restored by its watchdog, where one runs
+    /// ([`Radio::watch`]); a vessel behind a router has none, for silence is no news to it.
+    pub fn survives_pause(&self, gap_s: f64) -> bool {
+        let config = &self.parts.config;
+        let recovers = self.watched && !config.connect.is_empty();
+        recovers || gap_s < 0.9 * config.link_lease_s()
+    }
+
+    /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
+    /// ends now.
+    pub fn abandon(self) {
+        core::mem::forget(self);
+    }
+
+    /// What went out, by outlet.
+    pub fn flows(&self) -> &[Flow] {
+        &self.flows
+    }
+    /// What was counted.
+    pub fn counts(&self) -> RadioCounts {
+        RadioCounts {
+            dropped: self.parts.dropped.load(Ordering::Relaxed),
+            reopened: self.attempts.reopened(),
+            ..self.counts
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! Answers to who asks: the newest message of a publication, and the schemas of all.
+//!
+//! zenoh sends an answer with the priority and the congestion control of its question, and one that is to be waited for may
+//! wait for seconds (a priority of the answer's own has no effect in zenoh 1.10). So a thread of their own sends the answers, and neither the middleware's reader nor the
+//! process stands still for somebody who asks.
+
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use zenoh::Wait;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::key_expr::KeyExpr;
+use zenoh::query::{Query, Queryable};
+
+use crate::access::SCHEMA;
+use crate::clock::steady_ns;
+use crate::radio::held::PerSecond;
+use crate::radio::publication::Publication;
+use alight_shared::topics::Topic;
+
+/// Questions that wait; what comes on top has no answer.
+const MAX_WAITING: usize = 16;
+/// Each schema is sent so often a second at most: they are longer than messages, and programs ask once.
+const MAX_SCHEMAS_PER_S: u32 = 1;
+
+/// What is asked for.
+#[derive(Clone, Copy)]
+enum Question {
+    /// The newest message of this publication.
+    Newest(usize),
+    /// Schemas.
+    Schemas,
+}
+
+/// Declares who answers for these publications, whose keys begin with `name`.
+pub(super) fn declare(
+    session: &zenoh::Session,
+    name: &str,
+    publications: &[Publication],
+) -> zenoh::Result<Vec<Queryable<()>>> {
+    let (sender, questions) = sync_channel(MAX_WAITING);
+    let mut answers = Answers::of(name, publications);
+    // It ends with the queryables, which hold its senders.
+    std::thread::Builder::new()
+        .name("answers".into())
+        .spawn(move || answers.answer_all(&questions))?;
+    let held = publications.iter().enumerate().filter(|(_, p)| p.held.is_some());
+    let held = held.map(|(number, p)| (p.key.clone(), Question::Newest(number)));
+    let schemas = (format!("{name}/{SCHEMA}/**"), Question::Schemas);
+    let declared = held.chain([schemas]).map(|(key, question)| {
+        let sender = sender.clone();
+        let queryable = session.declare_queryable(key).callback(move |query| {
+            // One that finds no room ends without an answer.
+            let _full = sender.try_send((query, question));
+        });
+        queryable.wait()
+    });
+    declared.collect()
+}
+
+/// What there is to answer with.
+struct Answers {
+    publications: Vec<Publication>,
+    schemas: Vec<Described>,
+}
+
+/// A topic under the key of its schema.
+struct Described {
+    key: String,
+    topic: &'static Topic,
+    /// The text, once somebody has asked for it.
+    text: Option<ZBytes>,
+    answers: PerSecond,
+}
+
+impl Described {
+    /// The text for a question about `keys` at `now_ns`, as long as not too many ask.
+    fn asked(&mut self, keys: &KeyExpr<'_>, now_ns: i64) -> Option<ZBytes> {
+        let is_asked = KeyExpr::try_from(self.key.as_str()).is_ok_and(|key| keys.intersects(&key));
+        if !is_asked || !self.answers.admits(now_ns, MAX_SCHEMAS_PER_S) {
+            return None;
+        }
+        let text = || self.topic.described().to_string().into();
+        Some(self.text.get_or_insert_with(text).clone())
+    }
+}
+
+impl Answers {
+    fn of(name: &str, publications: &[Publication]) -> Answers {
+        let schema = |p: &Publication| {
+            let under = p.key.strip_prefix(name)?.strip_prefix('/')?;
+            Some(Described {
+                key: format!("{name}/{SCHEMA}/{under}"),
+                topic: p.topic?,
+                text: None,
+                answers: PerSecond::default(),
+            })
+        };
+        Answers {
+            publications: publications.to_vec(),
+            schemas: publications.iter().filter_map(schema).collect(),
+        }
+    }
+    fn answer_all(&mut self, questions: &Receiver<(Query, Question)>) {
+        while let Ok((query, question)) = questions.recv() {
+            match question {
+                Question::Newest(number) => self.newest(&query, number),
+                Question::Schemas => self.described(&query),
+            }
+        }
+    }
+    fn newest(&self, query: &Query, number: usize) {
+        let Some(publication) = self.publications.get(number) else {
+            return;
+        };
+        let held = publication.held.as_ref();
+        if let Some(bytes) = held.and_then(|h| h.take(steady_ns())) {
+            reply(query, &publication.key, bytes, publication.encoding());
+        }
+    }
+    fn described(&mut self, query: &Query) {
+        for schema in &mut self.schemas {
+            if let Some(text) = schema.asked(query.key_expr(), steady_ns()) {
+                reply(query, &schema.key, text, Encoding::APPLICATION_JSON);
+            }
+        }
+    }
+}
+
+fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
+    // Who asked may have gone.
+    let _gone = query.reply(key, bytes).encoding(encoding).express(true).wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radio::publication::Urgency;
+    use alight_shared::topics;
+
+    #[test]
+    fn schemas_for_many_who_ask() {
+        let publication = |topic: &'static Topic| {
+            Publication::new(format!("alight/vessel-1/{}", topic.name), Urgency::Model).of(topic)
+        };
+        let publications = [publication(&topics::WAVE), publication(&topics::DECK)];
+        let mut answers = Answers::of("alight/vessel-1", &publications);
+        let mut asked = |keys: &str, now_ns| -> Vec<ZBytes> {
+            let keys = KeyExpr::try_from(keys.to_owned()).unwrap();
+            let all = answers.schemas.iter_mut();
+            all.filter_map(|s| s.asked(&keys, now_ns)).collect()
+        };
+        let all = "alight/*/@schema/**";
+        let second = (0..1000).map(|ms| 1_000_000_000 + ms * 1_000_000);
+        let texts: Vec<ZBytes> = second.flat_map(|now_ns| asked(all, now_ns)).collect();
+        assert_eq!(texts.len(), 2, "each once a second");
+        assert_eq!(
+            &*texts[0].to_bytes(),
+            topics::WAVE.described().to_string().as_bytes()
+        );
+        // One that was not asked for is not counted.
+        assert_eq!(asked("alight/vessel-1/@schema/deck", 2_000_000_000).len(), 1);
+        assert_eq!(asked(all, 2_500_000_000), texts[..1]);
+        assert!(asked("alight/vessel-2/@schema/**", 3_000_000_000).is_empty());
+    }
+}

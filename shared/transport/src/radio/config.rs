@@ -1,0 +1,525 @@
+//! Configuration of the radio, and the settings of zenoh that follow from it.
+
+use std::fs::File;
+use std::io::Read;
+
+use serde_json::Value;
+
+use crate::{Doing, TransportError, access};
+use alight_shared::config;
+
+/// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated
+/// within it: soon, the next attempt is the repetition.
+const DATAGRAM_OPEN_MS: u32 = 1000;
+/// Over streams: TCP or QUIC and zenoh exchange three times, 0.6 s at 100 ms each way without any loss, and
+/// a lost packet is repeated after 1 s at first (over 30 % loss and 100 ms: no stream's session in 33 s with
+/// attempts of 1 s; with 3 s one in four succeeds and a session came back after up to 30 s).
+const STREAM_OPEN_MS: u32 = 8000;
+
+/// What an endpoint of QUIC is given beside its address: if the other side can too, one connection has a
+/// stream for what must arrive (handshake, declarations) and datagrams for what we publish, where only the
+/// newest counts.
+const QUIC_METADATA: &str = "?mixed_rel=auto";
+
+/// Largest batch of the middleware: with the headers of IPv6 and TCP it fits into one packet.
+const BATCH_BYTES: u32 = 1380;
+/// Longest message that the middleware puts together of its parts, bytes: a message of ours fits into one batch; the rest is
+/// room for its own declarations. Its default is 1 GB, which one peer could have this computer hold.
+const MAX_MESSAGE_BYTES: u32 = 16_384;
+/// Sessions of each peer: one, and that before it restarted, until that has expired.
+const SESSIONS_PER_PEER: usize = 2;
+/// Sessions beside those, for peers that start again and again.
+const SPARE_SESSIONS: usize = 8;
+/// What a stream's socket may hold, bytes; the system counts its own overhead too, about as much
+/// again as the payload.
+const SOCKET_BYTES: u32 = 16_384;
+
+config! {
+    /// Who listens, who dials, over what.
+    pub struct RadioConfig {
+        /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
+        pub listen: Vec<String> = Vec::new();
+        /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
+        pub connect: Vec<String> = Vec::new();
+        /// A link over datagrams that carries nothing for this long is given up, s.
+        /// Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
+        /// outage of 5 s, with 2 s what comes is fresh.
+        pub lease_s: f64 = 2.0, in 0.5..=60.0;
+        /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
+        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and
+        /// goes on within 5 s by itself, while a new session takes 2 to 10 s.
+        pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
+        /// A session over datagrams without any message for this long is reopened, s; one over a stream or
+        /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
+        /// is older than this, for as long and its lease, is reopened too.
+        /// Chosen: a lease, the slowest retry, and as much again.
+        pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
+        /// The endpoints to dial are a Zenoh router's (zenohd), such as the boat's own, through which vessels and drones
+        /// reach one another: the session is a client's. With certificates `tls.router` names the router's, which admits each
+        /// peer's keys.
+        pub router: bool = false;
+        /// File of Zenoh's own configuration (JSON5), for what Alight does not set itself, or its text, which has braces;
+        /// empty: none. What contradicts Alight in it is rejected.
+        pub zenoh: String = String::new();
+        /// Certificates, for endpoints that begin with `quic/`.
+        pub tls: TlsConfig;
+    }
+    check |this, at| {
+        at.require(
+            this.listen.is_empty() != this.connect.is_empty(),
+            "listen, connect",
+            format!("{:?}, {:?}", this.listen, this.connect),
+            "either endpoints to listen on (vessel) or endpoints to dial (drone)",
+        )?;
+        at.require(
+            !this.router || !this.connect.is_empty(),
+            "router",
+            true,
+            "with a router both vessel and drone dial: write its endpoint into connect, and none into listen",
+        )?;
+        let secured = !this.tls.authority.is_empty();
+        at.require(
+            (this.router && secured) != this.tls.router.is_empty(),
+            "tls.router",
+            format!("{:?}", this.tls.router),
+            "the name in the router's certificate, such as \"vessel-9\", with router = true and certificates; empty otherwise",
+        )?;
+        at.require(
+            this.tls.router.is_empty() || access::is_name(&this.tls.router),
+            "tls.router",
+            &this.tls.router,
+            "a name as in certificates: small letters, digits and hyphens",
+        )?;
+        if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(|e| !is_endpoint(e)) {
+            at.require(
+                false,
+                "listen, connect",
+                endpoint,
+                "udp/, tcp/ or, with certificates, quic/, and address:port, as quic/192.168.7.1:7447 (tls/ was taken \
+                 out: zenoh 1.10 reads and writes such a connection at once without a lock)",
+            )?;
+        }
+        let peers = &this.tls.peers;
+        at.require(
+            this.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
+            "tls.peers",
+            format!("{} names", peers.len()),
+            "with certificates, the names of the admitted peers, such as [\"drone-1\"]; 64 at most",
+        )?;
+        at.require(
+            peers.iter().all(|p| access::is_name(p)),
+            "tls.peers",
+            format!("{peers:?}"),
+            "names as in certificates: small letters, digits and hyphens",
+        )?;
+    }
+}
+
+config! {
+    /// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
+    pub struct TlsConfig {
+        /// The authority that signed both sides' certificates.
+        pub authority: String = String::new();
+        /// Our certificate.
+        pub certificate: String = String::new();
+        /// Its private key.
+        pub key: String = String::new();
+        /// Names in the certificates of admitted peers, `vessel-N` or `drone-N`: each under its own key
+        /// expressions only.
+        pub peers: Vec<String> = Vec::new();
+        /// Name in the certificate of the Zenoh router (`radio.router`): peers' keys are admitted over its link only, and
+        /// which certificate may use which is then its own access rules' to check. Empty: none.
+        pub router: String = String::new();
+    }
+}
+
+/// Whether a text is an endpoint: `protocol/host:port`, with or without Zenoh's metadata (`?`) and configuration (`#`).
+fn is_endpoint(text: &str) -> bool {
+    let bare = text.split(['?', '#']).next().unwrap_or_default();
+    let is_host = |host: &str| {
+        let mut all = host.chars();
+        !host.is_empty() && all.all(|c| c.is_ascii_alphanumeric() || ".-_:[]%".contains(c))
+    };
+    bare.split_once('/').is_some_and(|(protocol, address)| {
+        let parts = address.rsplit_once(':');
+        matches!(protocol, "udp" | "tcp" | "quic")
+            && parts.is_some_and(|(host, port)| is_host(host) && port.parse::<u16>().is_ok())
+    })
+}
+
+impl RadioConfig {
+    /// Listens at one endpoint, with these certificates.
+    pub fn listening(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
+        RadioConfig {
+            listen: vec![endpoint.into()],
+            tls,
+            ..RadioConfig::default()
+        }
+    }
+    /// Dials one endpoint, with these certificates.
+    pub fn dialling(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
+        RadioConfig {
+            connect: vec![endpoint.into()],
+            tls,
+            ..RadioConfig::default()
+        }
+    }
+    /// Whether the session is opened, and kept alive, over something that repeats what was lost.
+    pub(super) fn is_stream(&self) -> bool {
+        let stream = |e: &String| e.starts_with("tcp/") || e.starts_with("quic/");
+        self.listen.iter().chain(&self.connect).any(stream)
+    }
+    fn open_ms(&self) -> u32 {
+        if self.is_stream() {
+            STREAM_OPEN_MS
+        } else {
+            DATAGRAM_OPEN_MS
+        }
+    }
+    pub(super) fn link_lease_s(&self) -> f64 {
+        if self.is_stream() {
+            self.stream_lease_s
+        } else {
+            self.lease_s
+        }
+    }
+    /// Silence after which the watchdog acts, s.
+    pub(super) fn silence_limit_s(&self) -> f64 {
+        if self.is_stream() {
+            self.reopen_after_s + self.stream_lease_s + f64::from(STREAM_OPEN_MS) * 1e-3
+        } else {
+            self.reopen_after_s
+        }
+    }
+    fn max_sessions(&self) -> usize {
+        let peers = match self.tls.peers.len() {
+            // Without certificates nobody is named.
+            0 => access::PEERS,
+            named => named,
+        };
+        SESSIONS_PER_PEER * peers + SPARE_SESSIONS
+    }
+    /// Whether Zenoh's own configuration can be read and agrees with this one, before a process needs it.
+    pub fn check_zenoh(&self) -> Result<(), TransportError> {
+        let file = ZenohFile::of(self)?;
+        self.session("alight/any", &[], file.as_ref()).map(|_| ())
+    }
+    /// The session's settings: this configuration over `file`. `name` is the beginning of our keys, `own` are those that
+    /// we publish.
+    pub(super) fn session(
+        &self,
+        name: &str,
+        own: &[String],
+        file: Option<&ZenohFile>,
+    ) -> Result<zenoh::Config, TransportError> {
+        file.map_or(Ok(()), ZenohFile::leaves_messages)?;
+        let mut config = file.map_or_else(|| Ok(zenoh::Config::default()), ZenohFile::config)?;
+        for (key, value) in self.settings(name, own) {
+            if let Some(file) = file {
+                file.agrees(key, &value)?;
+            }
+            config
+                .insert_json5(key, &value)
+                .map_err(|e| TransportError::because(format!("setting {key} of the radio to {value}"), e))?;
+        }
+        Ok(config)
+    }
+    /// What Alight sets.
+    fn settings(&self, name: &str, own: &[String]) -> Vec<(&'static str, String)> {
+        let ms = |s: f64| (s * 1e3).round().to_string();
+        let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
+        let open_ms = self.open_ms().to_string();
+        let ends = |endpoints: &[String]| text(&endpoints.iter().map(|e| completed(e)).collect::<Vec<_>>());
+        let mut settings: Vec<(&str, String)> = vec![
+            ("mode", text(&if self.router { "client" } else { "peer" })),
+            ("listen/endpoints", ends(&self.listen)),
+            ("connect/endpoints", ends(&self.connect)),
+            // Retry for ever, in the background.
+            ("connect/timeout_ms", "-1".into()),
+            ("connect/exit_on_failure", "false".into()),
+            (
+                "connect/retry",
+                r#"{ "period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5 }"#.into(),
+            ),
+            ("scouting/multicast/enabled", "false".into()),
+            ("scouting/gossip/enabled", "false".into()),
+            ("transport/link/tx/lease", ms(self.link_lease_s())),
+            ("transport/unicast/open_timeout", open_ms.clone()),
+            ("transport/unicast/accept_timeout", open_ms),
+            // What waits in the middleware and in the socket is old before it leaves: a batch holds
+            // one packet, not 64 kB, and the socket a few.
+            ("transport/link/tx/batch_size", BATCH_BYTES.to_string()),
+            ("transport/link/tcp/so_sndbuf", SOCKET_BYTES.to_string()),
+            (
+                "transport/link/rx/max_message_size",
+                MAX_MESSAGE_BYTES.to_string(),
+            ),
+            // One certificate could open a thousand otherwise; the middleware bounds the sum only.
+            ("transport/unicast/max_sessions", self.max_sessions().to_string()),
+        ];
+        if !self.tls.authority.is_empty() {
+            let router = self.router.then_some(self.tls.router.as_str());
+            let rules = access::rules(name, own, &self.tls.peers, router);
+            settings.extend([
+                (
+                    "transport/link/tls/root_ca_certificate",
+                    text(&self.tls.authority),
+                ),
+                (
+                    "transport/link/tls/listen_certificate",
+                    text(&self.tls.certificate),
+                ),
+                ("transport/link/tls/listen_private_key", text(&self.tls.key)),
+                (
+                    "transport/link/tls/connect_certificate",
+                    text(&self.tls.certificate),
+                ),
+                ("transport/link/tls/connect_private_key", text(&self.tls.key)),
+                ("transport/link/tls/enable_mtls", "true".into()),
+                ("transport/link/tls/verify_name_on_connect", "true".into()),
+                ("transport/link/protocols", r#"["quic"]"#.into()),
+                ("access_control", rules.to_string()),
+            ]);
+        }
+        settings
+    }
+}
+
+/// Longest file of Zenoh's configuration, bytes; its own example with every key has 40 kB.
+const MAX_FILE_BYTES: u64 = 1 << 18;
+
+/// What Alight has no setting of, and must not be set: each with the reason.
+const UNSETTABLE: [(&str, &str); 2] = [
+    (
+        "namespace",
+        "it would stand before every key, which other sides and access rules know by alight/NAME",
+    ),
+    (
+        "qos",
+        "it would change priority and congestion control, which Alight chooses for each topic",
+    ),
+];
+
+/// Whether nothing is set in a value.
+fn is_empty(value: &Value) -> bool {
+    match value {
+        Value::Null => true,
+        Value::Array(items) => items.iter().all(is_empty),
+        Value::Object(keys) => keys.values().all(is_empty),
+        Value::Bool(_) | Value::Number(_) | Value::String(_) => false,
+    }
+}
+
+/// A file of Zenoh's own configuration, as it was read.
+#[derive(Clone, Debug)]
+pub(super) struct ZenohFile {
+    path: String,
+    text: String,
+    values: Value,
+}
+
+/// Whether `radio.zenoh` is the text itself: no configuration of Zenoh's is without a brace.
+fn is_text(zenoh: &str) -> bool {
+    zenoh.contains('{')
+}
+
+/// Zenoh's own configuration: what `radio.zenoh` has, or what is in the file that it names; None: it is empty.
+pub fn zenoh_text(zenoh: &str) -> Result<Option<String>, TransportError> {
+    if zenoh.is_empty() || is_text(zenoh) {
+        return Ok((!zenoh.is_empty()).then(|| zenoh.to_owned()));
+    }
+    let mut text = String::new();
+    File::open(zenoh)
+        .and_then(|f| f.take(MAX_FILE_BYTES).read_to_string(&mut text))
+        .map_err(|e| TransportError {
+            doing: format!("reading Zenoh's configuration {zenoh} (radio.zenoh)"),
+            what: format!("{e}; check the path and its permissions"),
+        })?;
+    Ok(Some(text))
+}
+
+impl ZenohFile {
+    /// The one that a configuration names or has, if there is one.
+    pub(super) fn of(config: &RadioConfig) -> Result<Option<ZenohFile>, TransportError> {
+        let Some(text) = zenoh_text(&config.zenoh)? else {
+            return Ok(None);
+        };
+        let path = match is_text(&config.zenoh) {
+            true => "as the configuration has it".into(),
+            false => config.zenoh.clone(),
+        };
+        let values = json5::from_str(&text).map_err(|e| TransportError {
+            doing: format!("reading Zenoh's configuration {path} (radio.zenoh)"),
+            what: format!("{e}; it is to be JSON5"),
+        })?;
+        Ok(Some(ZenohFile { path, text, values }))
+    }
+    fn config(&self) -> Result<zenoh::Config, TransportError> {
+        zenoh::Config::from_json5(&self.text).doing(|| format!("reading Zenoh's configuration {}", self.path))
+    }
+    /// Whether it leaves keys and priorities of messages as Alight gives them.
+    fn leaves_messages(&self) -> Result<(), TransportError> {
+        let set = |key: &str| self.values.get(key).filter(|v| !is_empty(v));
+        let Some((key, value, why)) = UNSETTABLE
+            .iter()
+            .find_map(|(key, why)| set(key).map(|value| (key, value, why)))
+        else {
+            return Ok(());
+        };
+        Err(TransportError {
+            doing: format!("reading Zenoh's configuration {}", self.path),
+            what: format!("{key} is {value} in it, and {why}; remove it there"),
+        })
+    }
+    /// Whether it leaves `key` to Alight, which sets it to `value`, or has the same.
+    fn agrees(&self, key: &str, value: &str) -> Result<(), TransportError> {
+        let own: Value = json5::from_str(value).doing(|| format!("reading the radio's own {key}"))?;
+        let Some(theirs) = self
+            .values
+            .pointer(&format!("/{key}"))
+            .filter(|v| !v.is_null() && **v != own)
+        else {
+            return Ok(());
+        };
+        let by = match key {
+            "access_control" => "sets it by radio.tls.peers".into(),
+            _ => format!("sets it to {own}"),
+        };
+        Err(TransportError {
+            doing: format!("reading Zenoh's configuration {}", self.path),
+            what: format!(
+                "{key} is {theirs} in it, and Alight {by}; remove it there (the table radio has what may be chosen)"
+            ),
+        })
+    }
+}
+
+/// The endpoint as the middleware is given it.
+fn completed(endpoint: &str) -> String {
+    if endpoint.starts_with("quic/") && !endpoint.contains(['?', '#']) {
+        format!("{endpoint}{QUIC_METADATA}")
+    } else {
+        endpoint.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config::{Check, Keys};
+    use alight_shared::wire::MAX_WIRE_BYTES;
+
+    #[test]
+    fn memory_and_sessions_that_peers_may_take() {
+        let mut config = RadioConfig::listening("quic/127.0.0.1:7447", TlsConfig::default());
+        config.tls.peers = (1..=3).map(|k| format!("drone-{k}")).collect();
+        let number = |config: &RadioConfig, key: &str| -> usize {
+            let session = config.session("alight/vessel-1", &[], None).unwrap();
+            session.get_json(key).unwrap().parse().unwrap()
+        };
+        let longest = number(&config, "transport/link/rx/max_message_size");
+        assert!((2 * MAX_WIRE_BYTES..=16_384).contains(&longest), "{longest}");
+        assert_eq!(number(&config, "transport/unicast/max_sessions"), 14);
+        config.tls.peers.clear();
+        assert!(number(&config, "transport/unicast/max_sessions") > 2 * 64);
+    }
+
+    fn through_router(router: &str) -> RadioConfig {
+        let tls = TlsConfig {
+            authority: "authority.pem".into(),
+            peers: vec!["vessel-1".into()],
+            router: router.into(),
+            ..TlsConfig::default()
+        };
+        RadioConfig {
+            router: true,
+            ..RadioConfig::dialling("quic/127.0.0.1:7447", tls)
+        }
+    }
+
+    #[test]
+    fn router_without_the_name_of_its_certificate() {
+        let checked = |config: &RadioConfig| config.check(&Keys::ROOT).map_err(|e| e.to_string());
+        assert_eq!(checked(&through_router("vessel-9")), Ok(()));
+        for unnamed in ["", "vessel/*"] {
+            assert!(
+                checked(&through_router(unnamed))
+                    .unwrap_err()
+                    .contains("tls.router")
+            );
+        }
+        let mut config = through_router("vessel-9");
+        config.router = false;
+        assert!(checked(&config).unwrap_err().contains("tls.router"));
+        config.tls.router.clear();
+        assert_eq!(checked(&config), Ok(()));
+    }
+
+    #[test]
+    fn zenoh_file_beside_certificates() {
+        let mut config = through_router("vessel-9");
+        let mut tried = |text: &str| {
+            config.zenoh = text.into();
+            config.check_zenoh().map_err(|e| e.to_string())
+        };
+        assert_eq!(tried("{ transport: { link: { tls: {} } } }"), Ok(()));
+        let why = tried("{ transport: { link: { tls: { verify_name_on_connect: false } } } }").unwrap_err();
+        assert!(why.contains("verify_name_on_connect is false"), "{why}");
+        let why = tried("{ access_control: { enabled: false } }").unwrap_err();
+        assert!(why.contains("access_control is"), "{why}");
+    }
+
+    #[test]
+    fn zenoh_file_beside_the_configuration() {
+        let path = std::env::temp_dir().join(format!("alight-zenoh-{}.json5", std::process::id()));
+        let tried = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let mut config = RadioConfig::dialling("tcp/127.0.0.1:7447", TlsConfig::default());
+            config.router = true;
+            config.zenoh = path.display().to_string();
+            config.check_zenoh().map_err(|e| e.to_string())
+        };
+        assert_eq!(
+            tried("{ metadata: { boat: 'Ida' }, // a comment\n mode: 'client' }"),
+            Ok(())
+        );
+        assert_eq!(tried("{ access_control: { enabled: false } }"), Ok(()));
+        assert_eq!(tried("{ namespace: null, qos: { publication: [] } }"), Ok(()));
+        for (text, named) in [
+            (
+                "{ mode: 'peer' }",
+                "mode is \"peer\" in it, and Alight sets it to \"client\"",
+            ),
+            (
+                "{ scouting: { multicast: { enabled: true } } }",
+                "scouting/multicast/enabled is true",
+            ),
+            ("{ listen: { endpoints: ['tcp/0.0.0.0:0'] } }", "listen/endpoints"),
+            (
+                "{ transport: { link: { tx: { lease: 10000 } } } }",
+                "transport/link/tx/lease is 10000",
+            ),
+            ("{ no_such_key: 1 }", "no_such_key"),
+            ("{ namespace: 'boat' }", "namespace is \"boat\" in it"),
+            (
+                "{ qos: { publication: [{ key_exprs: ['alight/**'], config: { priority: 'background' } }] } }",
+                "priority and congestion control",
+            ),
+            ("{ mode: ", "JSON5"),
+        ] {
+            let why = tried(text).unwrap_err();
+            assert!(
+                why.contains(named) && why.contains("alight-zenoh-"),
+                "{text}: {why}"
+            );
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert!(tried_missing(&path).contains("check the path"));
+    }
+
+    fn tried_missing(path: &std::path::Path) -> String {
+        let mut config = RadioConfig::listening("tcp/127.0.0.1:7447", TlsConfig::default());
+        config.zenoh = path.display().to_string();
+        config.check_zenoh().unwrap_err().to_string()
+    }
+}

@@ -1,0 +1,60 @@
+//! Liveliness tokens: each side has one of its name, `alight/NAME`, which zenoh withdraws when its session is lost.
+//!
+//! They show people and programs who is connected. A process that stands still keeps its token (measured), so that
+//! nothing is decided by one: that is done by the messages and their ages.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::sample::SampleKind;
+
+use crate::access;
+use alight_shared::admission::Sender;
+
+/// Tokens of everybody.
+const ALL: &str = "alight/*";
+/// So many are kept at most: peers on both sides, and operators.
+const MAX_PRESENT: usize = 2 * access::PEERS;
+
+/// Who has a session now.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Present(Arc<Mutex<BTreeSet<Sender>>>);
+
+impl Present {
+    /// Follows everybody's token in a session.
+    pub(super) fn of(session: &zenoh::Session) -> zenoh::Result<Present> {
+        let present = Present::default();
+        let followed = present.clone();
+        session
+            .liveliness()
+            .declare_subscriber(ALL)
+            .history(true)
+            .callback(move |sample| {
+                let sender = Sender::of_key(sample.key_expr().as_str());
+                followed.set(sender, sample.kind() == SampleKind::Put);
+            })
+            .background()
+            .wait()?;
+        Ok(present)
+    }
+    fn set(&self, sender: Sender, is_there: bool) {
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if !is_there {
+            all.remove(&sender);
+        } else if all.len() < MAX_PRESENT {
+            all.insert(sender);
+        }
+    }
+    /// How many of these have one.
+    pub(super) fn count(&self, of: impl Fn(&Sender) -> bool) -> usize {
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.iter().filter(|s| of(s)).count()
+    }
+}
+
+/// Declares our own.
+pub(super) fn declare(session: &zenoh::Session, name: &str) -> zenoh::Result<LivelinessToken> {
+    session.liveliness().declare_token(name.to_owned()).wait()
+}

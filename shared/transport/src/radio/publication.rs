@@ -1,0 +1,79 @@
+//! What is published on the radio: a key, its urgency, what it carries.
+
+use std::sync::Arc;
+
+use zenoh::bytes::Encoding;
+use zenoh::qos::Priority;
+
+use crate::radio::HEADER_BYTES;
+use crate::radio::held::Held;
+use alight_shared::topics::Topic;
+
+/// How urgent a key's messages are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Urgency {
+    /// State and time: before everything else.
+    State,
+    /// Models and predictions.
+    Model,
+    /// For people.
+    Status,
+}
+
+impl Urgency {
+    pub(super) fn priority(self) -> Priority {
+        match self {
+            Urgency::State => Priority::RealTime,
+            Urgency::Model => Priority::InteractiveHigh,
+            Urgency::Status => Priority::Background,
+        }
+    }
+}
+
+/// A key to publish on.
+#[derive(Clone, Debug)]
+pub struct Publication {
+    /// The key expression.
+    pub(super) key: String,
+    /// How urgent.
+    pub(super) urgency: Urgency,
+    /// What is published on it, by which its encoding and schema are known.
+    pub(super) topic: Option<&'static Topic>,
+    /// Bytes that each message has in addition to its payload.
+    pub(super) overhead: u64,
+    /// The newest message is kept for who asks for it.
+    pub(super) held: Option<Arc<Held>>,
+}
+
+impl Publication {
+    /// Of this key and urgency.
+    pub fn new(key: impl Into<String>, urgency: Urgency) -> Publication {
+        let key = key.into();
+        Publication {
+            key,
+            urgency,
+            topic: None,
+            overhead: HEADER_BYTES,
+            held: None,
+        }
+    }
+    /// With the messages of this topic: their encoding names the type and its version, and their schema can be asked for.
+    pub fn of(self, topic: &'static Topic) -> Publication {
+        Publication {
+            topic: Some(topic),
+            overhead: HEADER_BYTES + topic.encoding_schema().len() as u64,
+            ..self
+        }
+    }
+    /// The newest message is kept, and answers who asks on its key.
+    pub fn held(self) -> Publication {
+        let held = Some(Arc::default());
+        Publication { held, ..self }
+    }
+    pub(super) fn encoding(&self) -> Encoding {
+        let schema = self.topic.map(Topic::encoding_schema);
+        schema.map_or_else(Encoding::default, |s| {
+            Encoding::APPLICATION_OCTET_STREAM.with_schema(s)
+        })
+    }
+}

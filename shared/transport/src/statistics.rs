@@ -1,0 +1,129 @@
+//! Statistics of a subscriber.
+
+use hdrhistogram::Histogram;
+
+use alight_shared::process::InputState;
+use alight_shared::topics::Topic;
+
+/// Statistics of one topic as one process reads it.
+#[derive(Clone, Debug)]
+pub struct InputStatistics {
+    topic: &'static Topic,
+    received: u64,
+    missed: u64,
+    order: Option<(u32, u32)>,
+    newest_ns: Option<i64>,
+    ages: Quantiles,
+}
+
+impl InputStatistics {
+    /// Nothing read yet.
+    pub fn new(topic: &'static Topic) -> InputStatistics {
+        InputStatistics {
+            topic,
+            received: 0,
+            missed: 0,
+            order: None,
+            newest_ns: None,
+            ages: Quantiles::default(),
+        }
+    }
+    /// A message was read.
+    pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64, now_ns: i64) {
+        self.received += 1;
+        if let (Some((boot, sequence)), Some((old_boot, old))) = (order, self.order)
+            && boot == old_boot
+        {
+            let step = sequence.wrapping_sub(old);
+            // Backwards is a reordered or repeated message, not a gap of four thousand million.
+            if (2..1 << 31).contains(&step) {
+                self.missed += u64::from(step) - 1;
+            }
+        }
+        self.order = order;
+        self.newest_ns = Some(at_ns);
+        self.ages.add(now_ns.saturating_sub(at_ns) as f64 * 1e-9);
+    }
+    /// The statistics now.
+    pub fn state(&self, now_ns: i64) -> InputState {
+        let index = alight_shared::topics::ALL
+            .iter()
+            .position(|t| t.name == self.topic.name);
+        InputState {
+            topic: index.map_or(u32::MAX, |i| i as u32),
+            received: self.received,
+            missed: self.missed,
+            age_s: self
+                .newest_ns
+                .map_or(f64::INFINITY, |at| now_ns.saturating_sub(at) as f64 * 1e-9),
+            read_age_p50_s: self.ages.quantile(0.5),
+            read_age_p99_s: self.ages.quantile(0.99),
+        }
+    }
+}
+
+/// Longest time that is distinguished, us.
+const MAX_US: u64 = 67_000_000;
+
+/// Quantiles of positive times to two digits, in bounded memory.
+#[derive(Clone, Debug)]
+pub struct Quantiles(Option<Histogram<u32>>);
+
+impl Default for Quantiles {
+    fn default() -> Self {
+        // The bounds are sound, so that there is always one.
+        Quantiles(Histogram::new_with_bounds(1, MAX_US, 2).ok())
+    }
+}
+
+impl Quantiles {
+    /// Counts a time, s. Below 1 us and above 67 s count as those.
+    pub fn add(&mut self, time_s: f64) {
+        if let Some(histogram) = &mut self.0 {
+            // `as` saturates and maps NaN to zero.
+            histogram.saturating_record(((time_s * 1e6) as u64).clamp(1, MAX_US));
+        }
+    }
+    /// The `q` quantile, s; 0 when nothing was counted.
+    pub fn quantile(&self, q: f64) -> f64 {
+        self.0
+            .as_ref()
+            .map_or(0.0, |h| h.value_at_quantile(q) as f64 * 1e-6)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::topics;
+
+    #[test]
+    fn input_statistics_gaps_and_restarts() {
+        let mut statistics = InputStatistics::new(&topics::PLAN);
+        for (boot, sequence) in [(1, 1), (1, 2), (1, 5), (1, 4), (1, 5), (2, 90), (2, 91)] {
+            statistics.count(Some((boot, sequence)), 0, 3_000_000);
+        }
+        let state = statistics.state(1_000_000_000);
+        assert_eq!((state.received, state.missed), (7, 2));
+        assert_eq!(state.age_s, 1.0);
+        assert!(
+            (0.00298..0.00306).contains(&state.read_age_p50_s),
+            "{}",
+            state.read_age_p50_s
+        );
+    }
+
+    #[test]
+    fn quantiles_to_two_digits() {
+        let mut q = Quantiles::default();
+        assert_eq!(q.quantile(0.5), 0.0);
+        (1..=1000).for_each(|k| q.add(f64::from(k) * 1e-4));
+        for (fraction, exact) in [(0.5, 0.05), (0.99, 0.099)] {
+            let got = q.quantile(fraction);
+            assert!((got / exact - 1.0).abs() < 0.02, "{fraction}: {got}");
+        }
+        q.add(f64::NAN);
+        q.add(f64::INFINITY);
+        assert!(q.quantile(1.0) > 60.0);
+    }
+}
