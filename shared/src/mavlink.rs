@@ -149,7 +149,7 @@ impl Signatures {
             (
                 self.unsigned,
                 "left out: not signed, and signing_key demands it",
-                "set up signing at the autopilot, for this link, or empty signing_key",
+                "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
             )
         } else {
             (

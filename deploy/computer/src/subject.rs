@@ -62,6 +62,17 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
+    /// The same under the name of another set of processes, where one is given.
+    #[must_use]
+    pub fn named(mut self, instance: Option<&str>) -> Computer {
+        if let Some(name) = instance {
+            match &mut self {
+                Computer::Vessel(v) => v.instance = name.into(),
+                Computer::Drone(d) => d.instance = name.into(),
+            }
+        }
+        self
+    }
     fn of_instance(name: &str) -> Result<Computer, CliError> {
         let drone = drone_of_instance(name)?.unwrap_or_else(|| unconfigured(name));
         Ok(Computer::Drone(Box::new(drone)))

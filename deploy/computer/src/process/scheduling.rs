@@ -1,5 +1,7 @@
 //! Scheduling of processes: niceness, real-time priority, processors.
 
+use std::fs;
+
 use iceoryx2_bb_posix::process::Process;
 use iceoryx2_bb_posix::scheduler::Scheduler;
 use rustix::process::{getpriority_process, setpriority_process};
@@ -14,10 +16,38 @@ const NICENESS: i32 = -10;
 /// for an autopilot that restarted.
 const WORLD_PRIORITY: u8 = 40;
 
+/// Niceness of this session where the system groups processes by session (`sched_autogroup`, sched(7)).
+const SESSION: &str = "/proc/self/autogroup";
+
 /// Asks for that niceness for this process and all that it starts; without the permission nothing changes.
 pub fn raise() {
     let own = getpriority_process(None).unwrap_or(0);
     let _not_permitted = setpriority_process(None, own.min(NICENESS));
+}
+
+/// This session is before the others of the computer, until this is dropped.
+#[must_use]
+pub struct RaisedSession {
+    before: Option<i32>,
+}
+
+/// Asks for that niceness for this session, too: where processes are grouped by session, that of a process counts within its
+/// session alone. (A service has its weight by its unit, `CPUWeight`.) Without grouping or permission nothing changes.
+pub fn raise_session() -> RaisedSession {
+    let text = fs::read_to_string(SESSION).ok();
+    let before = text.and_then(|text| text.trim().rsplit(' ').next()?.parse().ok());
+    let lower = before.filter(|before| *before > NICENESS);
+    RaisedSession {
+        before: lower.filter(|_| fs::write(SESSION, NICENESS.to_string()).is_ok()),
+    }
+}
+
+impl Drop for RaisedSession {
+    fn drop(&mut self) {
+        if let Some(before) = self.before {
+            let _gone = fs::write(SESSION, before.to_string());
+        }
+    }
 }
 
 /// SCHED_FIFO at `priority` for this thread and those that it starts from now on; false where that is not

@@ -117,6 +117,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
+    let _session = scheduling::raise_session();
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;

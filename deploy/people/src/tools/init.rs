@@ -409,7 +409,7 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     })?;
     for path in &files {
         terminal::line(format_args!("\nwritten: {}", path.display()));
-        worst = worst.max(check::print(path));
+        worst = worst.max(check::print(path, None));
     }
     terminal::line(format_args!(
         "\nNext: alight keys vessel {} and alight keys drone {} (docs/radio.md);\n\

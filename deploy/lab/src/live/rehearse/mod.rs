@@ -85,6 +85,7 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
+    let _session = scheduling::raise_session();
     let plan = Plan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {

@@ -7,6 +7,7 @@ use alight_computer::config::DroneComputer;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::observer::Observer;
+use alight_computer::record::flight::store;
 use alight_computer::record::log::{Log, Order};
 use alight_computer::record::reading::contained;
 use alight_computer::terminal;
@@ -19,12 +20,14 @@ use serde_json::json;
 
 /// How long the processes are listened to.
 const LISTEN_TIME: Duration = Duration::from_secs(1);
+/// So many of the newest recorded flights are searched for a response: reading one takes some seconds.
+const MAX_FLIGHTS: usize = 5;
 
 /// The flight.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "The response is identified while Alight flies (an approach suffices), and by every flight anew; the \
-figure in the file is what a flight begins with.\n\
+    after_help = "The response is identified while Alight flies (an approach suffices), and by every flight again; until then \
+that of the newest recorded flight is shown. The figure in the file is what a flight begins with.\n\
 Exit codes: 0 identified, 1 not flown long enough, 2 bad input."
 )]
 pub struct DroneArgs {
@@ -49,11 +52,10 @@ pub struct DroneArgs {
 
 /// Prints it.
 pub fn run(args: &DroneArgs) -> Result<Exit, CliError> {
-    let response = match &args.recording {
+    let found = match &args.recording {
         Some(path) => recorded(path)?,
         None => live(args)?,
     };
-    let found = response.filter(|r| r.identified);
     match (found, args.json) {
         (Some(r), false) => terminal::line(text(&r)),
         (None, false) => terminal::line(
@@ -96,7 +98,7 @@ fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
     })
 }
 
-/// That of the running processes.
+/// That of the running processes, else of the newest flight that they recorded.
 fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
@@ -110,7 +112,22 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     let mut observer = Observer::join(&memory)?;
     memory.wait(LISTEN_TIME);
     observer.poll();
-    Ok(observer.snapshot.response)
+    match observer.snapshot.response.filter(|r| r.identified) {
+        Some(response) => Ok(Some(response)),
+        None => newest_flown(Path::new(&computer.recorder.directory)),
+    }
+}
+
+/// A flight begins with the figure of the file: what the last one identified is in its record.
+fn newest_flown(directory: &Path) -> Result<Option<AttitudeResponse>, CliError> {
+    // Without a recorder there is none.
+    let flights = store::flights(directory).unwrap_or_default();
+    for flight in flights.iter().rev().take(MAX_FLIGHTS) {
+        if let Some(response) = recorded(&flight.path)? {
+            return Ok(Some(response));
+        }
+    }
+    Ok(None)
 }
 
 #[cfg(test)]

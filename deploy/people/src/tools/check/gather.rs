@@ -41,9 +41,10 @@ const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 /// Processors that are looked at.
 const MAX_PROCESSORS: usize = 1024;
 
-/// Everything about this computer that bears on the configuration in `path`.
-pub fn gather(path: &Path) -> Facts {
-    let computer = Computer::read(path).map_err(|e| e.to_string());
+/// Everything about this computer that bears on the configuration in `path`, whose processes may run under another name.
+pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
+    let read = Computer::read(path).map(|c| c.named(instance));
+    let computer = read.map_err(|e| e.to_string());
     let mut facts = Facts {
         config: path.into(),
         running: false,
@@ -96,11 +97,17 @@ pub fn gather(path: &Path) -> Facts {
             let instance = Instance::new(&d.instance);
             facts.running = instance.as_ref().is_ok_and(instance::is_running);
             facts.radio(&d.radio);
+            let running = instance.as_ref().ok().filter(|_| facts.running);
+            let snapshot = running.and_then(snapshot);
             if d.supervision.autopilot {
                 let name = d.autopilot.connect.clone();
                 let url: Result<LinkUrl, String> = name.parse();
                 let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
-                let mut received = Signatures::default();
+                // The process that runs has the link, and counts its frames.
+                let link = snapshot
+                    .as_ref()
+                    .and_then(|s| s.processes.get(&ProcessKind::Autopilot));
+                let mut received = link.map_or_else(Signatures::default, |p| mavlink_key::counts(&p.metrics));
                 facts.reported = match (&url, &reach) {
                     (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
                         Some(autopilot::report(d, url, &mut received))
@@ -110,11 +117,6 @@ pub fn gather(path: &Path) -> Facts {
                 facts.signing = Some(signing(&d.autopilot.signing_key, received));
                 facts.autopilot = Some((name, reach));
             }
-            let snapshot = instance
-                .as_ref()
-                .ok()
-                .filter(|_| facts.running)
-                .and_then(snapshot);
             facts.frame = snapshot.as_ref().and_then(Snapshot::frame);
             facts.flown = flown(&d.recorder.directory);
             facts.cameras = cameras(d, snapshot.as_ref());

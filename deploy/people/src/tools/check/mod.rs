@@ -35,6 +35,9 @@ pub struct CheckArgs {
     /// or /etc/alight/drone.toml, whichever is there]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Name of the set of processes, such as `land` [default: the configuration's]
+    #[arg(long)]
+    pub instance: Option<String>,
     /// Output format.
     #[command(flatten)]
     pub form: Form,
@@ -52,9 +55,9 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         })?,
     };
     if !args.form.alone() {
-        return Ok(print(&path).exit());
+        return Ok(print(&path, args.instance.as_deref()).exit());
     }
-    let findings = rules::judge(&gather::gather(&path));
+    let findings = rules::judge(&gather::gather(&path, args.instance.as_deref()));
     let worst = Level::worst(&findings);
     let value = json!({ "config": path, "worst": worst, "findings": findings });
     args.form.print(&value, &findings)?;
@@ -62,8 +65,8 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
 }
 
 /// Checks the computer of the configuration at `path`, and prints what was found; the worst of it.
-pub fn print(path: &Path) -> Level {
-    let findings = rules::judge(&gather::gather(path));
+pub fn print(path: &Path, instance: Option<&str>) -> Level {
+    let findings = rules::judge(&gather::gather(path, instance));
     findings
         .iter()
         .for_each(|f| terminal::line(f.level.coloured(&f.lines())));

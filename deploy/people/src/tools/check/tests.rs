@@ -548,7 +548,7 @@ fn check_of_a_swapped_key_and_a_foreign_authority() {
         computer.radio.tls = radio.clone();
         let path = directory.join("vessel.toml");
         std::fs::write(&path, toml::to_string(&computer).unwrap()).unwrap();
-        gather::gather(&path).identity.unwrap()
+        gather::gather(&path, None).identity.unwrap()
     };
     let good = certificates::files(&ours.join("vessel-1"), vec!["drone-1".into()]).unwrap();
     let found = written(&good);
