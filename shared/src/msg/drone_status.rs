@@ -32,6 +32,7 @@ impl DroneStatus {
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
             wind: mission.wind.map(|w| w.map(|v| v as f32)),
+            station: mission.station.map(|kept| kept.station),
         }
     }
     /// What the mission waits for, as text; a moment after an order that is not carried out, why.

@@ -646,6 +646,8 @@ pub struct DroneStatus {
     pub mission_age_s: f32,
     /// The true wind, towards north and east, m/s, as far as the mission knows it.
     pub wind: Option<[f32; 2]>,
+    /// The station that it keeps, or flies to.
+    pub station: Option<Station>,
 }
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
@@ -716,6 +718,7 @@ message!(DroneStatus, DroneClock, |m| {
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
     m.mission_age_s >= 0.0 => "mission_age_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    m.station.is_none_or(|station| station.is_sane() && station.height_m > 0) => "station",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

@@ -361,7 +361,7 @@ fn commanded(
             } else {
                 holding(HoldCause::Operator, s, c)
             };
-            Some(stops.enter(ReasonCode::Operator))
+            Some(station::leaves(phase, stops, s, c).enter(ReasonCode::Operator))
         }
         CommandKind::Land => {
             let stopped = progress.stopped && phase.state().phase() == Phase::Landing;
