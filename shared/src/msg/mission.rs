@@ -470,6 +470,26 @@ pub struct MissionCheckpoint {
     pub last_vessel: Option<LastVessel>,
 }
 
+impl MissionCheckpoint {
+    /// What of it outlives the computer's boot, and with that its clock: what the flight is for; None: nothing.
+    pub fn lasting(&self) -> Option<MissionCheckpoint> {
+        let header = self.header.outdated();
+        self.sortie.then(|| MissionCheckpoint {
+            header,
+            state: MissionState {
+                header,
+                sorties: self.state.sorties,
+                ..MissionState::default()
+            },
+            sortie: true,
+            deck_declined: self.deck_declined,
+            cycling: self.cycling,
+            cycles_ended: self.cycles_ended,
+            ..MissionCheckpoint::default()
+        })
+    }
+}
+
 /// What an operator wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]

@@ -139,6 +139,11 @@ impl<C: Clock> Header<C> {
             version: self.version,
         }
     }
+    /// Of the same sender, at a time older than any that counts: a day before its clock began.
+    pub const fn outdated(&self) -> Header<C> {
+        let at = Time::from_nanos(-86_400_000_000_000);
+        Header::new(self.vessel, self.drone, self.boot, 0, at)
+    }
 }
 impl<C: Clock> Default for Header<C> {
     fn default() -> Self {

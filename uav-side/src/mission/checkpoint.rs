@@ -35,6 +35,8 @@ pub(super) struct Beginning {
 /// How a mission begins.
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
+    /// One that is too old to go on from: what the flight is for outlives it.
+    pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
@@ -60,8 +62,12 @@ impl Beginning {
         }
         let checkpoint = self.recovery.checkpoint();
         let rejected = checkpoint.and_then(|m| validate(now, drone, &m).err());
+        let is_aged = |m: &MissionCheckpoint| {
+            rejected == Some(CheckpointRejection::Age) && m.header.at <= now && m.check().is_ok()
+        };
         Some(Begun {
             checkpoint: checkpoint.filter(|_| rejected.is_none()),
+            aged: checkpoint.filter(is_aged),
             rejected,
             commands: core::mem::take(&mut self.commands),
         })
@@ -202,6 +208,25 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
             at: m.state.header.at,
             why,
         }),
+    }
+}
+
+/// What the flight is for, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge lasts,
+/// and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left of it.
+pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> Progress {
+    if !m.sortie || m.deck_declined {
+        return Progress::default();
+    }
+    let restarted = m.cycling.then(|| ReasonCode::Restarted.into());
+    Progress {
+        started: now,
+        sortie: true,
+        cycles: Cycles {
+            sorties: m.state.sorties[0],
+            ended: restarted.or(m.cycles_ended),
+            ..Cycles::default()
+        },
+        ..Progress::default()
     }
 }
 

@@ -571,6 +571,10 @@ impl Mission {
                 self.mean_deck_z.begin(m.header.at, z);
             }
         }
+        if let Some(m) = &begun.aged {
+            self.progress = checkpoint::purpose(now, m);
+            self.last_vessel = m.last_vessel;
+        }
         self.commands.first_of(now, &begun.commands)
     }
 
