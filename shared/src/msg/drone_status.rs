@@ -23,7 +23,9 @@ impl DroneStatus {
             waiting: mission.waiting,
             rejected: mission.rejected,
             attempts: mission.attempts,
-            battery: autopilot.and_then(|a| a.battery),
+            // A gauge that sticks shows more than counts.
+            battery: (autopilot.and_then(|a| a.battery))
+                .map(|b| mission.battery.map_or(b, |counts| b.min(counts))),
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
             deck_distance_m,
             abort: mission.abort,

@@ -71,9 +71,9 @@ pub use grant::{
 pub use half::f16;
 pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
-    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,
-    State, VesselLevel, Wind, still_armed,
+    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, KnownBattery,
+    LandingMode, LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase,
+    SettingsOrder, State, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};

@@ -4,7 +4,7 @@
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::admission::command::keep;
-use alight_shared::msg::{Command, MissionCheckpoint, Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{Command, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State};
 use alight_shared::time::Span;
 use alight_shared::topics;
 
@@ -193,6 +193,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         deck_declined: m.deck_declined,
         armed: false,
         low_battery: m.state.low_battery,
+        low_from: m.low_from,
         stopped: m.stopped,
         overruled: false,
         lapsed: false,

@@ -567,6 +567,9 @@ impl Mission {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
             self.commands = CommandAdmission::after(m.command, m.abort);
+            if let Some((charge, known)) = m.state.battery.zip(m.battery) {
+                self.battery.resume(m.header.at, charge, &known, &self.config);
+            }
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
@@ -667,6 +670,8 @@ impl Mission {
             landing: self.progress.landing,
             started: self.progress.started,
             ordered_below: self.progress.ordered_below,
+            low_from: self.progress.low_from,
+            battery: self.battery.memory(),
             deck_declined: self.progress.deck_declined,
             stopped: self.progress.stopped,
             committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
@@ -726,6 +731,7 @@ impl Mission {
             least_vessel: c.least_vessel,
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
+            battery: s.battery,
             battery_reserve: s.battery_reserve,
             likelihood: match s.lift_off {
                 Some(moments) => Some(moments.now.whole()),
