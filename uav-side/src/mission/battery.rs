@@ -161,18 +161,16 @@ impl BatteryMonitor {
         }
     }
 
-    /// Whether current, voltage or time contradict a gauge that has not moved since; the voltage where it is reported, and the
-    /// current where that gives the power.
+    /// Whether a gauge that has not moved is contradicted: by the current, where that gives the power, else by the time and, where it
+    /// is reported, the voltage.
     fn contradicts(&self, now: DroneTime, g: &Gauge, c: &MissionConfig) -> bool {
         let still_s = (now - g.moved.0).secs();
         if self.current_a.is_some() && c.battery_capacity_ah > 0.0 {
             return self.power(c) * still_s > STUCK;
         }
-        if let Some((volts, then)) = g.volts.zip(g.volts_then) {
-            return volts < (1.0 - STUCK_FALL) * then;
-        }
         let limit_s = self.by_gauge.filter(|p| *p > 0.0).map_or(STUCK_S, |p| STUCK / p);
-        g.volts.is_none() && still_s > limit_s
+        let fell = |(volts, then): (f64, f64)| volts < (1.0 - STUCK_FALL) * then;
+        still_s > limit_s && g.volts.zip(g.volts_then).is_none_or(fell)
     }
 
     /// The charge by its last reading, the power and the time since; None before any.
