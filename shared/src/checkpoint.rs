@@ -161,6 +161,19 @@ impl Keeper {
     pub fn answer<M: Checkpoint>(&self, boot: u32) -> Option<M> {
         Some(self.newest()).filter(|m: &M| m.header().boot != boot)
     }
+    /// What of it outlives the computer's boot: what the flight is for.
+    pub fn lasting(&self) -> Keeper {
+        let mut kept = Keeper::default();
+        let mission = self.mission.get().and_then(MissionCheckpoint::lasting);
+        let link = self.link.get().and_then(LinkCheckpoint::lasting);
+        kept.take(Time::EPOCH, mission.as_ref());
+        kept.take(Time::EPOCH, link.as_ref());
+        kept
+    }
+    /// It keeps nothing.
+    pub fn is_empty(&self) -> bool {
+        self.predictor.get().is_none() && self.mission.get().is_none() && self.link.get().is_none()
+    }
     /// The content of a file that outlives the keeper. The checkpoints' times are the computer's steady clock, which
     /// begins anew when it boots: `computer_boot` names this boot.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
@@ -235,6 +248,36 @@ mod tests {
         let file = keeper().encode("this boot").unwrap();
         let mut k = Keeper::default();
         assert_eq!(k.restore(at(1.5), "this boot", &file), Ok(()));
+        assert_eq!(k.answer(8), Some(mission(7, 1.0)));
+    }
+
+    /// What the flight is for outlives a boot of the computer, at whatever time of its new clock, and is no fresh checkpoint.
+    #[test]
+    fn keeper_after_a_reboot() {
+        assert!(keeper().lasting().is_empty());
+        let mut k = Keeper::default();
+        let away = MissionCheckpoint {
+            sortie: true,
+            landing: true,
+            ..mission(7, 900.0)
+        };
+        let link = LinkCheckpoint {
+            header: away.header,
+            commanding: true,
+            own_mission: true,
+            ..LinkCheckpoint::default()
+        };
+        assert!(k.take(at(900.0), Some(&away)) && k.take(at(900.0), Some(&link)));
+        let file = k.lasting().encode("").unwrap();
+        let mut k = Keeper::default();
+        assert_eq!(k.restore(at(0.1), "", &file), Ok(()));
+        let (kept, link) = (k.newest::<MissionCheckpoint>(), k.newest::<LinkCheckpoint>());
+        assert!(kept.sortie && !kept.landing && link.own_mission && !link.commanding);
+        for now in [0.1, 3.0, 1000.0].map(at) {
+            assert_eq!(validate(now, 1, &kept), Err(CheckpointRejection::Age));
+        }
+        // A newer one of the same boot comes before.
+        assert!(k.take(at(1.0), Some(&mission(7, 1.0))));
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 

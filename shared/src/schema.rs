@@ -12,9 +12,9 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 
 /// Units in comments: after a comma or a bracket.
-const UNITS: [&str; 17] = [
+const UNITS: [&str; 18] = [
     "m/s²", "m/s", "m²", "m", "rad/s²", "rad/s", "rad²", "rad", "deg", "1/s", "s", "ns", "Hz", "V", "A",
-    "bytes/s", "bytes",
+    "bytes/s", "bytes", "min",
 ];
 /// Units in names, for fields whose comment has none.
 const SUFFIXES: [(&str, &str); 12] = [

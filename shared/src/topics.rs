@@ -121,15 +121,15 @@ topics! {
     /// The vessel's answer.
     TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// Whose the vessel's deck is.
-    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 112, 2000 ms, 2 deep;
+    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 120, 2000 ms, 2 deep;
     /// An operator's command, from the operator to the vessel and from the vessel to a drone.
     OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
     /// Statuses of drones as the vessel received them, for operators.
-    DRONES: "drones", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
+    DRONES: "drones", msg::DroneStatus, Radio, 2.0 Hz, 136, 2000 ms, 2 deep;
     /// What became of an operator's command, for operators.
     RECEIPTS: "receipts", msg::CommandReceipt, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The drone's status, for the vessel's deck.
-    DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
+    DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 136, 2000 ms, 2 deep;
     /// The autopilot's odometry.
     DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms, 2 deep;
     /// The autopilot's state.

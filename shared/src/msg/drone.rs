@@ -247,6 +247,22 @@ pub struct LinkCheckpoint {
     /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
     /// that again has it.
     pub ended_missions: [bool; 3],
+    /// In this flight the autopilot has flown its own mission, and nobody has chosen another mode since.
+    pub own_mission: bool,
+}
+
+impl LinkCheckpoint {
+    /// What of it outlives the computer's boot, and with that its clock; None: nothing.
+    pub fn lasting(&self) -> Option<LinkCheckpoint> {
+        let lasts = self.own_mission || self.ended_missions.contains(&true);
+        lasts.then(|| LinkCheckpoint {
+            header: self.header.outdated(),
+            mode: self.mode,
+            ended_missions: self.ended_missions,
+            own_mission: self.own_mission,
+            ..LinkCheckpoint::default()
+        })
+    }
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not

@@ -23,7 +23,9 @@ impl DroneStatus {
             waiting: mission.waiting,
             rejected: mission.rejected,
             attempts: mission.attempts,
-            battery: autopilot.and_then(|a| a.battery),
+            // A gauge that sticks shows more than counts.
+            battery: (autopilot.and_then(|a| a.battery))
+                .map(|b| mission.battery.map_or(b, |counts| b.min(counts))),
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
             deck_distance_m,
             abort: mission.abort,
@@ -32,6 +34,7 @@ impl DroneStatus {
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
             wind: mission.wind.map(|w| w.map(|v| v as f32)),
+            station: mission.station.map(|kept| kept.station),
         }
     }
     /// What the mission waits for, as text; a moment after an order that is not carried out, why.

@@ -17,6 +17,9 @@ pub const PLACES: usize = 8;
 pub const WAITING_DISTANCE_M: f64 = 25.0;
 /// Within this distance of the deck's centre there is its owner and nobody else, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
+/// A station keeps so far from the height of another drone's waiting place or station, m: what two heights by GNSS differ by, three
+/// times, and a drone.
+pub const STATION_APART_M: f64 = 5.0;
 /// Each place is so much higher than the one before, m: the heights of two drones by GNSS differ by 1.4 m (rms) when each
 /// is off by 1 m; five times that, and a drone.
 const LAYER_M: f64 = 8.0;
@@ -86,6 +89,9 @@ pub struct DeckGrant<C: Clock> {
     pub occupied: bool,
     /// The drones that have the waiting places, from the lowest on; 0: free.
     pub places: [u32; PLACES],
+    /// The heights over the deck's mean level of the stations that these drones keep, m; 0: none. One that came later, at the height
+    /// of another, is not among them.
+    pub stations: [u8; PLACES],
     /// What the helm intends.
     pub course: Course,
     /// Where the handshake about the helm stands.
@@ -108,6 +114,7 @@ restamped!(DeckGrant {
     owner,
     occupied,
     places,
+    stations,
     course,
     helm,
     take_off,

@@ -332,6 +332,9 @@ pub struct MissionState {
     pub lowest_clearance_m: Option<f64>,
     /// Below this clearance only hard reasons break a landing off, m.
     pub commit_clearance_m: f64,
+    /// Remaining battery that counts, 0 to 1: what has lasted, and what is reckoned where the gauge is silent or stuck; None while
+    /// that is not known.
+    pub battery: Option<f64>,
     /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
     pub battery_reserve: f64,
     /// How likely a landing from here succeeds, 0 to 1; None while that is not known.
@@ -422,6 +425,27 @@ pub struct LastVessel {
     pub velocity: [f64; 2],
 }
 
+/// A battery by its gauge, for a mission that goes on with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct KnownBattery {
+    /// When the gauge's reading changed last, or the flight began ...
+    pub at: Time<DroneClock>,
+    /// ... to this, 0 to 1.
+    pub gauge: f64,
+    /// The voltage then, V, where it is reported.
+    pub volts: Option<f64>,
+    /// The power by the gauge, 1/s, as far as it is measured.
+    pub power: Option<f64>,
+}
+
+impl KnownBattery {
+    fn is_sane(&self) -> bool {
+        let power = self.power.is_none_or(|p| (0.0..=1.0).contains(&p));
+        FRACTION.contains(&self.gauge) && self.volts.is_none_or(|v| (0.0..=500.0).contains(&v)) && power
+    }
+}
+
 /// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
 ///
 /// It is published with every [`MissionState`], and validated by the successor before it counts.
@@ -438,6 +462,10 @@ pub struct MissionCheckpoint {
     pub started: Time<DroneClock>,
     /// The charge at which the operator asked for a landing below the battery's reserve, 0 to 1; None: above it.
     pub ordered_below: Option<f64>,
+    /// The charge at which it was noticed that the battery is below its reserve, 0 to 1; None: above it.
+    pub low_from: Option<f64>,
+    /// What is known of the battery besides the charge that counts.
+    pub battery: Option<KnownBattery>,
     /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
     pub deck_declined: bool,
     /// An operator stopped what the mission did, and has commanded no landing since.
@@ -468,6 +496,26 @@ pub struct MissionCheckpoint {
     pub cycles_ended: Option<Reason>,
     /// The vessel when it was known last.
     pub last_vessel: Option<LastVessel>,
+}
+
+impl MissionCheckpoint {
+    /// What of it outlives the computer's boot, and with that its clock: what the flight is for; None: nothing.
+    pub fn lasting(&self) -> Option<MissionCheckpoint> {
+        let header = self.header.outdated();
+        self.sortie.then(|| MissionCheckpoint {
+            header,
+            state: MissionState {
+                header,
+                sorties: self.state.sorties,
+                ..MissionState::default()
+            },
+            sortie: true,
+            deck_declined: self.deck_declined,
+            cycling: self.cycling,
+            cycles_ended: self.cycles_ended,
+            ..MissionCheckpoint::default()
+        })
+    }
 }
 
 /// What an operator wants.
@@ -646,6 +694,8 @@ pub struct DroneStatus {
     pub mission_age_s: f32,
     /// The true wind, towards north and east, m/s, as far as the mission knows it.
     pub wind: Option<[f32; 2]>,
+    /// The station that it keeps, or flies to.
+    pub station: Option<Station>,
 }
 
 /// What to do about a drone that is on the deck and armed, as people read it after its subject.
@@ -716,6 +766,7 @@ message!(DroneStatus, DroneClock, |m| {
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
     m.mission_age_s >= 0.0 => "mission_age_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    m.station.is_none_or(|station| station.is_sane() && station.height_m > 0) => "station",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
@@ -724,6 +775,7 @@ message!(MissionState, DroneClock, |m| {
     m.settings.is_sane() => "settings",
     m.lowest_clearance_m.is_none_or(|c| (0.0..=1e3).contains(&c)) => "lowest_clearance_m",
     (0.0..=10.0).contains(&m.commit_clearance_m) => "commit_clearance_m",
+    m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
@@ -739,5 +791,7 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     m.ordered_below.is_none_or(|b| FRACTION.contains(&b)) => "ordered_below",
+    m.low_from.is_none_or(|b| FRACTION.contains(&b)) => "low_from",
+    m.battery.is_none_or(|b| b.is_sane()) => "battery",
     m.last_vessel.is_none_or(|v| v.place.is_on_earth() && within(&v.velocity, MAX_SPEED_MPS)) => "last_vessel",
 });

@@ -64,15 +64,16 @@ pub use drone::{
     Solve,
 };
 pub use grant::{
-    Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace,
+    Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M, WAITING_DISTANCE_M,
+    WaitingPlace,
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
-    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, LandingMode,
-    LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase, SettingsOrder,
-    State, VesselLevel, Wind, still_armed,
+    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, KnownBattery,
+    LandingMode, LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase,
+    SettingsOrder, State, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
@@ -137,6 +138,11 @@ impl<C: Clock> Header<C> {
             drone: self.drone,
             version: self.version,
         }
+    }
+    /// Of the same sender, at a time older than any that counts: a day before its clock began.
+    pub const fn outdated(&self) -> Header<C> {
+        let at = Time::from_nanos(-86_400_000_000_000);
+        Header::new(self.vessel, self.drone, self.boot, 0, at)
     }
 }
 impl<C: Clock> Default for Header<C> {

@@ -331,10 +331,15 @@ impl World {
             Some(k) => self.drones[k].ahead = self.drones[k].ahead + by,
         }
     }
-    /// A drone's steady clock begins again, as where its computer starts.
+    /// A drone's steady clock begins again, as where its computer starts, and of its checkpoints there is what lies on the disk.
     pub fn restart_clock(&mut self, k: usize) {
         let now = self.physics.drone_now(k);
-        self.drones[k].ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
+        let drone = &mut self.drones[k];
+        drone.ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
+        drone.keeper = drone.keeper.lasting();
+        if let Some(linked) = &mut drone.linked {
+            linked.kept = linked.kept.lasting().unwrap_or_default();
+        }
     }
     /// A drone's planner process dies.
     pub fn kill_planner(&mut self, k: usize) {

@@ -499,6 +499,32 @@ fn low_battery_return_and_landing() {
     }
 }
 
+/// A gauge that steps below the last reserve: the mission, which counts what has lasted, chooses before the link does.
+#[test]
+fn diversion_after_the_mission_has_counted() {
+    for firmware in BOTH {
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        p.mission = State::Tracking;
+        p.counted = Some(0.6);
+        p.linked.autopilot.battery = 0.08;
+        p.run(5.5);
+        p.assert_commanding();
+        p.counted = Some(0.08);
+        p.low_battery = Some(BatteryPlace::Deck);
+        p.run(10.0);
+        p.assert_commanding();
+        // One that has counted it and chooses nothing, and one that never counts it.
+        p.low_battery = None;
+        p.run(4.0);
+        assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
+    }
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    p.counted = Some(0.6);
+    p.linked.autopilot.battery = 0.08;
+    p.run(70.0);
+    assert_eq!(p.mode(), AutopilotMode::Return);
+}
+
 #[test]
 fn denied_diversion_attempts() {
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());

@@ -67,6 +67,8 @@ pub struct LinkRig {
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
+    /// The charge that the mission counts.
+    pub counted: Option<f64>,
     /// The newest abort that the mission was given.
     pub abort: Option<[u32; 2]>,
     /// A forecast of the deck is there.
@@ -183,6 +185,7 @@ impl LinkRig {
             stands_still: false,
             mission_silent: false,
             low_battery: None,
+            counted: None,
             abort: None,
             forecast: true,
             states: Vec::new(),
@@ -312,6 +315,7 @@ impl LinkRig {
                 state: self.mission,
                 since: self.since,
                 low_battery: self.low_battery,
+                battery: self.counted,
                 abort: self.abort,
                 settings: self.mission_settings,
                 settable: self.settable,

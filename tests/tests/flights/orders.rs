@@ -3,8 +3,10 @@
 
 use alight_shared::msg::{AutopilotMode, CommandKind, LandedState, State};
 use alight_sim::autopilots::simulated::mode_number;
+use alight_sim::harness::fault::Part;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::world::Checkpoints;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
@@ -82,6 +84,59 @@ fn battery_runs_low_after_an_abort() {
         autopilot(&mut rig).battery = 0.16;
         let landed = rig.until(150.0, rests);
         assert!(landed, "{command:?}: {:?}", rig.visited(0));
+    }
+}
+
+/// A gauge that steps from 60 to 8 % on the way to a deck that is free, or above it: down on the deck, and not on the way to a home
+/// that the vessel has left.
+#[test]
+fn gauge_that_steps_next_to_a_free_deck() {
+    for (firmware, seed) in super::BOTH.into_iter().zip(63..) {
+        for state in [State::Approach, State::Tracking] {
+            let mut scenario = Scenario::default();
+            scenario.drone.autopilot.firmware = firmware;
+            let mut rig = idle(&scenario, seed);
+            autopilot(&mut rig).battery = 0.6;
+            rig.world.command(CommandKind::Land);
+            assert!(rig.until(60.0, |rig| rig.state(0) == state));
+            autopilot(&mut rig).battery = 0.08;
+            let landed = rig.until(100.0, rests);
+            assert!(landed, "{firmware:?}, {state:?}: {:?}", rig.visited(0));
+        }
+    }
+}
+
+/// A gauge that sticks at 40 % above a deck on which no landing is likely enough for a drone that has a choice: it is down before the
+/// battery is empty, also where its mission begins anew meanwhile.
+#[test]
+fn gauge_that_sticks_above_the_deck() {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.min_probability = 1.0;
+    nodes.drone.mission.mission_timeout_s = 3600.0;
+    for (seed, restarts) in [(64, false), (65, true)] {
+        let mut rig = idle_with(&Scenario::default(), &nodes, seed);
+        autopilot(&mut rig).battery = 0.4;
+        rig.run(6.0);
+        rig.world.command(CommandKind::Land);
+        autopilot(&mut rig).battery_report = Some(0.4);
+        let mut restarted = false;
+        let mut empty = false;
+        rig.each(600.0, |rig| {
+            autopilot(rig).battery_report = Some(0.4);
+            empty |= autopilot(rig).battery <= 0.0;
+            if restarts && !restarted && rig.t_s() > 250.0 {
+                restarted = true;
+                rig.fail(Part::Mission);
+                rig.restore(Part::Mission, Checkpoints::Kept);
+            }
+            rests(rig) || empty
+        });
+        assert!(
+            !empty && rests(&rig),
+            "{restarts}: {:?}, {}",
+            rig.visited(0),
+            rig.mission(0).waiting
+        );
     }
 }
 

@@ -2,8 +2,10 @@
 
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
+use alight_sim::harness::fault::Part;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
@@ -251,6 +253,45 @@ fn sortie_ended_out_of_radio_range() {
             "{firmware:?}: {:?}, {waiting}",
             rig.visited(0)
         );
+    }
+}
+
+/// The companion loses its supply for so long on a sortie, s.
+fn reboots(rig: &mut Rig, away_s: f64) {
+    rig.fail(Part::Supervisor);
+    rig.run(away_s);
+    rig.world.restart_clock(0);
+    rig.restore(Part::Supervisor, Checkpoints::Kept);
+}
+
+/// A companion that reboots on a sortie knows what the flight is for: from its hold over ground or from the autopilot's own mission
+/// the drone comes back when the battery calls, or when that mission is done.
+#[test]
+fn sortie_after_a_reboot() {
+    for (firmware, seed) in BOTH.into_iter().zip(71..) {
+        // Over ground, from where the vessel has gone on.
+        let (mut scenario, mut nodes) = on_deck(0.3, firmware);
+        nodes.drone.mission.reservation_required = false;
+        (scenario.vessel.course, scenario.vessel.speed_mps) = (Course::Straight, 2.0);
+        let mut rig = ordered(&scenario, &nodes, seed);
+        assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
+        assert!(rig.until(150.0, |r| r.world.physics().deck_distance_m(0) > 100.0));
+        reboots(&mut rig, 20.0);
+        rig.run(10.0);
+        if let Some(linked) = rig.world.linked(0) {
+            linked.autopilot.battery = 0.4;
+        }
+        let (landed, met) = until(&mut rig, 300.0, State::Landed);
+        let context = format!("{firmware:?}: {:?}, {}", rig.visited(0), rig.mission(0).waiting);
+        assert!(landed && met.others == 0 && !met.water, "{context}, {met:?}");
+
+        // The mission ends while nobody looks.
+        let mut rig = on_its_mission(firmware, seed + 10, 60.0);
+        assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 50.0));
+        reboots(&mut rig, 60.0);
+        let (landed, met) = until(&mut rig, 300.0, State::Landed);
+        let context = format!("{firmware:?}: {:?}, {}", rig.visited(0), rig.mission(0).waiting);
+        assert!(landed && met.others == 0 && !met.water, "{context}, {met:?}");
     }
 }
 

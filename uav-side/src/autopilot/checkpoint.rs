@@ -35,6 +35,9 @@ impl AutopilotLink {
         for (end, is_over) in self.mission_ends.iter_mut().zip(ended) {
             end.recall(is_over);
         }
+        if readable.is_some_and(|m| m.own_mission) {
+            self.own_mission.recall();
+        }
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
@@ -117,6 +120,7 @@ impl AutopilotLink {
             hover_thrust,
             hover_learned_s,
             ended_missions: self.mission_ends.map(|end| end.is_over()),
+            own_mission: self.own_mission.is_under_way(),
         })
     }
 }

@@ -168,7 +168,8 @@ config! {
 }
 
 config! {
-    /// The battery's last reserve, for a drone whose mission has chosen no place before (`drone.mission.battery_order`).
+    /// The battery's last reserve, for a drone whose mission has chosen no place before (`drone.mission.battery_order`): it acts no
+    /// sooner than a mission that runs has counted the charge (`drone.mission.battery_lasts_s`).
     #[derive(Copy)]
     pub struct BatteryConfig {
         /// Remaining charge below which the drone is diverted, unless the mission lands it on the deck, 0 to 1.

@@ -32,6 +32,8 @@ const BELOW_FEET_M: f64 = 0.10;
 const NEAR_M: f64 = 0.6;
 /// Between two commands to arm or to divert.
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
+/// A mission counts a charge after this time at the latest, s: the longest `battery_lasts_s`.
+const COUNTED_S: f64 = 60.0;
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
@@ -453,18 +455,21 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
+        // The mission counts a charge once it has lasted. Until then it has not chosen, and the last resort is not to be the first.
+        let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
+        let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
         // What the mission has chosen it may have by the voltage alone.
         let charge = peer.charge(now).or(limit.is_infinite().then_some(0.0));
         let Some(charge) = charge.filter(|c| *c < limit) else {
             self.low_since = None;
             return;
         };
-        let since = *self.low_since.get_or_insert(now);
+        let low_s = (now - *self.low_since.get_or_insert(now)).secs();
         let authority = self.control_authority();
         let repeated =
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(authority.commands() && !lands || repeated)
-            || (now - since).secs() < for_s
+            || low_s < due_s
             || !self.timers.command.is_ready(now)
             || self.diversions >= b.tries
         {

@@ -97,6 +97,14 @@ impl OwnMissionMonitor {
             state => state == COMPLETE,
         }
     }
+    /// The link before this one has seen it under way, and nobody has chosen another mode since: the Hold after it counts.
+    pub(super) fn recall(&mut self) {
+        (self.began, self.own) = (true, true);
+    }
+    /// What a link after this one is to recall.
+    pub(super) fn is_under_way(&self) -> bool {
+        self.began && self.own
+    }
     /// With its newest mode. A disarm ends the flight.
     fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {

@@ -1,10 +1,12 @@
 //! Battery: lasting charge by gauge and voltage, rate of discharge, and charge needed to reach the deck. A gauge that falls
-//! silent has not stopped the discharge: the charge is reckoned on from its last reading.
+//! silent has not stopped the discharge: the charge is reckoned on from its last reading. Nor has one that sticks in flight: current,
+//! voltage or, where neither is reported, the time contradict it, and the charge is reckoned on from its last change.
 
 use std::collections::VecDeque;
 
 use alight_shared::estimation::low_pass_gain;
-use alight_shared::msg::AutopilotState;
+use alight_shared::msg::{AutopilotState, KnownBattery, LandedState};
+use alight_shared::time::Span;
 
 use super::phase::DroneTime;
 use super::sortie::Energy;
@@ -26,6 +28,14 @@ const CLOSING_TIME_S: f64 = 10.0;
 const ARRIVED_M: f64 = 30.0;
 /// A drone that flies empties its battery so fast while that was not measured, 1/s: in ten minutes.
 const UNMEASURED_PER_S: f64 = 1.0 / 600.0;
+/// A gauge sticks that has not moved in flight while so much was used by the measured power: five of its steps.
+const STUCK: f64 = 0.05;
+/// The same before the power was measured, s: two steps of a drone that flies for an hour.
+const STUCK_S: f64 = 72.0;
+/// The voltage contradicts a gauge that has not moved once it has fallen by this share: what a tenth of the charge takes of it.
+const STUCK_FALL: f64 = 0.015;
+/// Time constant of the voltage, s, after which its load is that of the flight.
+const VOLTAGE_TIME_S: f64 = 10.0;
 /// No slower is assumed, m/s: the cost stays finite.
 const LEAST_MPS: f64 = 0.5;
 
@@ -35,8 +45,9 @@ pub(super) struct BatteryMonitor {
     /// Readings that nothing later has reached, falling: the first is the greatest of the watched time.
     readings: VecDeque<(DroneTime, f64)>,
     began: Option<DroneTime>,
-    /// The newest reading of the gauge, reckoned on while it is silent.
+    /// The newest reading of the gauge, reckoned on while it is silent or sticks.
     known: Option<(DroneTime, f64)>,
+    gauge: Option<Gauge>,
     last: Option<DroneTime>,
     /// The gauge at its last fall that counted.
     anchor: Option<(DroneTime, f64)>,
@@ -48,12 +59,81 @@ pub(super) struct BatteryMonitor {
     closing_mps: Option<f64>,
 }
 
+/// The gauge since its last change in this flight.
+#[derive(Clone, Copy, Debug)]
+struct Gauge {
+    /// When that was, and its reading since.
+    moved: (DroneTime, f64),
+    /// The voltage, and what it was [`VOLTAGE_TIME_S`] after the change, V.
+    volts: Option<f64>,
+    volts_then: Option<f64>,
+}
+
+impl Gauge {
+    /// With the reading `charge` of a drone that flies, or does not; `dt`: since the one before, s.
+    fn follow(before: Option<Gauge>, a: &AutopilotState, charge: f64, dt: f64) -> Gauge {
+        let flies = a.armed && a.landed != LandedState::OnGround;
+        let same = before.filter(|g| flies && g.moved.1 == charge);
+        let moved = same.map_or((a.header.at, charge), |g| g.moved);
+        let gain = low_pass_gain(dt, VOLTAGE_TIME_S);
+        let filtered = |v: f64| before.and_then(|g| g.volts).map_or(v, |b| b + gain * (v - b));
+        let volts = a.battery_v.map(filtered);
+        let settled = (a.header.at - moved.0).secs() > VOLTAGE_TIME_S;
+        let volts_then = same.and_then(|g| g.volts_then).or(volts).filter(|_| settled);
+        Gauge {
+            moved,
+            volts,
+            volts_then,
+        }
+    }
+}
+
 impl BatteryMonitor {
+    /// Goes on from the charge that counted at `at` for a mission before this one, and what that one knew.
+    pub(super) fn resume(&mut self, at: DroneTime, charge: f64, known: &KnownBattery, c: &MissionConfig) {
+        self.by_gauge = known.power;
+        self.gauge = Some(Gauge {
+            moved: (known.at, known.gauge),
+            volts: self.gauge.and_then(|g| g.volts),
+            volts_then: known.volts,
+        });
+        self.known = Some((at, charge));
+        // It had lasted.
+        self.began = Some(at - Span::from_secs(c.battery_lasts_s));
+        self.last = Some(at);
+        self.readings = [(at, charge)].into();
+    }
+    /// What a mission after this one has to know; None before any reading.
+    pub(super) fn memory(&self) -> Option<KnownBattery> {
+        self.gauge.map(|g| KnownBattery {
+            at: g.moved.0,
+            gauge: g.moved.1,
+            volts: g.volts_then,
+            power: self.by_gauge,
+        })
+    }
+
     /// Takes the autopilot's newest state.
     pub(super) fn update(&mut self, a: &AutopilotState, c: &MissionConfig) {
         let now = a.header.at;
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
-        let reported = if empty { Some(0.0) } else { a.battery };
+        let dt = self.last.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
+        let gain = low_pass_gain(dt, CURRENT_TIME_S);
+        let filtered = |amps: f64| self.current_a.map_or(amps, |i| i + gain * (amps - i));
+        self.current_a = a.battery_a.map(filtered).or(self.current_a).filter(|_| a.armed);
+        if let Some(charge) = a.battery {
+            self.gauge = Some(Gauge::follow(self.gauge, a, charge, dt));
+        }
+        let stuck = self.gauge.filter(|g| self.contradicts(now, g, c));
+        let reported = if empty {
+            Some(0.0)
+        } else {
+            a.battery.filter(|_| stuck.is_none())
+        };
+        // From the last change on.
+        if let Some(g) = stuck.filter(|_| a.battery.is_some()) {
+            self.known = Some(g.moved);
+        }
         let silent = reported.is_none();
         let Some(charge) = reported.or_else(|| self.reckoned(now, a.armed, c)) else {
             return;
@@ -81,6 +161,18 @@ impl BatteryMonitor {
         }
     }
 
+    /// Whether a gauge that has not moved is contradicted: by the current, where that gives the power, else by the time and, where it
+    /// is reported, the voltage.
+    fn contradicts(&self, now: DroneTime, g: &Gauge, c: &MissionConfig) -> bool {
+        let still_s = (now - g.moved.0).secs();
+        if self.current_a.is_some() && c.battery_capacity_ah > 0.0 {
+            return self.power(c) * still_s > STUCK;
+        }
+        let limit_s = self.by_gauge.filter(|p| *p > 0.0).map_or(STUCK_S, |p| STUCK / p);
+        let fell = |(volts, then): (f64, f64)| volts < (1.0 - STUCK_FALL) * then;
+        still_s > limit_s && g.volts.zip(g.volts_then).is_none_or(fell)
+    }
+
     /// The charge by its last reading, the power and the time since; None before any.
     fn reckoned(&self, now: DroneTime, armed: bool, c: &MissionConfig) -> Option<f64> {
         let (at, before) = self.known?;
@@ -91,15 +183,10 @@ impl BatteryMonitor {
 
     /// How fast it empties, by the charge that counts: a reading that is lost is no fall.
     fn measure(&mut self, now: DroneTime, a: &AutopilotState, c: &MissionConfig) {
-        let dt = self.last.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.last = Some(now);
         if !a.armed {
-            (self.anchor, self.by_gauge, self.current_a) = (None, None, None);
+            (self.anchor, self.by_gauge) = (None, None);
             return;
-        }
-        if let Some(amps) = a.battery_a {
-            let gain = low_pass_gain(dt, CURRENT_TIME_S);
-            self.current_a = Some(self.current_a.map_or(amps, |i| i + gain * (amps - i)));
         }
         let Some(charge) = self.charge(c) else { return };
         let Some((at, before)) = self.anchor.filter(|(_, before)| (charge - before).abs() < JUMP) else {
@@ -245,6 +332,79 @@ mod tests {
                 ..state(t, None)
             });
             assert_eq!(m.charge(&c), Some(0.57));
+        }
+    }
+
+    /// A gauge that sticks at 57 % in flight: by the time, the current or the voltage the charge falls on, and once it moves again it
+    /// counts again. A tethered drone's voltage does not fall.
+    #[test]
+    fn battery_gauge_that_sticks() {
+        let by_current = MissionConfig {
+            battery_capacity_ah: 10.0,
+            ..config()
+        };
+        let used = |t: f64| (t - 10.0).max(0.0) / 1000.0;
+        type Case = (MissionConfig, fn(f64) -> [Option<f64>; 2], [f64; 2]);
+        let cases: [Case; 4] = [
+            (config(), |_| [None; 2], [0.0, 0.3]),
+            (config(), |t| [Some(16.0 - 2.5 * t / 1000.0), None], [0.0, 0.3]),
+            (by_current, |_| [Some(16.0), Some(36.0)], [0.2, 0.3]),
+            (config(), |t| [Some(16.0 + 0.2 * t.sin()), None], [0.57, 0.58]),
+        ];
+        for (k, (c, witness, [low, high])) in cases.into_iter().enumerate() {
+            let mut m = BatteryMonitor::default();
+            let seen = |t: f64, charge: f64| {
+                let [battery_v, battery_a] = witness(t);
+                AutopilotState {
+                    battery_v,
+                    battery_a,
+                    ..state(t, Some(charge))
+                }
+            };
+            run(&mut m, &c, 0.0, 40.0, |t| seen(t, 0.57));
+            assert_eq!(m.charge(&c), Some(0.57), "{k}: not yet");
+            run(&mut m, &c, 40.0, 280.0, |t| seen(t, 0.57));
+            let charge = m.charge(&c).unwrap();
+            assert!(
+                (low..high).contains(&charge),
+                "{k}: {charge} of {}",
+                0.57 - used(320.0)
+            );
+            run(&mut m, &c, 320.0, 10.0, |t| seen(t, 0.25));
+            assert_eq!(m.charge(&c), Some(0.25), "{k}: it moves again");
+        }
+        // On the ground nothing is used.
+        let (mut m, c) = (BatteryMonitor::default(), config());
+        run(&mut m, &c, 0.0, 300.0, |t| AutopilotState {
+            landed: LandedState::OnGround,
+            ..state(t, Some(0.57))
+        });
+        assert_eq!(m.charge(&c), Some(0.57));
+    }
+
+    /// A successor reckons on where its predecessor was.
+    #[test]
+    fn battery_reckoned_on_by_a_successor() {
+        let c = config();
+        let known = KnownBattery {
+            at: Time::from_secs(20.0),
+            gauge: 0.57,
+            volts: None,
+            power: Some(0.001),
+        };
+        // It has seen the gauge before it is given that: silent, or stuck since.
+        for (gauge, expected) in [(None, 0.3), (Some(0.57), 0.57 - 0.181), (Some(0.5), 0.5)] {
+            let mut m = BatteryMonitor::default();
+            m.update(&state(100.8, gauge), &c);
+            m.resume(Time::from_secs(100.0), 0.4, &known, &c);
+            run(&mut m, &c, 101.0, 100.0, |t| {
+                state(t, gauge.map(|g| if t > 150.0 && g == 0.5 { 0.49 } else { g }))
+            });
+            let charge = m.charge(&c).unwrap();
+            assert!(
+                (charge - expected).abs() < 0.02,
+                "{gauge:?}: {charge}, {expected}"
+            );
         }
     }
 

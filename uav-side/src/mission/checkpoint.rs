@@ -4,7 +4,7 @@
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::admission::command::keep;
-use alight_shared::msg::{Command, MissionCheckpoint, Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{Command, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State};
 use alight_shared::time::Span;
 use alight_shared::topics;
 
@@ -35,6 +35,8 @@ pub(super) struct Beginning {
 /// How a mission begins.
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
+    /// One that is too old to go on from: what the flight is for outlives it.
+    pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
@@ -60,8 +62,12 @@ impl Beginning {
         }
         let checkpoint = self.recovery.checkpoint();
         let rejected = checkpoint.and_then(|m| validate(now, drone, &m).err());
+        let is_aged = |m: &MissionCheckpoint| {
+            rejected == Some(CheckpointRejection::Age) && m.header.at <= now && m.check().is_ok()
+        };
         Some(Begun {
             checkpoint: checkpoint.filter(|_| rejected.is_none()),
+            aged: checkpoint.filter(is_aged),
             rejected,
             commands: core::mem::take(&mut self.commands),
         })
@@ -187,6 +193,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         deck_declined: m.deck_declined,
         armed: false,
         low_battery: m.state.low_battery,
+        low_from: m.low_from,
         stopped: m.stopped,
         overruled: false,
         lapsed: false,
@@ -202,6 +209,25 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
             at: m.state.header.at,
             why,
         }),
+    }
+}
+
+/// What the flight is for, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge lasts,
+/// and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left of it.
+pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> Progress {
+    if !m.sortie || m.deck_declined {
+        return Progress::default();
+    }
+    let restarted = m.cycling.then(|| ReasonCode::Restarted.into());
+    Progress {
+        started: now,
+        sortie: true,
+        cycles: Cycles {
+            sorties: m.state.sorties[0],
+            ended: restarted.or(m.cycles_ended),
+            ..Cycles::default()
+        },
+        ..Progress::default()
     }
 }
 

@@ -239,6 +239,56 @@ fn mission_begun_anew_while_it_hands_over() {
     }
 }
 
+/// A mission that begins long after the one before it, or on another boot of the computer, knows what the flight is for: a drone that
+/// hovers 60 m away comes back when its battery calls. One that is disarmed is on no sortie.
+#[test]
+fn purpose_of_an_aged_checkpoint() {
+    let kept = |sortie, deck_declined| {
+        let header = Header::new(1, 1, 5, 9, at(1.0));
+        let m = MissionCheckpoint {
+            header,
+            state: MissionState {
+                header,
+                state: State::Hold,
+                sorties: [2, 3],
+                ..MissionState::default()
+            },
+            sortie,
+            deck_declined,
+            cycling: true,
+            ..MissionCheckpoint::default()
+        };
+        [Some(m), m.lasting()]
+    };
+    let flown = |checkpoint, armed| {
+        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+        let mut m = Mission::new(&permits(), &drone, &deck, 1, 2).as_successor();
+        for k in 0..130_u32 {
+            let t = at(60.0 + 0.1 * f64::from(k));
+            let mut input = super::node_tests::fresh_input(k, t, [60.0, 0.0, -16.3]);
+            if let Some(a) = &mut input.autopilot {
+                (a.armed, a.battery) = (armed, Some(if k < 60 { 0.9 } else { 0.25 }));
+            }
+            m.step(t, &MissionIn { checkpoint, ..input });
+        }
+        m
+    };
+    for checkpoint in kept(true, false) {
+        let m = flown(checkpoint, true);
+        assert!(m.progress.sortie && m.progress.landing, "{:?}", m.phase);
+        let cycles = m.progress.cycles;
+        let ended = cycles.ended.map(|why| why.code);
+        assert_eq!(
+            (cycles.on, cycles.sorties, ended),
+            (false, 2, Some(ReasonCode::Restarted))
+        );
+        assert!(!flown(checkpoint, false).progress.sortie);
+    }
+    for checkpoint in kept(false, false).into_iter().chain(kept(true, true)) {
+        assert_eq!(flown(checkpoint, true).phase, MissionPhase::Idle);
+    }
+}
+
 #[test]
 fn sortie_that_ends_by_its_mission_or_an_order() {
     let on_sortie = Progress {

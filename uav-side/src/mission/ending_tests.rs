@@ -161,6 +161,25 @@ fn low_battery_after_a_stop() {
     }
 }
 
+/// A gauge that steps from above the reserve to below half of it: next to a deck that is free no other place is nearer.
+#[test]
+fn gauge_that_steps_below_half_of_the_reserve() {
+    let gave_up = phase::gave_up(&fair(), &config());
+    for charge in [0.09, 0.05, 0.01] {
+        for phase in [MissionPhase::APPROACH, TRACKING, gave_up] {
+            let d = step(&step(phase, &charged(0.5)), &charged(charge));
+            goes(&d, State::Tracking, BatteryDeck);
+            let d = step(&d, &charged(0.5 * charge));
+            assert_eq!(d.phase.state().phase(), Phase::Follow);
+        }
+        let taken = with(|s| (s.battery, s.reservation) = (Some(charge), Reservation::Others(2)));
+        goes(&step(TRACKING, &taken), State::GaveUp, BatteryHome);
+    }
+    // One that was noticed above that has waited for its deck.
+    let d = step(&step(TRACKING, &charged(0.15)), &charged(0.09));
+    goes(&d, State::GaveUp, BatteryHome);
+}
+
 /// A landing that was given up leaves no drone in the air until it falls.
 #[test]
 fn low_battery_after_a_give_up() {

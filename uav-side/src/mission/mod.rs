@@ -386,6 +386,15 @@ impl Mission {
                 .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
     }
 
+    /// The other drones that have the waiting places, and the heights of their stations, m.
+    fn others(&self) -> [(u32, u8); PLACES] {
+        let grant = self.grant.get();
+        core::array::from_fn(|k| {
+            let of = |g: &DeckGrant<DroneClock>| Some((*g.places.get(k)?, *g.stations.get(k)?));
+            let other = grant.and_then(of).filter(|(drone, _)| *drone != self.drone_id);
+            other.unwrap_or_default()
+        })
+    }
     fn situation(&mut self, now: Time<DroneClock>) -> Situation {
         let heights = self.heights(now);
         let c = &self.config;
@@ -396,6 +405,7 @@ impl Mission {
             _ => None,
         };
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
+        let others = self.others();
         Situation {
             now,
             flight: ControlState::of(autopilot, c.mode),
@@ -447,10 +457,8 @@ impl Mission {
                 .get()
                 .filter(|_| c.reservation_required)
                 .and_then(|g| g.place(self.drone_id)),
-            others: (self.grant.get()).map_or([0; PLACES], |g| {
-                g.places
-                    .map(|drone| if drone == self.drone_id { 0 } else { drone })
-            }),
+            others: others.map(|(drone, _)| drone),
+            other_stations_m: others.map(|(_, height_m)| height_m),
             motors_stopped: self
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)
@@ -559,9 +567,16 @@ impl Mission {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
             self.commands = CommandAdmission::after(m.command, m.abort);
+            if let Some((charge, known)) = m.state.battery.zip(m.battery) {
+                self.battery.resume(m.header.at, charge, &known, &self.config);
+            }
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
+        }
+        if let Some(m) = &begun.aged {
+            self.progress = checkpoint::purpose(now, m);
+            self.last_vessel = m.last_vessel;
         }
         self.commands.first_of(now, &begun.commands)
     }
@@ -655,6 +670,8 @@ impl Mission {
             landing: self.progress.landing,
             started: self.progress.started,
             ordered_below: self.progress.ordered_below,
+            low_from: self.progress.low_from,
+            battery: self.battery.memory(),
             deck_declined: self.progress.deck_declined,
             stopped: self.progress.stopped,
             committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
@@ -714,6 +731,7 @@ impl Mission {
             least_vessel: c.least_vessel,
             lowest_clearance_m: c.lowest_plan_m(),
             commit_clearance_m: c.commit_clearance_m,
+            battery: s.battery,
             battery_reserve: s.battery_reserve,
             likelihood: match s.lift_off {
                 Some(moments) => Some(moments.now.whole()),

@@ -334,6 +334,7 @@ fn lasting_empty_battery() {
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
+    m.config.battery_order = vec![alight_shared::msg::BatteryPlace::Home];
     let low = |m: &mut Mission, t: f64, commands| {
         let battery = Some(0.3 * config().battery_reserve);
         flown(m, t, commands, |a| a.battery = battery)

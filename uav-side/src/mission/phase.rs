@@ -281,6 +281,8 @@ pub struct Progress {
     pub armed: bool,
     /// The battery's reserve was reached: where it lands.
     pub low_battery: Option<BatteryPlace>,
+    /// The charge at which that was noticed.
+    pub low_from: Option<f64>,
     /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
     /// near to the deck for a climb, the landing is completed.
     pub stopped: bool,

@@ -455,6 +455,8 @@ pub struct Situation {
     pub place: Option<WaitingPlace>,
     /// The other drones that have the waiting places, from the lowest on; 0: free, or its own.
     pub others: [u32; PLACES],
+    /// The heights of their stations, m; 0: none.
+    pub other_stations_m: [u8; PLACES],
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
     /// The rotors carry the drone, by the thrust that the autopilot reports; None where it has not reported it lately.

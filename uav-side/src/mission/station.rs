@@ -1,14 +1,17 @@
 //! A station next to the vessel: a waiting place that an operator names, in the frame of the vessel's mean heading, for a while.
 //!
 //! It is a hold ([`HoldCause::Station`]): what ends a hold ends it, and it is as high as an approach, so that it is clear of all
-//! keep-out volumes, and kept apart from the heights of other drones where the deck is shared.
+//! keep-out volumes, and kept apart from the heights of other drones' places and stations where the deck is shared. Of two drones
+//! that are ordered to one height at once, the vessel's grant names the first; the other gives way.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::ReasonCode::{
-    BatteryLow, NoVessel, NotFlying, OnStation, Operator, StationNotNow, StationOver, StationTaken,
+    BatteryLow, NoPlace, NoVessel, NotFlying, OnStation, Operator, StationNotNow, StationOver, StationTaken,
     StationTooLow, StationTooNear,
 };
-use alight_shared::msg::{KeptStation, OWNER_ONLY_M, PLACES, Phase, Reason, Station, WaitingPlace};
+use alight_shared::msg::{
+    KeptStation, OWNER_ONLY_M, PLACES, Phase, Reason, STATION_APART_M, Station, WaitingPlace,
+};
 use alight_shared::time::Span;
 use nalgebra::Vector3;
 
@@ -19,9 +22,6 @@ use super::phase::{
 use super::situation::{ControlState, Reservation, Situation};
 use crate::mission_config::MissionConfig;
 
-/// A station keeps so far from the height of another drone's waiting place, m: what two heights by GNSS differ by, three
-/// times, and a drone.
-const APART_M: f64 = 5.0;
 /// Why the place cannot be kept, by the vessel's surroundings and other drones.
 fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let height_m = f64::from(station.height_m);
@@ -34,10 +34,18 @@ fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Rea
         return Some(Reason::new(StationTooNear, station.distance_m(), OWNER_ONLY_M));
     }
     let others = (0..PLACES as u8).zip(s.others).filter(|(_, drone)| *drone != 0);
-    others
-        .map(|(number, _)| c.approach_height_m + WaitingPlace::of(number).above_m)
-        .find(|other_m| shared && (other_m - height_m).abs() < APART_M)
-        .map(|other_m| Reason::new(StationTaken, other_m, APART_M))
+    let places = others.map(|(number, _)| c.approach_height_m + WaitingPlace::of(number).above_m);
+    let stations = s
+        .other_stations_m
+        .iter()
+        .filter(|m| **m != 0)
+        .map(|m| f64::from(*m));
+    places
+        .chain(stations)
+        .find(|other_m| shared && (other_m - height_m).abs() < STATION_APART_M)
+        .map(|other_m| Reason::new(StationTaken, other_m, STATION_APART_M))
+        // The vessel keeps the station of a drone that has a place apart from others.
+        .or((shared && s.place.is_none()).then(|| Reason::new(NoPlace, PLACES as f64, 0.0)))
 }
 
 /// The vessel is not received any more, and not detected.
@@ -130,9 +138,23 @@ pub(super) fn keeps(phase: MissionPhase, kept: &KeptStation, s: &Situation, c: &
         .or_else(|| lost(s, c))
         .or_else(|| impossible(&kept.station, s, c));
     if let Some(why) = ends {
-        return holding(HoldCause::Operator, s, c).enter(why);
+        return leaves(phase, holding(HoldCause::Operator, s, c), s, c).enter(why);
     }
     phase.stay(old_data(s).unwrap_or_else(|| waiting(kept, s)))
+}
+
+/// `next` after `phase`: from a station to the height of its waiting place, for the station's may be another's now.
+pub(super) fn leaves(
+    phase: MissionPhase,
+    mut next: MissionPhase,
+    s: &Situation,
+    c: &MissionConfig,
+) -> MissionPhase {
+    let kept = phase.station().and(s.place).and(s.mean_deck_z);
+    if let (Some(mean), MissionPhase::Hold { at, .. } | MissionPhase::GaveUp { at, .. }) = (kept, &mut next) {
+        at.z = s.no_lower(mean - s.approach_height_m(c));
+    }
+    next
 }
 
 /// The station from the deck's centre, NED, m, round the deck; None: low over the vessel it climbs first, and without the

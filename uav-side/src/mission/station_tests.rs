@@ -1,7 +1,7 @@
 //! Stations next to the vessel: which orders are taken, and what ends them.
 
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoVessel, NotFlying, OnStation, Operator,
+    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
     StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack,
 };
 use alight_shared::msg::{AutopilotMode, Station};
@@ -144,6 +144,60 @@ fn station_refused_with_its_reason() {
             (without.phase.state(), without.waiting)
         );
     }
+}
+
+/// Two drones, one station: it is its first holder's by the vessel's grant, and who has to leave it goes to its own height.
+#[test]
+fn station_of_another_drone() {
+    let shared = MissionConfig {
+        reservation_required: true,
+        ..config()
+    };
+    let order = |height_m| CommandKind::Station(Station { height_m, ..ABEAM });
+    let place = alight_shared::msg::WaitingPlace::of(1);
+    let flies = |other_m| {
+        flying(|s| {
+            (s.place, s.reservation) = (Some(place), Reservation::Others(0));
+            (s.others[0], s.other_stations_m[0]) = (2, other_m);
+        })
+    };
+    for (other_m, height_m, taken) in [(30, 30, true), (34, 30, true), (35, 30, false), (0, 30, false)] {
+        let d = decide(
+            TRACKING,
+            Progress::default(),
+            Some(order(height_m)),
+            &flies(other_m),
+            &shared,
+        );
+        let why = d.progress.rejected.map(|order| order.why.code);
+        assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
+        assert_eq!(d.phase.station().is_none(), taken);
+    }
+    // Both were ordered there before either knew of the other.
+    let high = |other_m| Situation {
+        own: flies(other_m).own.map(|own| OwnState {
+            position: Vector3::new(0.0, 20.0, -31.3),
+            ..own
+        }),
+        ..flies(other_m)
+    };
+    let kept = decide(TRACKING, Progress::default(), Some(order(30)), &high(0), &shared);
+    for command in [None, Some(CommandKind::Hold), Some(CommandKind::Abort)] {
+        let other_m = if command.is_none() { 30 } else { 0 };
+        let d = decide(kept.phase, kept.progress, command, &high(other_m), &shared);
+        assert_eq!(d.phase.station(), None);
+        let (MissionPhase::Hold { at, .. } | MissionPhase::GaveUp { at, .. }) = d.phase else {
+            panic!("{:?}", d.phase);
+        };
+        let height_m = high(0).mean_deck_z.unwrap() - at.z;
+        assert!((height_m - 23.0).abs() < 1e-9, "{command:?}: {height_m} m");
+    }
+    let none = Situation {
+        place: None,
+        ..flies(0)
+    };
+    let d = decide(TRACKING, Progress::default(), Some(order(30)), &none, &shared);
+    assert_eq!(d.progress.rejected.map(|order| order.why.code), Some(NoPlace));
 }
 
 #[test]

@@ -94,6 +94,7 @@ pub(super) fn fair() -> Situation {
         promise: None,
         place: None,
         others: [0; PLACES],
+        other_stations_m: [0; PLACES],
         motors_stopped: false,
         rotors_carry: Some(true),
         hard_contact_mps: None,

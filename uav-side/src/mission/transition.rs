@@ -157,9 +157,12 @@ fn is_low(b: f64, progress: &Progress, s: &Situation) -> bool {
 }
 
 /// Whether there is charge left to wait for the deck: until half of the reserve is left, or of what was left of it at the
-/// order; an order that came with less leaves nothing for another place.
+/// order. An order that came with less, or a gauge that was above the reserve a moment before, leaves nothing for another place.
 fn lasts(b: f64, progress: &Progress, s: &Situation) -> bool {
     let half = (1.0 - FOR_WAITING) * s.battery_reserve;
+    if progress.low_from.is_some_and(|from| from < half) {
+        return true;
+    }
     match progress.ordered_below {
         Some(ordered) if ordered < half => true,
         Some(ordered) => b >= (1.0 - FOR_WAITING) * ordered,
@@ -178,7 +181,10 @@ fn low_battery(
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    let b = s.battery.filter(|b| is_low(*b, progress, s))?;
+    let low = s.battery.filter(|b| is_low(*b, progress, s));
+    let noticed = low.filter(|_| progress.low_battery.is_none());
+    progress.low_from = progress.low_from.or(noticed).filter(|_| low.is_some());
+    let b = low?;
     let why = |code| Reason::new(code, b, s.battery_reserve);
     let lands = phase.state().phase() == Phase::Landing;
     let touches = c.lowest_plan_m().is_none();
@@ -361,7 +367,7 @@ fn commanded(
             } else {
                 holding(HoldCause::Operator, s, c)
             };
-            Some(stops.enter(ReasonCode::Operator))
+            Some(station::leaves(phase, stops, s, c).enter(ReasonCode::Operator))
         }
         CommandKind::Land => {
             let stopped = progress.stopped && phase.state().phase() == Phase::Landing;

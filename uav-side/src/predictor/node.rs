@@ -297,8 +297,13 @@ impl Predictor {
             return Ok(());
         };
         let o = o.levelled(lever_arm_heave_m);
-        if self.vision_at.is_some()
-            && let (Some((v, r)), a) = (o.about(&self.waves.motion(at)).value[2], &axes[2])
+        // Without a camera that sees the deck there is no second witness: its level goes on by the radio, whose slow error no
+        // covariance of the filter has.
+        let sees = self
+            .vision_at
+            .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
+        if let (Some((v, r)), a) = (o.about(&self.waves.motion(at)).value[2], &axes[2])
+            && sees
         {
             let innovation_sd = a.normalised_innovation(MeasurementRow::Vision, v, r);
             self.height.take(at, innovation_sd);

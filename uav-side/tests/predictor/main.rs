@@ -108,6 +108,34 @@ fn forecast_in_silence() {
         .assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
+/// The rangefinder against the camera is judged while the camera sees the deck: without it, as on the way back from a station, a
+/// height that has drifted since contradicts nothing.
+#[test]
+fn rangefinder_without_a_camera() {
+    let v = Vessel::moderate();
+    for seed in 1..=5 {
+        let set = Setup {
+            seed,
+            vision: (5.0, 20.0),
+            ranges_from: 10.0,
+            ..Default::default()
+        };
+        let judged = |set: &Setup, from_s: f64, until_s: f64| {
+            let r = run(&v, set, until_s);
+            let later = r.samples.iter().filter(|s| s.now > from_s);
+            later.filter_map(|s| s.forecast.height_nis).fold(0.0, f64::max)
+        };
+        let seen = judged(&set, 12.0, 20.0);
+        assert!(seen > 0.0 && seen < 9.0, "seed {seed}: {seen}");
+        let late = Setup {
+            ranges_from: 60.0,
+            ..set
+        };
+        let blind = judged(&late, 60.0, 70.0);
+        assert!(blind == 0.0, "seed {seed}: {blind}");
+    }
+}
+
 #[test]
 fn successor_too_near_to_see_the_deck() {
     let v = Vessel::moderate();

@@ -7,8 +7,8 @@ use alight_shared::frames::{body_from_camera, wrap_angle};
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage, TagPose, VesselEstimate,
-    VesselPrediction, WaveMode, WaveModel, f16,
+    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, TagPose,
+    VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
@@ -150,6 +150,8 @@ pub struct Setup {
     /// Radio latency: least and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
+    /// The rangefinder reads from this time on, s.
+    pub ranges_from: f64,
     /// A new process at this time (s), with or without what the one before it left.
     pub restart: Option<(f64, bool)>,
 }
@@ -163,6 +165,7 @@ impl Default for Setup {
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
+            ranges_from: f64::INFINITY,
             restart: None,
         }
     }
@@ -305,6 +308,17 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
             };
             in_flight.push((now + 0.05, input(|i| i.tags.push(tag))));
         }
+        let range = (k % 4 == 2 && now >= set.ranges_from).then(|| {
+            let (centre, e) = v.deck(now);
+            let normal = Rotation3::from_euler_angles(e.x, e.y, e.z) * Vector3::z();
+            let from = drone + attitude * Vector3::from(geometry.rangefinder_m);
+            let beam = attitude * Vector3::z();
+            RangeSample {
+                header: header(k, now),
+                range_m: (centre - from).dot(&normal) / beam.dot(&normal),
+                variance: 0.03_f64.powi(2),
+            }
+        });
         let link = (k % 10 == 0).then(|| LinkState {
             header: header(k, now),
             clock_offset_sd_s: set.clock_sd,
@@ -312,6 +326,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         });
         let mut arrived = PredictorIn {
             drone: Some(state),
+            ranges: range.into_iter().collect(),
             link,
             ..Default::default()
         };

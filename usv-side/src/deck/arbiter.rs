@@ -13,7 +13,7 @@
 //!
 //! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there
 //! is its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its
-//! place.
+//! place. So does every station its height: of two at one height the later is left out of the grant, and gives way.
 //!
 //! The crew closes and opens the deck ([`DeckOrder`]). Opening it says that nothing lies there, which is evidence about
 //! whoever stood there, and none about a drone that was in the air when it fell silent: that one keeps the deck for as
@@ -32,7 +32,7 @@ use core::mem::discriminant;
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
     Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
-    ReasonCode, Starved, State, TAKE_OFF_CLEARANCE_S, Unheard,
+    ReasonCode, STATION_APART_M, Starved, State, Station, TAKE_OFF_CLEARANCE_S, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -99,6 +99,8 @@ struct Drone {
     battery: Option<f64>,
     /// Is on its way down, or begins no descent because of the vessel's course.
     wants_steady: bool,
+    /// The station that it keeps, and since when.
+    station: Option<(Station, Time<VesselClock>)>,
 }
 
 /// Another sender with the same number: the drone itself started anew, or a second drone.
@@ -224,6 +226,7 @@ pub struct DeckArbiter {
     /// The drones for whose take-offs the crew has cleared the deck, each once; as published in the newest grant.
     cleared: Vec<Clearance>,
     take_off: bool,
+    stations: [u8; PLACES],
     /// The drone that it is published for.
     leaves: Option<u32>,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
@@ -390,6 +393,7 @@ impl DeckArbiter {
             flies: false,
             battery: None,
             wants_steady: false,
+            station: None,
         });
         self.drones = drones.collect();
     }
@@ -464,6 +468,11 @@ impl DeckArbiter {
             flies: claim::flies(status),
             battery: status.battery,
             wants_steady: wants_steady(status),
+            station: status.station.map(|station| {
+                let kept = before.and_then(|d| d.station);
+                let same = kept.filter(|(kept, _)| kept.height_m == station.height_m);
+                (station, same.map_or(now, |(_, since)| since))
+            }),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -600,6 +609,29 @@ impl DeckArbiter {
             owner => owner.unwrap_or(0),
         }
     }
+    /// The heights of the stations that the drones of the waiting places keep, m; 0: none, or at the height of one that was there
+    /// before. Who is silent keeps its station for as long as that was ordered for.
+    fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
+        let keeps = |d: &Drone| {
+            let (station, since) = d.station?;
+            let lasts = (now - d.received).secs() <= 60.0 * f64::from(station.for_min);
+            d.place
+                .filter(|_| lasts)
+                .map(|place| (since, place, station.height_m))
+        };
+        let mut kept: Vec<_> = self.drones.iter().filter_map(keeps).collect();
+        kept.sort_unstable();
+        let mut heights = [0; PLACES];
+        for (_, place, height_m) in kept {
+            let taken = |other: &u8| *other != 0 && f64::from(other.abs_diff(height_m)) < STATION_APART_M;
+            if !heights.iter().any(taken)
+                && let Some(slot) = heights.get_mut(place)
+            {
+                *slot = height_m;
+            }
+        }
+        heights
+    }
     fn occupied(&self, now: Time<VesselClock>) -> bool {
         let stands = |d: &Drone| {
             d.claim == Claim::OnDeck
@@ -654,12 +686,14 @@ impl Node for DeckArbiter {
         }
         let (published, course) = (self.published(now), self.course(now));
         let take_off = self.clears_take_off(now);
-        let same = (published, take_off) == (self.published, self.take_off)
+        let stations = self.stations(now);
+        let same = (published, take_off, stations) == (self.published, self.take_off, self.stations)
             && discriminant(&course) == discriminant(&self.stated);
         if now < self.due && same && !helm_changed {
             return ArbiterOut::default();
         }
         (self.published, self.stated, self.take_off) = (published, course, take_off);
+        self.stations = stations;
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);
         ArbiterOut {
@@ -671,6 +705,7 @@ impl Node for DeckArbiter {
                 take_off,
                 wanted: self.is_wanted(now),
                 occupied: self.occupied(now),
+                stations,
                 places: core::array::from_fn(|k| {
                     // Two with one number would both go there.
                     let holder = self.drones.iter().find(|d| d.place == Some(k));

@@ -1,9 +1,12 @@
 //! Keeper of the nodes' checkpoints while their processes are restarted. The supervisor does this: it lives as long as
-//! the flight, and what it keeps outlives it in a small file.
+//! the flight, and what it keeps outlives it in a small file. What the flight is for outlives the computer's boot, too, in a file on
+//! the disk.
 
-use std::fs;
-use std::io::Read;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
 
 use alight_shared::admission::Periodic;
 use alight_shared::checkpoint::{Checkpoint, Keeper};
@@ -20,6 +23,8 @@ use crate::exit::CliError;
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 /// Time between two writings of the file: a tenth of the shortest age at which a checkpoint still counts.
 const FILE_PERIOD: Span = Span::from_millis(50);
+/// In the place of a boot's name: a file of any boot counts.
+const ANY_BOOT: &str = "";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 16;
 
@@ -30,6 +35,7 @@ pub struct CheckpointKeeper {
     mission: Ports<MissionCheckpoint>,
     link: Ports<LinkCheckpoint>,
     file: Option<CheckpointFile>,
+    lasting: Option<LastingFile>,
 }
 
 impl CheckpointKeeper {
@@ -41,7 +47,14 @@ impl CheckpointKeeper {
             mission: Ports::join(memory)?,
             link: Ports::join(memory)?,
             file: None,
+            lasting: None,
         })
+    }
+    /// Begins with what the flight was for that a reboot of the computer has interrupted, in the file at `path` on its disk.
+    #[must_use]
+    pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> CheckpointKeeper {
+        self.lasting = path.map(|path| LastingFile::open(path, now, &mut self.keeper));
+        self
     }
     /// Begins with what a crashed supervisor kept in the file at `path`, and keeps it there from now on.
     #[must_use]
@@ -58,6 +71,9 @@ impl CheckpointKeeper {
             // Checkpoints that stay are too old soon.
             let _none = fs::remove_file(file.path);
         }
+        if let Some(file) = self.lasting {
+            let _none = fs::remove_file(file.path);
+        }
     }
     /// Takes the newest of each and publishes it on the same topic, where a node that begins looks for one of another
     /// boot; while there is none it publishes that.
@@ -69,6 +85,9 @@ impl CheckpointKeeper {
         ];
         if let Some(file) = &mut self.file {
             file.poll(now, new.contains(&true), &self.keeper);
+        }
+        if let Some(file) = self.lasting.as_mut().filter(|_| new.contains(&true)) {
+            file.poll(&self.keeper);
         }
     }
 }
@@ -154,6 +173,93 @@ impl CheckpointFile {
     }
 }
 
+/// The file on the disk: [`Keeper::lasting`], written at each change by a thread of its own, since a disk may take seconds. There is
+/// none while nothing lasts.
+struct LastingFile {
+    path: PathBuf,
+    /// What was handed to the writer last; empty: nothing lasts.
+    written: Vec<u8>,
+    writer: SyncSender<Vec<u8>>,
+}
+
+impl LastingFile {
+    fn open(path: PathBuf, now: Time<DroneClock>, keeper: &mut Keeper) -> LastingFile {
+        let at = path.display();
+        let found = match read(&path) {
+            Ok(found) => found.unwrap_or_default(),
+            Err(e) => {
+                warn!("{at}: reading what the flight before a reboot was for: {e}");
+                Vec::new()
+            }
+        };
+        if !found.is_empty() {
+            match keeper.restore(now, ANY_BOOT, &found) {
+                Ok(()) => info!(
+                    "{at}: the flight goes on that a former start was in: a sortie comes back while its charge lasts"
+                ),
+                Err(why) => {
+                    warn!("{at}: what the flight before a reboot was for does not count: it is {why}")
+                }
+            }
+        }
+        let (writer, states) = sync_channel(1);
+        let to = path.clone();
+        let spawned = thread::Builder::new()
+            .name("lasting".into())
+            .spawn(move || write_each(&to, &states));
+        if let Err(e) = spawned {
+            warn!("{at}: no thread writes what the flight is for: {e}");
+        }
+        LastingFile {
+            path,
+            written: found,
+            writer,
+        }
+    }
+    fn poll(&mut self, keeper: &Keeper) {
+        let lasting = keeper.lasting();
+        let bytes = if lasting.is_empty() {
+            Vec::new()
+        } else {
+            lasting.encode(ANY_BOOT).unwrap_or_default()
+        };
+        // Where the writer is busy the next poll tries again.
+        if bytes != self.written && self.writer.try_send(bytes.clone()).is_ok() {
+            self.written = bytes;
+        }
+    }
+}
+
+/// Writes the newest state until nobody sends one any more.
+fn write_each(path: &Path, states: &Receiver<Vec<u8>>) {
+    while let Ok(bytes) = states.recv() {
+        let done = if bytes.is_empty() {
+            match fs::remove_file(path) {
+                Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+                Ok(()) | Err(_) => Ok(()),
+            }
+        } else {
+            replace_on_disk(path, &bytes)
+        };
+        if let Err(e) = done {
+            warn!(
+                "writing {}: {e}: what the flight is for does not outlive a reboot of the computer",
+                path.display()
+            );
+        }
+    }
+}
+
+/// Whole and under another name first, and on the disk before it returns.
+fn replace_on_disk(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let new = path.with_extension("new");
+    let mut file = File::create(&new)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    fs::rename(&new, path)?;
+    File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
+}
+
 /// A small file; None where there is none.
 fn read(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
     let file = match fs::File::open(path) {
@@ -208,6 +314,50 @@ impl<M: Plain> OwnCheckpoint<M> {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+
+    #[test]
+    fn lasting_file_of_a_sortie() {
+        let now = Time::from_secs(10.0);
+        let path = std::env::temp_dir().join(format!("alight-lasting-{}.flight", std::process::id()));
+        let found = || {
+            let mut keeper = Keeper::default();
+            let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut keeper);
+            (keeper.newest::<MissionCheckpoint>().sortie, file)
+        };
+        let mission = |sortie, at: f64| {
+            let header = Header::new(1, 1, 7, 1, Time::from_secs(at));
+            let mut m = MissionCheckpoint {
+                header,
+                sortie,
+                ..MissionCheckpoint::default()
+            };
+            m.state.header = header;
+            m
+        };
+        let (sortie, mut file) = found();
+        assert!(!sortie && !path.exists());
+        let mut keeper = Keeper::default();
+        let settles = |exists: bool| {
+            for _ in 0..500 {
+                if path.exists() == exists {
+                    return true;
+                }
+                thread::sleep(std::time::Duration::from_millis(10));
+            }
+            false
+        };
+        for (sortie, at) in [(true, 9.0), (false, 9.5), (true, 9.8)] {
+            assert!(keeper.take(now, Some(&mission(sortie, at))));
+            while file.written.is_empty() == sortie {
+                file.poll(&keeper);
+            }
+            assert!(settles(sortie), "{at}");
+        }
+        assert!(found().0);
+        fs::write(&path, "another program's").unwrap();
+        assert!(!found().0);
+        fs::remove_file(&path).unwrap();
+    }
 
     #[test]
     fn checkpoint_file_of_a_crashed_supervisor() {

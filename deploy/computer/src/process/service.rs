@@ -5,6 +5,7 @@
 //! lives. The supervisor restarts a process that ended, at once after a long run, and kills one that reports
 //! nothing for too long, so that it is restarted too; systemd watches the supervisor.
 
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -27,7 +28,7 @@ use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::sealed::SealedConfig;
 use crate::process::supervision::Limits;
-use crate::process::supervisor::{self, Event, Supervisor};
+use crate::process::supervisor::{self, Event, STATE_VARIABLE, Supervisor};
 
 /// Time between two looks of the supervisor.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -65,7 +66,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     let mut observer = Observer::join(&memory)?;
     let mut keeper = match service.checkpoints {
         Some(clock) => {
-            let kept = CheckpointKeeper::join(&memory)?;
+            let kept = CheckpointKeeper::join(&memory)?.on_disk(lasting_path(service.instance), clock.now());
             Some((clock, kept.in_file(owned.file(CHECKPOINTS_FILE), clock.now())))
         }
         None => None,
@@ -116,6 +117,14 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     drop(memory);
     drop(owned);
     Ok(Exit::Success)
+}
+
+/// The file of what outlives the computer's boot; None where the service has no directory for its state.
+fn lasting_path(instance: &str) -> Option<PathBuf> {
+    let named = std::env::var(STATE_VARIABLE).ok()?;
+    // systemd separates several by colons.
+    let directory = named.split(':').next().filter(|first| !first.is_empty())?;
+    Some(Path::new(directory).join(format!("alight-{instance}.flight")))
 }
 
 /// Starts its processes, which record into this flight.

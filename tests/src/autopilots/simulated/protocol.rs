@@ -20,6 +20,9 @@ use super::modes::{mode_number, own_mission};
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
+/// Voltage of its battery of four cells when that is empty, and what a full one has more, V.
+const EMPTY_V: f64 = 14.0;
+const FULL_V: f64 = 2.6;
 /// CURRENT_MODE is sent at this period while the mode stays.
 const MODE_PERIOD: Span = Span::from_millis(500);
 /// PX4 sends MISSION_CURRENT at this period.
@@ -498,7 +501,7 @@ impl SimulatedAutopilot {
                 remaining: self
                     .battery_reported
                     .then_some(self.battery_report.unwrap_or(self.battery)),
-                voltage_v: None,
+                voltage_v: Some(EMPTY_V + FULL_V * self.battery),
                 current_a: None,
             },
             // PX4's receiver is not there while its signal is lost; ArduCopter's is not healthy, and its failsafe's channels

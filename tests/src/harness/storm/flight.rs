@@ -205,7 +205,7 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let takes = |what: Takes, after_s: f64| {
         began().any(|(f, at)| f.fault.kind.spec().takes == what && t_s < until_s(&f.fault, at) + after_s)
     };
-    let (aborted_s, withdrawn_s) = withdrawn(faults);
+    let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(faults);
     let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
     let ordered_again = began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S));
     Scene {
@@ -214,12 +214,14 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
         aborted_s,
+        last_abort_s,
         withdrawn_s: withdrawn_s.filter(|_| !ordered_again),
     }
 }
 
-/// When the mission received an abort, and when it lost its order by that or by a take-over that the link reported, s.
-fn withdrawn(faults: &[Scheduled]) -> (Option<f64>, Option<f64>) {
+/// When the mission received the first abort and the newest, and when it lost its order by the first or by a take-over that the link
+/// reported, s.
+fn withdrawn(faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
         began().any(|(f, at)| {
@@ -227,12 +229,16 @@ fn withdrawn(faults: &[Scheduled]) -> (Option<f64>, Option<f64>) {
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
-    let mut aborts = began().filter(|(f, _)| f.fault.kind == Kind::Abort);
-    let aborted_s = aborts.find(|(_, at)| received(at)).map(|(_, at)| at);
+    let aborts = || {
+        let ordered = began().filter(|(f, _)| f.fault.kind == Kind::Abort);
+        ordered.map(|(_, at)| at).filter(received)
+    };
+    let aborted_s = aborts().next();
+    let last_abort_s = aborts().reduce(f64::max);
     let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
         let lasts_s = f.fault.lasts_s;
         f.fault.kind == Kind::TakenOver && lasts_s > SEEN_S && !stopped(*at, at + lasts_s, &hides)
     });
-    (aborted_s, aborted_s.or(taken.map(|(_, at)| at)))
+    ([aborted_s, last_abort_s], aborted_s.or(taken.map(|(_, at)| at)))
 }

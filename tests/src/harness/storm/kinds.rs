@@ -169,11 +169,11 @@ kinds! {
     /// The bridge's.
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
         Events(|r, _| r.world.kill_bridge(0), |r, _| r.world.start_bridge(0));
-    /// The drone's computer loses its supply and starts again, with what its memory had lost.
+    /// The drone's computer loses its supply and starts again, with what its memory had lost, and what lies on its disk.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
         Events(|r, _| r.fail(Part::Supervisor), |r, _| {
             r.world.restart_clock(0);
-            r.restore(Part::Supervisor, Checkpoints::Lost);
+            r.restore(Part::Supervisor, Checkpoints::Kept);
         });
     /// The predictor stands still.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use alight_shared::msg::{ReasonCode, SetPoint, State};
+use alight_shared::msg::{BatteryPlace, ReasonCode, SetPoint, State};
 use serde::Serialize;
 
 use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
@@ -18,6 +18,9 @@ const GRACE_S: f64 = 0.5;
 const CARRY_S: f64 = 3.0;
 /// An abort is taken within this time, s.
 const ABORT_S: f64 = 1.0;
+
+/// Below this share of the battery's reserve a stopped landing goes on without an order.
+const SPENT_OF_RESERVE: f64 = 0.75;
 
 /// Armed on the deck for longer than this, the status reports it, s.
 const ARMED_S: f64 = 10.0;
@@ -56,7 +59,7 @@ pub enum Rule {
     CarriesLanded,
     /// An abort was not taken.
     AbortIgnored,
-    /// A descent began after an abort, with no new order.
+    /// A descent began after an abort, with no new order and charge left.
     Unordered,
     /// Low over the deck in a state that does not descend.
     NotPermitted,
@@ -124,6 +127,8 @@ pub struct Scene {
     pub without_power: bool,
     /// When the mission received an abort from aboard, s.
     pub aborted_s: Option<f64>,
+    /// When it received the newest, s.
+    pub last_abort_s: Option<f64>,
     /// When the order to land was withdrawn, by an abort or a take-over, and none followed, s.
     pub withdrawn_s: Option<f64>,
 }
@@ -135,6 +140,7 @@ impl Scene {
             uncommanded: false,
             without_power: false,
             aborted_s: None,
+            last_abort_s: None,
             withdrawn_s: None,
             ..*self
         }
@@ -154,6 +160,8 @@ pub struct Watch {
     low_since_s: Option<f64>,
     /// Since when it is armed on the deck and no status reports it, s.
     armed_since_s: Option<f64>,
+    /// When it first began to land because its battery is spent, s.
+    spent_s: Option<f64>,
 }
 
 impl Watch {
@@ -163,7 +171,7 @@ impl Watch {
         let broken = self
             .contacts(rig, k, &scene)
             .or_else(|| self.standing(rig, k, &scene))
-            .or_else(|| orders(rig, k, &scene))
+            .or_else(|| self.orders(rig, k, &scene))
             .or_else(|| self.places(rig, k, &scene));
         let (rule, figure) = broken?;
         Some(Violation {
@@ -221,6 +229,26 @@ impl Watch {
         (armed_s > ARMED_S && !scene.uncommanded).then_some((Rule::StillArmed, armed_s))
     }
 
+    /// An abort that is not taken, a descent whose order was withdrawn.
+    fn orders(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        if let Some(at) = scene.aborted_s.filter(|_| o.motors_on) {
+            let taken = rig.mission(k).abort.is_some() || state == State::Landed;
+            if !taken && t_s > at + ABORT_S {
+                return Some((Rule::AbortIgnored, t_s - at));
+            }
+        }
+        self.spent_s = self.spent_s.or(is_spent(rig, k).then_some(t_s));
+        let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
+        // An abort after that declines the deck.
+        let called = self.spent_s.zip(scene.last_abort_s);
+        if called.is_some_and(|(spent_s, abort_s)| abort_s <= spent_s) {
+            return None;
+        }
+        let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
+        descends.then_some((Rule::Unordered, t_s - at))
+    }
+
     /// Where it may not be, and the set-points that it flies.
     fn places(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
@@ -249,6 +277,18 @@ impl Watch {
     }
 }
 
+/// The drone lands on the deck for its battery, which has no more than an operator who aborts is left to decide by.
+fn is_spent(rig: &Rig, k: usize) -> bool {
+    let charge = rig
+        .world
+        .drones()
+        .get(k)
+        .and_then(|d| d.autopilot())
+        .map_or(1.0, |a| a.battery);
+    let spent = charge < SPENT_OF_RESERVE * rig.nodes.drone.mission.battery_reserve;
+    spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
+}
+
 /// How the first drone ended that has neither landed nor broken a rule.
 pub fn end(rig: &Rig) -> Ending {
     let o = rig.world.observation();
@@ -271,20 +311,6 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
         figure: o.feet_height_m(),
         state: mission.state,
     })
-}
-
-/// An abort that is not taken, a descent whose order was withdrawn.
-fn orders(rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
-    let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-    if let Some(at) = scene.aborted_s.filter(|_| o.motors_on) {
-        let taken = rig.mission(k).abort.is_some() || state == State::Landed;
-        if !taken && t_s > at + ABORT_S {
-            return Some((Rule::AbortIgnored, t_s - at));
-        }
-    }
-    let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
-    let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
-    descends.then_some((Rule::Unordered, t_s - at))
 }
 
 /// For how long it has been so, s; `since` remembers when that began.

@@ -841,3 +841,44 @@ fn wanted_steady_course() {
     rig.step(vec![waits]);
     assert!(wants(&rig));
 }
+
+/// Two drones are ordered to one station: it is that of the first, also while that one is silent, until its time is over.
+#[test]
+fn station_of_two_drones() {
+    let mut rig = Rig::new();
+    let keeps = |rig: &Rig, id, height_m| DroneStatus {
+        station: Some(Station {
+            right_m: 20,
+            height_m,
+            for_min: 1,
+            ..Station::default()
+        }),
+        ..rig.flying_as((id, State::Hold), 20.0)
+    };
+    let step = |rig: &mut Rig, kept: &[(u32, u8)]| {
+        rig.t_s += 0.5;
+        rig.sequence += 1;
+        let statuses = kept.iter().map(|(id, height_m)| keeps(rig, *id, *height_m));
+        let statuses = statuses.collect();
+        let grant = rig.step(statuses).unwrap();
+        let of = |id| {
+            grant
+                .places
+                .iter()
+                .position(|d| *d == id)
+                .map_or(0, |k| grant.stations[k])
+        };
+        [of(1), of(2)]
+    };
+    assert_eq!(step(&mut rig, &[(2, 30)]), [0, 30]);
+    assert_eq!(step(&mut rig, &[(1, 31), (2, 30)]), [0, 30]);
+    assert_eq!(step(&mut rig, &[(1, 35), (2, 30)]), [35, 30]);
+    assert_eq!(step(&mut rig, &[(1, 30), (2, 30)]), [0, 30]);
+    for _ in 0..100 {
+        assert_eq!(step(&mut rig, &[(1, 30)]), [0, 30]);
+    }
+    for _ in 0..30 {
+        step(&mut rig, &[(1, 30)]);
+    }
+    assert_eq!(step(&mut rig, &[(1, 30)]), [30, 0]);
+}
