@@ -10,6 +10,7 @@ use super::{
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
+use crate::mavlink::SigningTimes;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.
@@ -247,6 +248,8 @@ pub struct LinkCheckpoint {
     /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
     /// that again has it.
     pub ended_missions: [bool; 3],
+    /// The times of its signed frames.
+    pub signing: SigningTimes,
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not

@@ -5,6 +5,7 @@
 //! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
 //! its first heartbeat in that mode ends the command.
 
+use alight_shared::mavlink::SigningTimes;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, Message as _};
 use alight_shared::time::Span;
 
@@ -117,6 +118,8 @@ impl AutopilotLink {
             hover_thrust,
             hover_learned_s,
             ended_missions: self.mission_ends.map(|end| end.is_over()),
+            // The process's, which has the frames.
+            signing: SigningTimes::default(),
         })
     }
 }
