@@ -5,20 +5,20 @@
 //! [`Outgoing`]): the crate's own feature for them would bring its code generator, and default
 //! features of the regular expressions in it, into every program.
 
+mod signing;
+
 use core::convert::Infallible;
-use core::fmt;
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read};
-use std::sync::Arc;
 
 use ::mavlink::error::{MessageReadError, ParserError};
 use ::mavlink::{
     Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion, Message,
-    SigningConfig, SigningData,
 };
 
 pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
+pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
 /// `EKF_STATUS_REPORT` of ArduPilot's own dialect, the one message of it that is read: its number and its definition's check
 /// byte. The whole dialect would be as large again as the common one.
@@ -56,129 +56,6 @@ impl Dialect for Known {
         payload: &mut [u8],
     ) -> Result<usize, Infallible> {
         Ok(message.ser(version, payload))
-    }
-}
-
-/// `RADIO_STATUS`: telemetry radios insert it themselves, unsigned, into a link that is signed.
-const RADIO_STATUS: u32 = 109;
-/// Incompatibility flag of a signed frame.
-const SIGNED: u8 = 1;
-
-/// Signing of MAVLink 2 frames with one key: ours are signed, and of others only those are taken that the same key signed,
-/// later than the ones before (<https://mavlink.io/en/guide/message_signing.html>). Timestamps are this computer's time or
-/// the latest that was received, whichever is later, so that a computer whose clock is behind speaks to an autopilot whose
-/// clock is right.
-#[derive(Clone)]
-pub struct Signing {
-    key: [u8; 32],
-    link: Arc<SigningData>,
-    any_time: bool,
-}
-
-impl fmt::Debug for Signing {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Signing")
-    }
-}
-
-impl Signing {
-    /// With this key.
-    pub fn new(key: [u8; 32]) -> Signing {
-        let config = SigningConfig::new(key, 0, true, false);
-        Signing {
-            key,
-            link: Arc::new(SigningData::from_config(config)),
-            any_time: false,
-        }
-    }
-    /// The same key, for frames stamped at whatever time: of an autopilot that learns the time from our answers.
-    #[must_use]
-    pub fn at_any_time(&self) -> Signing {
-        Signing {
-            any_time: true,
-            ..self.clone()
-        }
-    }
-    /// Whether the key signed it, at whatever time.
-    fn is_signature(&self, frame: &MAVLinkV2MessageRaw) -> bool {
-        let mut signature = [0; 6];
-        frame.calculate_signature(&self.key, &mut signature);
-        frame.signature_value() == signature
-    }
-}
-
-/// Frames by their signatures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Signatures {
-    /// Left out because nobody signed them, though a key is set.
-    pub unsigned: u64,
-    /// Left out because another key signed them.
-    pub other_key: u64,
-    /// Left out because they were sent before, or stamped more than a minute before our time.
-    pub old: u64,
-    /// Taken without looking at the signature, because no key is set.
-    pub unchecked: u64,
-}
-
-impl Signatures {
-    /// The sum of both.
-    #[must_use]
-    pub fn plus(self, other: Signatures) -> Signatures {
-        Signatures {
-            unsigned: self.unsigned + other.unsigned,
-            other_key: self.other_key + other.other_key,
-            old: self.old + other.old,
-            unchecked: self.unchecked + other.unchecked,
-        }
-    }
-    /// What is wrong with the signatures of a link, and its remedy; None where all are as configured.
-    pub fn finding(&self) -> Option<(String, &'static str)> {
-        let (count, found, remedy) = if self.other_key > 0 {
-            (
-                self.other_key,
-                "left out: another key than signing_key's signed them",
-                "give the autopilot and signing_key's file the same passphrase",
-            )
-        } else if self.old > 0 {
-            (
-                self.old,
-                "left out: sent before, or stamped over a minute before our time",
-                "set this computer's clock, and let the autopilot have a GNSS fix",
-            )
-        } else if self.unsigned > 0 {
-            (
-                self.unsigned,
-                "left out: not signed, and signing_key demands it",
-                "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
-            )
-        } else {
-            (
-                self.unchecked,
-                "signed, and neither checked nor answered with a signature",
-                "set signing_key to a file with the autopilot's passphrase",
-            )
-        };
-        (count > 0).then(|| (format!("{count} MAVLink frames {found}"), remedy))
-    }
-    /// Whether this frame is taken.
-    fn admit(&mut self, raw: &MAVLinkMessageRaw, signing: Option<&Signing>) -> bool {
-        let signed = match raw {
-            MAVLinkMessageRaw::V1(_) => None,
-            MAVLinkMessageRaw::V2(frame) => Some(frame).filter(|f| f.incompatibility_flags() & SIGNED != 0),
-        };
-        let (count, taken) = match (signing, signed) {
-            (None, None) => return true,
-            (None, Some(_)) => (&mut self.unchecked, true),
-            (Some(_), None) if raw.message_id() == RADIO_STATUS => return true,
-            (Some(_), None) => (&mut self.unsigned, false),
-            (Some(s), Some(frame)) if !s.is_signature(frame) => (&mut self.other_key, false),
-            (Some(s), Some(frame)) if !s.any_time && !s.link.verify_signature(frame) => {
-                (&mut self.old, false)
-            }
-            (Some(_), Some(_)) => return true,
-        };
-        *count += 1;
-        taken
     }
 }
 
@@ -239,6 +116,8 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
+    /// What counts whenever it was signed, by its number and payload.
+    whenever: Option<fn(u32, Fields<'_>) -> bool>,
 }
 
 impl Default for FrameReader {
@@ -252,6 +131,7 @@ impl Default for FrameReader {
             gaps: 0,
             signing: None,
             signatures: Signatures::default(),
+            whenever: None,
         }
     }
 }
@@ -262,6 +142,15 @@ impl FrameReader {
         FrameReader {
             signing,
             ..FrameReader::default()
+        }
+    }
+    /// The same, of which those messages are taken whenever they were signed: no clock stops them, nor does it that they may be sent
+    /// again by somebody else.
+    #[must_use]
+    pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
+        FrameReader {
+            whenever: Some(message),
+            ..self
         }
     }
     /// Takes bytes in.
@@ -288,7 +177,10 @@ impl FrameReader {
                         self.gaps += 1;
                         self.whole = gone;
                     }
-                    if !self.signatures.admit(&raw, self.signing.as_ref()) {
+                    let whenever = self
+                        .whenever
+                        .is_some_and(|counts| counts(raw.message_id(), Fields(raw.payload())));
+                    if !self.signatures.admit(&raw, self.signing.as_ref(), whenever) {
                         continue;
                     }
                     return Some(RawFrame {
@@ -454,111 +346,7 @@ pub fn encode(from: Sender, message: impl Into<Outgoing>, signing: Option<&Signi
         return Vec::new();
     }
     if let Some(signing) = signing {
-        signing.link.sign_message(&mut raw);
+        signing.sign(&mut raw);
     }
     raw.raw_bytes().to_vec()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SENDER: Sender = Sender {
-        system: 1,
-        component: 1,
-        sequence: 7,
-    };
-
-    fn heartbeat(signing: Option<&Signing>) -> Vec<u8> {
-        encode(
-            SENDER,
-            Outgoing::new(0, 50, vec![3, 0, 0, 0, 2, 12, 81, 4, 3]),
-            signing,
-        )
-    }
-    /// How many of these frames a link with this key takes, and what became of the others.
-    fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
-        let mut reader = FrameReader::signed(signing);
-        frames.iter().for_each(|bytes| reader.push(bytes));
-        let taken = core::iter::from_fn(|| reader.next_frame()).count();
-        (taken, reader.signatures())
-    }
-
-    #[test]
-    fn frames_by_their_signatures() {
-        let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
-        let [signed, later] = [(); 2].map(|()| heartbeat(Some(&ours)));
-        let mut changed = heartbeat(Some(&ours));
-        // The signature alone, which the checksum does not cover.
-        *changed.last_mut().unwrap() ^= 1;
-        let frames = [
-            signed.clone(),
-            later,
-            signed,
-            heartbeat(None),
-            heartbeat(Some(&other)),
-            changed,
-        ];
-        let counts = Signatures {
-            unsigned: 1,
-            other_key: 2,
-            old: 1,
-            unchecked: 0,
-        };
-        assert_eq!(taken(Some(Signing::new([1; 32])), &frames), (2, counts));
-        let unchecked = Signatures {
-            unchecked: 5,
-            ..Signatures::default()
-        };
-        assert_eq!(taken(None, &frames), (6, unchecked));
-    }
-
-    #[test]
-    fn status_of_a_radio_in_a_signed_link() {
-        let status = encode(SENDER, Outgoing::new(RADIO_STATUS, 185, vec![1; 9]), None);
-        assert_eq!(taken(Some(Signing::new([1; 32])), &[status]).0, 1);
-    }
-
-    /// Computed outside, by the specification: SHA-256 of key, frame, link and timestamp, its first six bytes.
-    #[test]
-    fn signature_by_the_specification() {
-        let frame = "fd 09 01 00 00 01 01 00 00 00 03 00 00 00 02 0c 51 04 03 95 f8 00 00 00 00 00 00 80 b3 8d 25 8d 8d ca";
-        let frame = frame
-            .split(' ')
-            .map(|b| u8::from_str_radix(b, 16).unwrap())
-            .collect();
-        assert_eq!(
-            taken(Some(Signing::new([0x42; 32])), &[frame]),
-            (1, Signatures::default())
-        );
-    }
-
-    /// A computer whose clock is behind: its frames are stamped after those that it received.
-    #[test]
-    fn timestamp_after_the_latest_received() {
-        let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
-        // Ahead of every clock.
-        let mut ahead = MAVLinkV2MessageRaw::new();
-        let message = Outgoing::new(0, 50, vec![3; 9]);
-        ahead
-            .serialize_message_with_dialect_for_signing(SENDER.into(), &Bytes(50), &message)
-            .unwrap();
-        *ahead.signature_timestamp_bytes_mut().last_mut().unwrap() = 0x7f;
-        let mut signature = [0; 6];
-        ahead.calculate_signature(&[1; 32], &mut signature);
-        ahead.signature_value_mut().copy_from_slice(&signature);
-        let ahead = ahead.raw_bytes().to_vec();
-        let of_ours = || {
-            let companion = Sender {
-                component: 191,
-                ..SENDER
-            };
-            encode(companion, Outgoing::new(0, 50, vec![3; 9]), Some(&ours))
-        };
-        let before = of_ours();
-        assert_eq!(taken(Some(ours.clone()), core::slice::from_ref(&ahead)).0, 1);
-        // The autopilot has stamped as late, and takes nothing that is older by a minute.
-        let frames = [ahead, before, of_ours()];
-        assert_eq!(taken(Some(autopilot), &frames).0, 2);
-    }
 }

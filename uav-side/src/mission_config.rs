@@ -37,6 +37,9 @@ config! {
         /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received), "beacon"
         /// (a beacon gives its place, and the drone looks for its tags there) or "tag" (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
         pub least_vessel: VesselLevel = VesselLevel::Computer;
+        /// A beacon alone leads the drone no further than this from where it set out, m: nobody authenticates one.
+        /// Chosen: a boat that its crew can see.
+        pub beacon_max_way_m: f64 = 1000.0, in 50.0..=5000.0;
         /// Height over the deck from which a search sees its tags, and how far around the point below it sees them, m: of the
         /// camera and the tags, from the drone's common settings.
         #[serde(skip)]
@@ -48,7 +51,7 @@ config! {
         /// Tracking ends after this long without a detection, s.
         pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Without vision, a radio silence of this length leads to Hold, or to a search where the vessel went (`least_vessel`), and
-        /// ends a station, s.
+        /// stops a station over ground until the vessel is back, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Stably above the deck: relative horizontal speed, m/s.
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;

@@ -214,6 +214,7 @@ impl VesselComputer {
             now,
             &HelmIn {
                 demand: self.arbiter.demand(now),
+                drone: self.arbiter.comes(now),
                 motion: self.motion,
                 advice: self
                     .advice
@@ -291,6 +292,12 @@ impl VesselComputer {
         let new = starved.filter(|_| who != self.starved);
         events.extend(new.map(VesselEvent::DeckStarved));
         self.starved = who;
+        let ended = self.arbiter.ended_clearances();
+        events.extend(
+            ended
+                .into_iter()
+                .map(|(drone, why)| VesselEvent::ClearanceEnded { drone, why }),
+        );
         let owner = self.arbiter.owner();
         events.extend((owner != former_owner).then_some(VesselEvent::DeckOwner(owner)));
     }

@@ -22,6 +22,11 @@ pub type Line = Text<240>;
 
 /// A clearance for a take-off lasts so long, s: its checks, the countdown and the wait for the moment.
 pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
+/// A standing one lasts for so long of each stay of its drone on a deck at which neither a switch nor a sensor shows who comes, s: who
+/// gave it still has it in mind. Chosen.
+pub const TAKE_OFF_STANDING_S: f64 = 600.0;
+/// No standing one lasts longer, s: a watch on board.
+pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
 
 /// The crew's order about the deck, or about the vessel's course under a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
@@ -37,7 +42,8 @@ pub enum DeckOrder {
     /// Nobody and nothing is near this drone on the deck, nor tied to it: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// The same until the deck is closed, for each take-off of it: whoever gives it sees to it for so long.
+    /// The same for each take-off of it, until somebody has been at the deck, and for [`TAKE_OFF_WATCH_S`] at most: whoever gives
+    /// it sees to it for so long.
     TakeOffStanding(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),

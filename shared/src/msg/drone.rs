@@ -10,6 +10,7 @@ use super::{
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
+use crate::mavlink::SigningTimes;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.
@@ -247,6 +248,8 @@ pub struct LinkCheckpoint {
     /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
     /// that again has it.
     pub ended_missions: [bool; 3],
+    /// The times of its signed frames.
+    pub signing: SigningTimes,
     /// In this flight the autopilot has flown its own mission, and nobody has chosen another mode since.
     pub own_mission: bool,
 }
@@ -254,12 +257,14 @@ pub struct LinkCheckpoint {
 impl LinkCheckpoint {
     /// What of it outlives the computer's boot, and with that its clock; None: nothing.
     pub fn lasting(&self) -> Option<LinkCheckpoint> {
-        let lasts = self.own_mission || self.ended_missions.contains(&true);
+        let signed = self.signing != SigningTimes::default();
+        let lasts = signed || self.own_mission || self.ended_missions.contains(&true);
         lasts.then(|| LinkCheckpoint {
             header: self.header.outdated(),
             mode: self.mode,
             ended_missions: self.ended_missions,
             own_mission: self.own_mission,
+            signing: self.signing,
             ..LinkCheckpoint::default()
         })
     }

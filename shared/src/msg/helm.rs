@@ -74,6 +74,8 @@ pub enum HelmEnd {
     NotGivenBack,
     /// The boat was not steady on the course in time.
     NotSettled,
+    /// It has gone as far as one yes allows.
+    TooFar,
 }
 
 impl fmt::Display for HelmEnd {
@@ -90,9 +92,10 @@ impl fmt::Display for HelmEnd {
             HelmEnd::Turning => "the helm states that the vessel turns",
             HelmEnd::Restarted => "the vessel's process ended or was restarted",
             HelmEnd::Descent => "a drone descends or takes off on the course that is",
-            HelmEnd::TooLong => "the drone has not landed for too long",
+            HelmEnd::TooLong => "the drone has not landed for too long (helm.max_time_s)",
             HelmEnd::NotGivenBack => "the former mode was not taken back by the boat's autopilot",
             HelmEnd::NotSettled => "the boat is not steady on the course",
+            HelmEnd::TooFar => "the boat has gone as far as one yes allows (helm.max_way_m)",
         })
     }
 }

@@ -566,8 +566,7 @@ pub enum CommandProgress {
     /// Repeated to the drone, which has not shown that it has taken it: an abort for as long as that takes.
     #[default]
     Pending,
-    /// A status of the drone that came after it shows it: of a landing and a take-off their states, of all others their own
-    /// echo.
+    /// The drone's status echoes it, and does not reject it.
     Taken,
     /// The drone rejects it, or did not take it in time.
     GivenUp,
@@ -607,56 +606,52 @@ impl CommandKind {
             | CommandKind::Ready => true,
         }
     }
-    /// Whether a mission that stands so, and waits for this, has done what was commanded.
-    pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
-        let asked = !matches!(
-            waiting,
-            ReasonCode::NotCommanded | ReasonCode::Operator | ReasonCode::OnStation
-        );
-        match self {
-            // A mission that was commanded and waits for something else has received it.
-            CommandKind::Land => match state {
-                State::Idle | State::Hold => asked,
-                State::GaveUp
-                | State::Preparing
-                | State::Countdown
-                | State::SpinUp
-                | State::TakeOff
-                | State::ClimbOut
-                | State::StandDown => false,
-                State::GetAltitude
-                | State::Approach
-                | State::Search
-                | State::Tracking
-                | State::TrackingStable
-                | State::Descent
-                | State::Flare
-                | State::Landed => true,
-            },
-            // On the deck there is nothing to break off; a waiting mission reports when it has received it.
-            CommandKind::Abort => {
-                matches!(state, State::GaveUp | State::Landed)
-                    || CommandKind::leaves_the_deck(state)
-                    || state == State::Idle && waiting == ReasonCode::Operator
-                    || waiting == ReasonCode::CompletesLanding
-            }
-            CommandKind::Hold => {
-                matches!(state, State::Hold | State::Idle) && waiting == ReasonCode::Operator
-                    || state == State::Landed
-                    || CommandKind::leaves_the_deck(state)
-                    || waiting == ReasonCode::CompletesLanding
-            }
-            CommandKind::TakeOff => state.is_take_off(),
-            CommandKind::Station(_) => state == State::Hold && waiting == ReasonCode::OnStation,
-            CommandKind::Ready => {
-                let stands = matches!(state, State::Landed | State::Idle);
-                state.is_take_off() || stands && waiting == ReasonCode::NotCleared
-            }
+}
+
+/// What a mission shows of the orders that it has received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OrderEcho {
+    /// Boot and sequence of the newest abort ...
+    abort: Option<[u32; 2]>,
+    /// ... and of the newest other order since.
+    order: Option<[u32; 2]>,
+    /// The newest of all is not carried out.
+    rejected: bool,
+}
+
+impl OrderEcho {
+    /// Whether an order of this kind is carried out, by the echo that `is_own`; None: it has not been received, or a newer one has.
+    pub fn answers(&self, kind: CommandKind, is_own: impl Fn([u32; 2]) -> bool) -> Option<bool> {
+        let (echo, rejected) = match kind {
+            CommandKind::Abort => (self.abort, self.rejected && self.order.is_none()),
+            CommandKind::Land
+            | CommandKind::Hold
+            | CommandKind::TakeOff
+            | CommandKind::Ready
+            | CommandKind::Station(_) => (self.order, self.rejected),
+        };
+        echo.filter(|echo| is_own(*echo)).map(|_| !rejected)
+    }
+}
+
+impl MissionState {
+    /// What it shows of the orders that it has received.
+    pub fn echo(&self) -> OrderEcho {
+        OrderEcho {
+            abort: self.abort,
+            order: self.order,
+            rejected: self.rejected.is_some(),
         }
     }
-    /// A take-off that was stopped, or that an order to stop lets go on: it ends in a hold.
-    const fn leaves_the_deck(state: State) -> bool {
-        matches!(state, State::StandDown | State::TakeOff | State::ClimbOut)
+}
+impl DroneStatus {
+    /// What the mission shows of the orders that it has received.
+    pub fn echo(&self) -> OrderEcho {
+        OrderEcho {
+            abort: self.abort,
+            order: self.order,
+            rejected: self.rejected.is_some(),
+        }
     }
 }
 

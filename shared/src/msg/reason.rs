@@ -256,6 +256,12 @@ pub enum ReasonCode {
     StationTaken,
     /// No station is taken from here: the drone takes off, is on its way down, stands or looks for the vessel.
     StationNotNow,
+    /// An order is not carried out: the pilot, the autopilot's own mission or its hold has the drone.
+    NotInControl,
+    /// An order to land is not carried out: the drone stands on the deck.
+    OnDeck,
+    /// An order to land is not carried out: the drone is about to take off, or that was just stopped.
+    DuringTakeOff,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -433,6 +439,15 @@ impl fmt::Display for Reason {
             ReasonCode::StationNotNow => write!(
                 f,
                 "no station from here: it takes off, descends, stands or looks for the vessel"
+            ),
+            ReasonCode::NotInControl => write!(
+                f,
+                "the pilot or the autopilot's own mode has the drone: choose another mode there, or order a landing"
+            ),
+            ReasonCode::OnDeck => write!(f, "the drone stands on the deck"),
+            ReasonCode::DuringTakeOff => write!(
+                f,
+                "it takes off: abort that, or order again once it is clear of the deck"
             ),
             ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
             ReasonCode::Disarmed => write!(f, "disarmed on the deck"),

@@ -196,7 +196,7 @@ fn landing_and_abort_by_rc_switch() {
     assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
     turn(&mut rig, LOW);
     assert!(rig.until(60.0, |r| {
-        CommandKind::Abort.is_met(r.state(0), r.mission(0).waiting.code)
+        r.state(0) == State::GaveUp || r.mission(0).waiting.code == ReasonCode::CompletesLanding
     }));
     let m = rig.mission(0);
     assert!(
@@ -264,6 +264,53 @@ fn orders_of_a_ground_station() {
             [(command::REQUEST_MESSAGE, CommandResult::Unsupported)]
         );
         assert_eq!(p.orders, []);
+    }
+}
+
+/// As shipped: an abort counts, whoever gives it; nothing else without a signature, and each is answered with the reason.
+#[test]
+fn orders_of_a_link_as_shipped() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &AutopilotLinkConfig::default());
+        p.waits_for_flight = true;
+        p.run(3.0);
+        for number in [command::USER_1, command::NAV_TAKEOFF, command::USER_4] {
+            (p.answers, p.notes) = Default::default();
+            p.inject(STATION, &order(number));
+            p.run(1.0);
+            assert_eq!(p.answers, [(number, CommandResult::Denied)], "{firmware:?}");
+            assert!(
+                p.notes.iter().any(|(_, text)| text.contains("signing_key")),
+                "{:?}",
+                p.notes
+            );
+        }
+        assert!(p.orders.is_empty(), "{:?}", p.orders);
+        p.inject(STATION, &order(command::USER_2));
+        p.run(0.1);
+        assert!(p.orders.iter().any(|c| c.kind == CommandKind::Abort));
+    }
+}
+
+/// What is not taken is answered with a text that says why.
+#[test]
+fn refusals_say_why() {
+    for firmware in BOTH {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.run(3.0);
+        let command = CommandLong::new(
+            Address::new(VEHICLE, 191),
+            command::USER_4,
+            [20.0, 50.0, 50.0, 10.0],
+        );
+        p.inject(STATION, &Message::Command(command));
+        p.run(0.2);
+        assert_eq!(p.answers, [(command::USER_4, CommandResult::Denied)]);
+        assert!(
+            p.notes.iter().any(|(_, text)| text.contains("bounds")),
+            "{:?}",
+            p.notes
+        );
     }
 }
 
@@ -478,9 +525,17 @@ fn parameters_that_stay() {
     }
 }
 
+/// Orders of a link that is not signed count.
+fn by_mavlink() -> NodeConfigs {
+    NodeConfigs {
+        autopilot: config(),
+        ..NodeConfigs::default()
+    }
+}
+
 #[test]
 fn landing_and_abort_by_ground_station() {
-    let mut rig = Rig::landing(&Scenario::default(), &NodeConfigs::default(), 1).expect("a world");
+    let mut rig = Rig::landing(&Scenario::default(), &by_mavlink(), 1).expect("a world");
     let send = |rig: &mut Rig, number: u16| {
         let t = rig.world.physics().now();
         rig.world
@@ -492,7 +547,7 @@ fn landing_and_abort_by_ground_station() {
     assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
     send(&mut rig, command::USER_2);
     assert!(rig.until(60.0, |r| {
-        CommandKind::Abort.is_met(r.state(0), r.mission(0).waiting.code)
+        r.state(0) == State::GaveUp || r.mission(0).waiting.code == ReasonCode::CompletesLanding
     }));
     assert!(rig.mission(0).abort.is_some(), "{:?}", rig.mission(0));
     // The autopilot is not to be asked again before the abort was taken and answered.
@@ -525,7 +580,7 @@ fn take_off(rig: &mut Rig) {
 fn landing_from_a_height_of_a_ground_station() {
     // The file has 15 m.
     let height_m = 25.0;
-    let mut rig = Rig::new(&Scenario::default(), &NodeConfigs::default(), 1).expect("a world");
+    let mut rig = Rig::new(&Scenario::default(), &by_mavlink(), 1).expect("a world");
     rig.world.stand_on_pad(0);
     assert!(rig.until(5.0, |r| r.mission(0).settable));
     let t = rig.world.physics().now();

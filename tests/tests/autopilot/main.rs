@@ -25,8 +25,12 @@ use rig::{LinkRig, hold, hover, lead, press};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
+/// On a link that is not signed, and takes orders nevertheless.
 fn config() -> AutopilotLinkConfig {
-    AutopilotLinkConfig::default()
+    AutopilotLinkConfig {
+        unsigned_orders: true,
+        ..AutopilotLinkConfig::default()
+    }
 }
 
 #[test]
@@ -149,6 +153,31 @@ fn authority_after_a_takeover() {
         p.give_the_mode();
         p.run(0.6);
         p.assert_commanding();
+    }
+}
+
+/// A ground station's return, and our mode again a moment later: PX4 takes it, for set-points are there.
+#[test]
+fn our_mode_again_after_a_short_return() {
+    for return_s in [0.2, 0.5, 1.0, 1.5] {
+        for mode in [AutopilotMode::Return, AutopilotMode::Land] {
+            let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+            p.mission = State::Flare;
+            p.run(0.3);
+            assert!(p.choose(mode));
+            p.run(0.1);
+            // The mission waits from now on.
+            p.mission = State::Idle;
+            p.pilot = Some(hold);
+            p.run(return_s);
+            assert!(
+                p.choose(AutopilotMode::Offboard),
+                "{mode:?} for {return_s} s: denied"
+            );
+            p.run(2.5);
+            assert_eq!(p.mode(), AutopilotMode::Offboard, "{mode:?} for {return_s} s");
+            p.assert_commanding();
+        }
     }
 }
 
@@ -424,6 +453,7 @@ fn arming_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
         let mut p = LinkRig::new(Firmware::ArduCopter, 0.3, &c);
+        p.deck_offset = [60.0, 0.0];
         p.linked.autopilot.arm(false);
         p.waits_for_flight = true;
         p.run(5.0);
@@ -446,6 +476,26 @@ fn arming_when_configured() {
         p.linked.autopilot.arm(false);
         p.run(10.0);
         assert_eq!(p.commands_of(command::ARM_DISARM).len(), expected);
+    }
+}
+
+/// On the deck, or where no deck is known, an order to land arms nothing: nobody aboard has cleared it.
+#[test]
+fn arming_on_the_deck() {
+    for (firmware, forecast) in BOTH.into_iter().flat_map(|f| [(f, true), (f, false)]) {
+        let c = AutopilotLinkConfig {
+            may_arm: true,
+            ..config()
+        };
+        let mut p = LinkRig::new(firmware, 0.3, &c);
+        p.forecast = forecast;
+        p.linked.autopilot.arm(false);
+        p.waits_for_flight = true;
+        p.run(5.0);
+        p.choose(AutopilotMode::Offboard);
+        p.run(20.0);
+        let sent = p.commands_of(command::ARM_DISARM).len();
+        assert_eq!(sent, 0, "{firmware:?}, forecast: {forecast}");
     }
 }
 

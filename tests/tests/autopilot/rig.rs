@@ -6,9 +6,9 @@ use std::rc::Rc;
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, BatteryPlace, Command, DeckForecast, DeckStage, DroneState, Header,
-    MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint, SetPointKind,
-    SettingsOrder, State,
+    AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage, DroneState,
+    Header, MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint,
+    SetPointKind, SettingsOrder, State,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
@@ -64,6 +64,9 @@ pub struct LinkRig {
     published: State,
     /// The link's computer stands still: what arrives waits.
     pub stands_still: bool,
+    /// Its clock with it, and how far that is behind.
+    pub suspended: bool,
+    behind: Span,
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -71,6 +74,8 @@ pub struct LinkRig {
     pub counted: Option<f64>,
     /// The newest abort that the mission was given.
     pub abort: Option<[u32; 2]>,
+    /// The newest other order, which it shows while it waits for the drone to fly.
+    order: Option<[u32; 2]>,
     /// A forecast of the deck is there.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
@@ -183,10 +188,13 @@ impl LinkRig {
             since: Time::EPOCH,
             published: State::Idle,
             stands_still: false,
+            suspended: false,
+            behind: Span::ZERO,
             mission_silent: false,
             low_battery: None,
             counted: None,
             abort: None,
+            order: None,
             forecast: true,
             states: Vec::new(),
             odometry: Vec::new(),
@@ -294,9 +302,12 @@ impl LinkRig {
         self.on_deck = reports.iter().any(|r| r.feet.contains(&true));
         self.t_s += STEP.secs();
         if self.stands_still {
+            if self.suspended {
+                self.behind = self.behind + STEP;
+            }
             return;
         }
-        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s));
+        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s) - self.behind);
         let out = self.linked.receive(t, now);
         self.take(out);
         let mut input = AutopilotIn::default();
@@ -317,6 +328,7 @@ impl LinkRig {
                 low_battery: self.low_battery,
                 battery: self.counted,
                 abort: self.abort,
+                order: self.order.filter(|_| self.waits_for_flight),
                 settings: self.mission_settings,
                 settable: self.settable,
                 waiting: Reason::plain(match (self.turns_back, self.waits_for_flight) {
@@ -326,6 +338,8 @@ impl LinkRig {
                 }),
                 ..MissionState::default()
             };
+            let newest = self.orders.iter().rev().find(|c| c.kind != CommandKind::Abort);
+            self.order = newest.map(|c| [c.header.boot, c.header.sequence]).or(self.order);
             input.mission = (!self.mission_silent).then_some(mission);
             input.forecast = self.forecast.then(|| self.deck(header));
         }

@@ -46,8 +46,14 @@ fn landed_report_that_stops() {
 /// The computer of the link stands still, or the autopilot is silent: PX4 holds by itself, and that is no person's choice.
 #[test]
 fn standstill_of_either_computer() {
-    for (own, gap_s) in [(true, 0.6), (true, 0.8), (true, 1.5), (false, 0.76)] {
+    let own = [0.6, 0.8, 1.5]
+        .into_iter()
+        .flat_map(|s| [(true, s, false), (true, s, true)]);
+    for (own, gap_s, suspended) in own.chain([(false, 0.76, false)]) {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+        p.suspended = suspended;
+        let frames = |p: &LinkRig| p.odometry.last().map(|(_, d)| d.frames);
+        let before_frames = frames(&p);
         let set = |p: &mut LinkRig, gone: bool| {
             if own {
                 p.stands_still = gone;
@@ -68,10 +74,15 @@ fn standstill_of_either_computer() {
             .filter(|s| s.mode == AutopilotMode::Hold);
         assert!(
             held.clone().all(|s| s.lapsed),
-            "own {own}, {gap_s} s: taken for a person's choice"
+            "own {own}, {gap_s} s, suspended {suspended}: taken for a person's choice"
         );
-        assert_eq!(p.mode(), AutopilotMode::Offboard, "own {own}, {gap_s} s");
+        assert_eq!(
+            p.mode(),
+            AutopilotMode::Offboard,
+            "own {own}, {gap_s} s, suspended {suspended}"
+        );
         p.assert_commanding();
+        assert_eq!(frames(&p), before_frames, "the autopilot has not restarted");
     }
 }
 

@@ -145,6 +145,36 @@ fn unattended_cycles() {
     }
 }
 
+/// Somebody changes the battery between two sorties: the standing clearance has ended, and is asked for again.
+#[test]
+fn battery_changed_between_two_sorties() {
+    let (scenario, mut nodes) = on_deck(0.3, Firmware::Px4);
+    nodes.drone.mission.sorties_max = 2;
+    let mut rig = Rig::new(&scenario, &nodes, 65).unwrap();
+    upload(&mut rig, 0, 30.0);
+    charge(&mut rig, 0, 0.6);
+    rig.world.deck_order(DeckOrder::TakeOffStanding(1));
+    rig.run(1.0);
+    rig.world.command(CommandKind::TakeOff);
+    let (landed, _) = until(&mut rig, 300.0, State::Landed);
+    assert!(
+        landed && rig.until(20.0, |r| !armed(r, 0)),
+        "{:?}",
+        rig.visited(0)
+    );
+    rig.run(30.0);
+    charge(&mut rig, 0, 1.0);
+    let leaves = rig.until(90.0, |r| r.state(0) != State::Landed || armed(r, 0));
+    assert!(!leaves, "{:?}", rig.visited(0));
+    assert_eq!(rig.mission(0).waiting.code, ReasonCode::NotCleared);
+    rig.world.deck_order(DeckOrder::TakeOffStanding(1));
+    assert!(
+        rig.until(60.0, |r| r.mission(0).sorties == [2, 2]),
+        "{:?}",
+        rig.visited(0)
+    );
+}
+
 /// Without a charger it waits for the order that it is ready, and without the crew's standing clearance for that; an abort ends it.
 #[test]
 fn next_sortie_waits_for_people() {

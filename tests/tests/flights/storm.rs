@@ -2,8 +2,10 @@
 //! so that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
 
 use alight_shared::msg::State;
-use alight_sim::harness::storm::watch::Rule;
+use alight_sim::harness::storm::watch::{Ending, Rule};
 use alight_sim::harness::storm::{Fault, Flown, Kind, Mutant, Storm, fly, fly_mutant};
+use alight_sim::physics::vessel::Course;
+use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
 /// Flies it, silently.
@@ -58,6 +60,70 @@ fn same_storm_twice() {
     let flown = fly();
     assert_eq!(flown, fly());
     assert!(!flown.began.is_empty());
+}
+
+/// A landing over PX4 in a slight sea, on a boat at 2 m/s, with one fault.
+fn with_fault(seed: u64, fault: Fault) -> Storm {
+    Storm {
+        faults: vec![fault],
+        sea: [0.2, 5.0],
+        autopilot: Firmware::Px4,
+        course: Course::Straight,
+        speed_mps: 2.0,
+        wind_mps: 3.0,
+        reserved: false,
+        drones: 1,
+        mast: false,
+        ..Storm::drawn(seed, 0)
+    }
+}
+
+/// The companion is suspended, and its clock with it: the order goes on.
+#[test]
+fn order_over_a_suspended_computer() {
+    let cases: Vec<_> = [State::Approach, State::Descent, State::Flare]
+        .into_iter()
+        .flat_map(|state| (1..=2).map(move |seed| (state, seed)))
+        .collect();
+    cases.into_par_iter().for_each(|(state, seed)| {
+        let fault = Fault {
+            kind: Kind::ComputerSuspended,
+            state,
+            after_s: 0.3,
+            size: 0.0,
+            lasts_s: 1.5,
+        };
+        let f = flown(&with_fault(seed, fault), None);
+        let context = format!("{state:?}, seed {seed}: {f:?}");
+        assert!(f.violation.is_none() && f.ending == Ending::Landed, "{context}");
+    });
+}
+
+/// The whole computer is killed in the flare over a boat that goes on.
+#[test]
+#[ignore = "48 landings: two minutes"]
+fn computer_killed_in_the_flare() {
+    let flights: Vec<_> = (1..=24)
+        .flat_map(|seed| [(seed, 0.1), (seed, 0.8)])
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|(seed, after_s)| {
+            let fault = Fault {
+                kind: Kind::ComputerKilled,
+                state: State::Flare,
+                after_s,
+                size: 0.0,
+                lasts_s: 2.0,
+            };
+            (seed, after_s, flown(&with_fault(seed, fault), None))
+        })
+        .collect();
+    let lost: Vec<_> = flights
+        .iter()
+        .filter(|(_, _, f)| f.violation.is_some_and(|v| v.rule != Rule::HardContact))
+        .collect();
+    println!("{} of {} broke a rule: {lost:#?}", lost.len(), flights.len());
+    assert!(lost.is_empty());
 }
 
 #[test]

@@ -124,6 +124,14 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
+/// The autopilot goes its own way in this mode, whoever chose it.
+fn flies_itself(mode: AutopilotMode) -> bool {
+    match mode {
+        AutopilotMode::Return | AutopilotMode::Land => true,
+        AutopilotMode::Other | AutopilotMode::Offboard | AutopilotMode::Hold => false,
+    }
+}
+
 /// What the decision rests on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Evidence {
@@ -189,7 +197,8 @@ impl AuthorityStateMachine {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Decides; for `quiet` after a takeover no set-points are streamed.
+    /// Decides; for `quiet` after a takeover by a pilot no set-points are streamed. Where the autopilot returns or lands they are at
+    /// once: it follows none, and whoever gives the mode back a second later is not denied for want of them.
     pub(crate) fn step(&mut self, now: DroneTime, f: &Evidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
@@ -214,9 +223,10 @@ impl AuthorityStateMachine {
             ControlAuthority::Diverted(to)
         } else if !ours && self.was_in_command() && !self.fell_back(f) {
             ControlAuthority::TakenOver { mode: f.mode }
-        } else if let (false, ControlAuthority::TakenOver { .. }) =
-            (ours || now - self.since >= quiet, self.control_authority)
-        {
+        } else if let (false, ControlAuthority::TakenOver { .. }) = (
+            ours || now - self.since >= quiet || flies_itself(f.mode),
+            self.control_authority,
+        ) {
             ControlAuthority::TakenOver { mode: f.mode }
         } else if f.several && !self.flown {
             ControlAuthority::SeveralAutopilots
@@ -379,6 +389,19 @@ mod tests {
         let s = run(&mut a, 140, &[person; 10]);
         assert_eq!(s[9], ControlAuthority::Standby { mode });
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
+    }
+
+    /// A return is streamed for at once, and ends the command as any other mode.
+    #[test]
+    fn authority_after_a_return() {
+        let mut a = AuthorityStateMachine::default();
+        run(&mut a, 0, &[READY; 3]);
+        let mode = AutopilotMode::Return;
+        let s = run(&mut a, 60, &[by(mode); 3]);
+        assert_eq!(s[0], ControlAuthority::TakenOver { mode });
+        assert_eq!(s[1], ControlAuthority::Standby { mode });
+        assert!(s[1].may_offer() && !s[1].commands());
+        assert_eq!(run(&mut a, 120, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
     #[test]

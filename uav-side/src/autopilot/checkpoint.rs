@@ -5,6 +5,7 @@
 //! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
 //! its first heartbeat in that mode ends the command.
 
+use alight_shared::mavlink::SigningTimes;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, Message as _};
 use alight_shared::time::Span;
 
@@ -121,6 +122,8 @@ impl AutopilotLink {
             hover_learned_s,
             ended_missions: self.mission_ends.map(|end| end.is_over()),
             own_mission: self.own_mission.is_under_way(),
+            // The process's, which has the frames.
+            signing: SigningTimes::default(),
         })
     }
 }

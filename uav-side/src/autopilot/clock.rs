@@ -15,8 +15,10 @@ use super::DroneTime;
 const MAX_EXCHANGES: usize = 20;
 /// Drift between two crystals, s/s.
 const DRIFT: f64 = 1e-4;
-/// Offsets further apart than this, s: the autopilot restarted.
+/// Offsets further apart than this, s, with the autopilot's clock behind: it restarted.
 const RESTART_S: f64 = 0.5;
+/// Two offsets that are further apart than both may err, and this, s: a clock has stepped.
+const STEPPED_S: f64 = 0.02;
 /// A sample is never older than this when it arrives, s.
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
 
@@ -43,6 +45,8 @@ pub(crate) struct RemoteClock {
     pub(crate) rejected: u32,
     /// Restarts of the autopilot.
     pub(crate) restarts: u32,
+    /// The autopilot's clock went ahead of ours, which stood still with this computer: known since, and for how long, s.
+    stood_still: Option<(DroneTime, f64)>,
 }
 
 impl RemoteClock {
@@ -59,10 +63,15 @@ impl RemoteClock {
             offset_ns: asked_ns.saturating_add(half.nanos()).saturating_sub(remote_ns),
             round_trip,
         };
-        let apart = self.offset_ns(now).map(|o| o.saturating_sub(exchange.offset_ns));
-        if apart.is_some_and(|a| Span::from_nanos(a).abs().secs() > RESTART_S) {
-            self.exchanges.clear();
-            self.restarts = self.restarts.saturating_add(1);
+        if let Some((before, error_s)) = self.offset(now) {
+            let ahead_s = Span::from_nanos(before.saturating_sub(exchange.offset_ns)).secs();
+            if ahead_s.abs() > error_s + exchange.uncertainty_s(now) + STEPPED_S {
+                // What was exchanged before dates nothing any more.
+                self.exchanges.clear();
+            }
+            if ahead_s < -RESTART_S {
+                self.restarts = self.restarts.saturating_add(1);
+            }
         }
         self.exchanges.push_back(exchange);
         if self.exchanges.len() > MAX_EXCHANGES {
@@ -106,11 +115,21 @@ impl RemoteClock {
         let offset = self.offset_ns(now)?;
         let at = Time::from_nanos(remote_ns.saturating_add(offset));
         let age = (now - at).secs();
+        if age < -(STEPPED_S + self.uncertainty_s(now)) {
+            let before = self.stood_still(now).map_or(0.0, |(_, s)| s);
+            self.stood_still = Some((now, before.max(-age)));
+        }
         if !(-0.01 - self.uncertainty_s(now)..=MAX_SAMPLE_AGE_S).contains(&age) {
             self.rejected = self.rejected.saturating_add(1);
             return None;
         }
         Some(at.min(now))
+    }
+    /// This computer stood still with its clock, as samples show that are dated ahead of it: since when that is known, and for
+    /// how long it did, s. For a while: they are dated anew with the next answer.
+    pub(crate) fn stood_still(&self, now: DroneTime) -> Option<(DroneTime, f64)> {
+        self.stood_still
+            .filter(|(at, _)| (now - *at).secs() <= MAX_SAMPLE_AGE_S)
     }
     /// The autopilot's time of ours, us; 0 while it is not known.
     pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
@@ -166,6 +185,28 @@ mod tests {
         );
         assert!(c.local_time(now, i64::MIN).is_none() && c.local_time(now, i64::MAX).is_none());
         assert_eq!(c.rejected, 5);
+    }
+
+    /// This computer was suspended with its clock, for less and for more than a restart takes: that is no restart, and samples are
+    /// dated again by the next answer.
+    #[test]
+    fn timesync_after_a_suspended_computer() {
+        for gap_s in [0.1, 0.3, 1.5, 20.0] {
+            let mut c = RemoteClock::default();
+            for k in 0..20 {
+                ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.001, 0.001);
+            }
+            let (now, gap) = (DroneTime::from_secs(204.1), Span::from_secs(gap_s));
+            let remote = |now: DroneTime| (now + gap).nanos() - APART_NS;
+            assert!(c.stood_still(now).is_none() && c.local_time(now, remote(now)).is_none());
+            let found = c.stood_still(now).map_or(0.0, |(_, s)| s);
+            assert!((found - gap_s).abs() < 0.01, "{found} s of {gap_s}");
+            let back = now + Span::from_millis(10);
+            c.answered(back, now.nanos(), remote(now) + 5_000_000, 0.1);
+            let at = c.local_time(back, remote(back));
+            assert!(at.is_some_and(|at| (back - at).secs() < 0.01), "{gap_s}: {at:?}");
+            assert_eq!(c.restarts, 0, "{gap_s}");
+        }
     }
 
     #[test]

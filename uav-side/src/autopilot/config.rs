@@ -40,6 +40,9 @@ config! {
         /// MAVProxy and QGroundControl, or 64 hexadecimal digits. With it every frame is signed, and only those are
         /// taken that the same key signed. Empty: none is signed, and none is checked.
         pub signing_key: String = String::new();
+        /// Orders and parameters of ground stations count although no `signing_key` is set: of whoever reaches the link. Without,
+        /// an abort alone does.
+        pub unsigned_orders: bool = false;
         /// System number of the autopilot; 0: the first one whose heartbeat is received, and nothing is begun while those of two
         /// vehicles are.
         pub vehicle: u8 = 0;
@@ -107,7 +110,8 @@ config! {
         /// of its own leads to the vessel and not to where she was. It has to end in a hover there (RTL_LAND_DELAY,
         /// RTL_ALT_FINAL).
         pub send_home: bool = false;
-        /// Alight may arm a drone that stands on the ground in the mode that a person gave.
+        /// An order to land may arm a drone that stands on the ground in the mode that a person gave, more than 20 m from a deck
+        /// whose place is known. On the deck nothing but a take-off arms, which the crew clears.
         pub may_arm: bool = false;
         /// Channel of the remote control whose switch commands, by its change: low aborts, and held there rejects every
         /// order to begin; the middle does nothing, high lands; 0: none. The receiver's failsafe must leave it in the middle, or send nothing.
@@ -133,6 +137,13 @@ config! {
             this.disarm.own_landing,
             "false without publish_deck: the autopilot would land without the deck",
         )?;
+    }
+}
+
+impl AutopilotLinkConfig {
+    /// Orders of ground stations count, other than an abort, which always does.
+    pub fn takes_orders(&self) -> bool {
+        self.unsigned_orders || !self.signing_key.is_empty()
     }
 }
 

@@ -313,8 +313,14 @@ impl AutopilotLink {
             result,
             to: from,
         };
-        match self.station.received(now, from, asked, self.switch.bars()) {
+        let admits = [self.switch.bars(), self.config.takes_orders()];
+        match self.station.received(now, from, asked, admits) {
             Received::Answered(result) => out.messages.push(answer(result)),
+            Received::Rejected(result, why) => {
+                out.messages.push(answer(result));
+                let text = format!("not taken: {why}: an order of ground station {}", from.system);
+                out.alarm(severity::WARNING, text);
+            }
             Received::Order(kind) => {
                 let header = self.header(Output::Command, now);
                 let replaced = self.station.give((command, kind), from, header);

@@ -3,7 +3,8 @@
 //! Both look the same on the link. PX4's own begins COM_OF_LOSS_T after the last set-point that it has taken and ends with the
 //! next one; any other is the will of a person, who has taken the drone over. Set-points cease where the pilot or this link
 //! pauses, where the whole computer stands still (then the link itself does not step), and where the autopilot does, or the
-//! wire, which its silence shows. A hold that may have begun in such a gap is PX4's own; for a person's it then counts as
+//! wire, which its silence shows. A computer that was suspended with its clock knows of no gap: the autopilot's clock, which went
+//! on, shows it. A hold that may have begun in such a gap is PX4's own; for a person's it then counts as
 //! soon as set-points do not end it. ArduCopter never holds by itself: its Brake is chosen.
 
 use alight_shared::msg::AutopilotMode;
@@ -34,6 +35,8 @@ struct Observed {
     sent_at: Option<DroneTime>,
     /// Without one PX4 leaves OFFBOARD after this, s; None for a firmware that does not.
     loss_s: Option<f64>,
+    /// This computer stood still with its clock: known since, and for how long, s.
+    stood_still: Option<(DroneTime, f64)>,
 }
 
 /// A stream's newest gap: when it ended, and how long it was, s.
@@ -41,6 +44,11 @@ struct Observed {
 struct Gaps {
     last: Option<DroneTime>,
     newest: Option<(DroneTime, f64)>,
+}
+
+/// A gap in which PX4 that waits `loss_s` for set-points may have begun to hold, of which it may report by `now`.
+fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bool {
+    gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
 }
 
 impl Gaps {
@@ -51,11 +59,8 @@ impl Gaps {
         }
         self.last = Some(at);
     }
-    /// A gap in which PX4 that waits `loss_s` for set-points may have begun to hold, of which it may report by now.
     fn explains(&self, now: DroneTime, loss_s: f64) -> bool {
-        self.newest.is_some_and(|(ended, gap_s)| {
-            gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
-        })
+        self.newest.is_some_and(|gap| explains(gap, now, loss_s))
     }
 }
 
@@ -97,9 +102,11 @@ impl LapseMonitor {
         }
         if o.mode != self.mode {
             let left = self.mode == AutopilotMode::Offboard && o.mode == AutopilotMode::Hold;
-            self.lapsed = left
-                && o.loss_s
-                    .is_some_and(|loss_s| self.follows_a_gap(now, before, o.sent_at, loss_s));
+            let follows = |loss_s| {
+                let suspended = o.stood_still.is_some_and(|gap| explains(gap, now, loss_s));
+                suspended || self.follows_a_gap(now, before, o.sent_at, loss_s)
+            };
+            self.lapsed = left && o.loss_s.is_some_and(follows);
             self.mode = o.mode;
         }
         let sent_at = o.sent_at;
@@ -139,6 +146,7 @@ impl AutopilotLink {
             received,
             sent_at: self.sent_at,
             loss_s,
+            stood_still: self.clock.stood_still(now),
         };
         self.lapse.step(now, &observed);
     }
@@ -160,6 +168,7 @@ mod tests {
             received: true,
             sent_at: Some(at(sent_s)),
             loss_s,
+            stood_still: None,
         }
     }
     /// Steps of 10 ms between these times, s.
@@ -242,6 +251,23 @@ mod tests {
             }
             seen(&mut m, gap_s + after_s, Hold);
             assert_eq!(m.is_lapsed(), expected, "own {own}, {gap_s} s, {after_s} s after");
+        }
+    }
+
+    /// This computer was suspended with its clock: its own set-points show no gap.
+    #[test]
+    fn lapse_of_a_suspended_computer() {
+        for (gap_s, expected) in [(1.5, true), (0.1, false)] {
+            let mut m = LapseMonitor::default();
+            for t in steps(-1.0, 0.0) {
+                m.step(at(t), &observed(AutopilotMode::Offboard, t, Some(0.25)));
+            }
+            let back = Observed {
+                stood_still: Some((at(0.0), gap_s)),
+                ..observed(AutopilotMode::Hold, -0.01, Some(0.25))
+            };
+            m.step(at(0.0), &back);
+            assert_eq!(m.is_lapsed(), expected, "{gap_s}");
         }
     }
 

@@ -394,11 +394,14 @@ impl AutopilotLink {
     /// An order of the remote control's switch or of a ground station to the mission, an abort first.
     fn publish_order(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let mission = self.mission.get();
-        let by_switch = if self.station.aborts() {
-            None
+        let (by_switch, refused) = if self.station.aborts() {
+            (None, None)
         } else {
             self.switch.poll(now, mission)
         };
+        if let Some(text) = refused {
+            out.alarm(severity::WARNING, text);
+        }
         if by_switch.is_some() {
             out.command = by_switch;
             return;

@@ -42,29 +42,28 @@ impl Order {
     pub(super) fn kind(&self) -> CommandKind {
         self.command.kind
     }
-    /// Whether it is the newest that this state acknowledges.
-    pub(super) fn is_acknowledged(&self, m: &MissionState) -> bool {
-        m.order == Some([self.command.header.boot, self.command.header.sequence])
+    fn answered(&self, m: &MissionState) -> Option<bool> {
+        let h = &self.command.header;
+        m.echo()
+            .answers(self.command.kind, |echo| echo == [h.boot, h.sequence])
     }
     /// By the mission's newest state.
     pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Progress {
-        let (h, kind) = (self.command.header, self.command.kind);
-        let own = Some([h.boot, h.sequence]);
-        let taken = |m: &MissionState| match kind {
-            CommandKind::Abort => (m.abort == own).then_some(true),
-            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
-                self.is_acknowledged(m).then_some(m.rejected.is_none())
-            }
-            CommandKind::Land | CommandKind::TakeOff => {
-                (m.header.at > h.at && kind.is_met(m.state, m.waiting.code)).then_some(true)
-            }
-        };
-        match mission.and_then(taken) {
+        match mission.and_then(|m| self.answered(m)) {
             Some(true) => Progress::Taken,
             Some(false) => Progress::GivenUp,
             None if self.sending.is_over(now) => Progress::GivenUp,
             None => Progress::UnderWay(self.sending.is_due(now).then_some(self.command)),
         }
+    }
+    /// Why it was given up, for people.
+    pub(super) fn refusal(&self, mission: Option<&MissionState>) -> String {
+        let (_, order) = named(self.command.kind);
+        let why = mission.map_or("no mission reports".into(), |m| {
+            let own = m.rejected.filter(|_| self.answered(m).is_some());
+            m.state.because(&own.unwrap_or(m.waiting))
+        });
+        format!("{order} was not taken: {why}")
     }
 }
 

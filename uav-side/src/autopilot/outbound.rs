@@ -2,8 +2,8 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, PlanStage, ReasonCode, SetPoint,
-    SetPointKind, State, still_armed,
+    AutopilotMode, BatteryPlace, DeckStage, DroneState, Header, LandedState, MissionState, Motors, PlanStage,
+    ReasonCode, SetPoint, SetPointKind, State, still_armed,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -34,6 +34,8 @@ const NEAR_M: f64 = 0.6;
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// A mission counts a charge after this time at the latest, s: the longest `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
+/// No deck carries a drone that is further than this from its centre, m: two receivers, and the longest decks.
+const AWAY_FROM_DECK_M: f64 = 20.0;
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
@@ -493,7 +495,18 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// Arms on the ground, when that is configured, a person gave the mode and a landing is commanded.
+    /// The drone stands elsewhere than on the deck, by a forecast and its odometry. Nobody aboard has cleared a deck for an order to
+    /// land, and a drone whose vessel is not known may stand on it.
+    fn is_away_from_deck(&self, now: DroneTime) -> bool {
+        let state = self
+            .state
+            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
+        let apart = |s: DroneState, deck: DeckStage| s.position() - Vector3::from(deck.position);
+        let apart = state.zip(self.deck(now)).map(|(s, deck)| apart(s, deck));
+        apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
+    }
+    /// Arms on the ground away from the deck, when that is configured, a person gave the mode and a landing is commanded. From the
+    /// deck a take-off alone starts the motors: after the crew's clearance and a countdown.
     pub(super) fn arm(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         if peer.mode != AutopilotMode::Offboard {
@@ -512,6 +525,7 @@ impl AutopilotLink {
             || !commanded
             || self.arm_tries >= ARM_TRIES
             || !self.timers.command.is_ready(now)
+            || !self.is_away_from_deck(now)
         {
             return;
         }

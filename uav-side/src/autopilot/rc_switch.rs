@@ -151,18 +151,25 @@ impl RcSwitch {
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(Order::new(header, kind));
     }
-    /// What is to be published now, by the mission's newest state; time passes for the channels, too.
-    pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Option<Command> {
+    /// What is to be published now, by the mission's newest state, and why an order was not taken; time passes for the channels, too.
+    pub(super) fn poll(
+        &mut self,
+        now: DroneTime,
+        mission: Option<&MissionState>,
+    ) -> (Option<Command>, Option<String>) {
         if self.received_at.is_some_and(|at| now - at > LOST) {
             self.forget();
         }
-        match self.given.as_mut()?.poll(now, mission) {
-            Progress::UnderWay(command) => command,
-            Progress::Taken | Progress::GivenUp => {
-                self.given = None;
-                None
-            }
-        }
+        let Some(given) = &mut self.given else {
+            return (None, None);
+        };
+        let text = match given.poll(now, mission) {
+            Progress::UnderWay(command) => return (command, None),
+            Progress::Taken => None,
+            Progress::GivenUp => Some(given.refusal(mission)),
+        };
+        self.given = None;
+        (None, text)
     }
 }
 
@@ -201,7 +208,7 @@ mod tests {
                 if pulse_us != 0 {
                     all.extend(switch.on_channels(at(now_s), CHANNEL, &channels(pulse_us)));
                 }
-                assert_eq!(switch.poll(at(now_s), None), None);
+                assert_eq!(switch.poll(at(now_s), None), (None, None));
             }
         }
         all
@@ -298,7 +305,8 @@ mod tests {
         let published = |kind, mission: &MissionState| {
             let mut switch = RcSwitch::default();
             switch.give(Header::new(0, 1, 7, 3, at(10.0)), kind);
-            let polls = (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)));
+            let polls =
+                (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
         // For 5 s every quarter of one, while the mission shows nothing or something else.
@@ -307,9 +315,10 @@ mod tests {
         assert_eq!(published(Abort, &own), 0);
         // It was landing before it was commanded to.
         assert_eq!(published(Land, &before), 21);
-        assert_eq!(
-            published(Land, &mission(10.1, State::Approach, ReasonCode::TooFar, None)),
-            0
-        );
+        let taken = MissionState {
+            order: Some([7, 3]),
+            ..mission(10.1, State::Approach, ReasonCode::TooFar, None)
+        };
+        assert_eq!(published(Land, &taken), 0);
     }
 }

@@ -15,6 +15,7 @@ use alight_shared::topics;
 
 use super::message::{Address, Message, ParameterValue, severity};
 use super::modes::Firmware;
+use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
 
@@ -287,6 +288,9 @@ impl AutopilotLink {
     fn changed_settings(&self, now: DroneTime, p: Parameter, value: f64) -> Result<MissionSettings, String> {
         let mission = self.mission.fresh(now, topics::MISSION.stale_after);
         let mission = mission.ok_or("no mission reports")?;
+        if !self.config.takes_orders() {
+            return Err(UNSIGNED.into());
+        }
         if let Some(why) = self.is_locked(now, mission) {
             return Err(why.into());
         }

@@ -198,6 +198,8 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
         overruled: false,
         lapsed: false,
         sortie: m.sortie,
+        // From where it goes on.
+        led_from: None,
         cycles: Cycles {
             on: m.cycling,
             sorties: m.state.sorties[0],

@@ -6,6 +6,7 @@
 //! drone stay?), `take_off` and `lift_off` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
+mod answers;
 mod battery;
 mod checkpoint;
 mod cycles;
@@ -39,6 +40,8 @@ mod interrupt_tests;
 mod ladder_tests;
 #[cfg(test)]
 mod node_tests;
+#[cfg(test)]
+mod orders_tests;
 #[cfg(test)]
 mod promise_tests;
 #[cfg(test)]

@@ -294,6 +294,8 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
+    /// Where a beacon alone began to lead it, drone's NED, north and east, m.
+    pub led_from: Option<[f64; 2]>,
     /// The order that was rejected last.
     pub rejected: Option<RejectedOrder>,
 }
@@ -318,9 +320,15 @@ pub(super) enum Transition {
 /// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
-/// The vessel is further away than anybody means to fly.
-pub(super) fn too_far(deck: &Deck) -> Option<Reason> {
-    exceeds(ReasonCode::VesselTooFar, deck.distance_m, MAX_VESSEL_DISTANCE_M)
+/// The vessel is further away than anybody means to fly, or to be led by a beacon alone.
+pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
+    let by_beacon = deck.beacon.is_some() && deck.radio_age_s > c.radio_fresh_s;
+    let limit_m = if by_beacon {
+        c.beacon_max_way_m
+    } else {
+        MAX_VESSEL_DISTANCE_M
+    };
+    exceeds(ReasonCode::VesselTooFar, deck.distance_m, limit_m)
 }
 
 /// What is too old to go on.

@@ -61,7 +61,7 @@ impl Place {
                 ..
             } => Place {
                 height_m: f64::from(kept.station.height_m),
-                offset: station::offset(&kept, &at, s),
+                offset: station::offset(&kept, &at, s, c),
                 ..held(at, yaw, false)
             },
             MissionPhase::Hold { at, yaw, .. } => Place {

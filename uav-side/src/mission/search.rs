@@ -128,7 +128,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> Transi
     let Some(deck) = s.fresh_deck() else {
         return stays.stay(s.no_deck());
     };
-    if let Some(why) = too_far(deck) {
+    if let Some(why) = too_far(deck, c) {
         return holding(HoldCause::Data, s, c).enter(why);
     }
     if deck.vision_age_s <= c.vision_fresh_s {

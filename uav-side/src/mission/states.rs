@@ -51,7 +51,7 @@ pub(super) fn step(
             fresh,
         } => {
             let at = match cause {
-                HoldCause::Station(kept) => station::held_place(&kept, &at, s),
+                HoldCause::Station(kept) => station::held_place(&kept, &at, s, c),
                 HoldCause::Operator | HoldCause::Data => held_place(&at, s, false),
             };
             let hold = |fresh| MissionPhase::Hold {
@@ -147,7 +147,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     }
     match (s.fresh_deck(), s.own) {
         (Some(deck), Some(own)) if deck.radio_age_s <= c.radio_fresh_s => {
-            if let Some(why) = too_far(deck) {
+            if let Some(why) = too_far(deck, c) {
                 return idle.stay(why);
             }
             progress.started = s.now;
@@ -161,7 +161,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
             MissionPhase::TRACKING.enter(TagsInSight)
         }
         (Some(deck), Some(own)) if let Some([sd_m, age_s]) = deck.beacon => {
-            if let Some(why) = too_far(deck).or_else(|| search::vague(deck)) {
+            if let Some(why) = too_far(deck, c).or_else(|| search::vague(deck)) {
                 return idle.stay(why);
             }
             progress.started = s.now;
@@ -204,7 +204,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Tr
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(s.no_deck());
     };
-    if let Some(why) = too_far(deck) {
+    if let Some(why) = too_far(deck, c) {
         return holding(HoldCause::Data, s, c).enter(why);
     }
     let blind = deck.vision_age_s > c.vision_fresh_s;
@@ -650,7 +650,7 @@ fn held(
     let (Some(deck), Some(own)) = (s.fresh_deck(), s.own) else {
         return hold(None).stay(s.no_deck());
     };
-    if let Some(why) = too_far(deck) {
+    if let Some(why) = too_far(deck, c) {
         return hold(None).stay(why);
     }
     if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s && deck.beacon.is_none() {

@@ -80,7 +80,7 @@ fn rejected(
         .or_else(|| low.map(|b| Reason::new(BatteryLow, b, s.battery_reserve)))
         .or(s.turns_back.filter(|_| progress.sortie))
         .or_else(|| old_data(s))
-        .or_else(|| s.fresh_deck().and_then(too_far))
+        .or_else(|| s.fresh_deck().and_then(|deck| too_far(deck, c)))
         .or_else(|| {
             let radio_age_s = s.fresh_deck().map_or(f64::INFINITY, |d| d.radio_age_s);
             exceeds(NoVessel, radio_age_s, c.radio_fresh_s).map(|_| NoVessel.into())
@@ -130,17 +130,17 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     Reason::new(OnStation, left_s, off_m)
 }
 
-/// On its station in `phase`: until the time is over, the place impossible, or the vessel lost. What an order, the battery or a
-/// mode end is ended before.
+/// On its station in `phase`: until the time is over or the place impossible. Without the vessel it stays over ground, and goes on
+/// to its station once the vessel is back. What an order, the battery or a mode end is ended before.
 pub(super) fn keeps(phase: MissionPhase, kept: &KeptStation, s: &Situation, c: &MissionConfig) -> Transition {
     let over = (s.now >= kept.until).then(|| StationOver.into());
-    let ends = over
-        .or_else(|| lost(s, c))
-        .or_else(|| impossible(&kept.station, s, c));
+    let far = || s.fresh_deck().and_then(|deck| too_far(deck, c));
+    let ends = over.or_else(|| impossible(&kept.station, s, c)).or_else(far);
     if let Some(why) = ends {
         return leaves(phase, holding(HoldCause::Operator, s, c), s, c).enter(why);
     }
-    phase.stay(old_data(s).unwrap_or_else(|| waiting(kept, s)))
+    let without = lost(s, c).or_else(|| old_data(s));
+    phase.stay(without.unwrap_or_else(|| waiting(kept, s)))
 }
 
 /// `next` after `phase`: from a station to the height of its waiting place, for the station's may be another's now.
@@ -159,8 +159,16 @@ pub(super) fn leaves(
 
 /// The station from the deck's centre, NED, m, round the deck; None: low over the vessel it climbs first, and without the
 /// vessel it stays.
-pub(super) fn offset(kept: &KeptStation, at: &Vector3<f64>, s: &Situation) -> Option<[f64; 2]> {
-    let deck = s.fresh_deck().filter(|_| !moving_place(at, s, false).0)?;
+pub(super) fn offset(
+    kept: &KeptStation,
+    at: &Vector3<f64>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<[f64; 2]> {
+    let received = lost(s, c).is_none();
+    let deck = s
+        .fresh_deck()
+        .filter(|_| received && !moving_place(at, s, false).0)?;
     let bearing = wrap_angle(deck.heading_rad + kept.station.bearing_rad());
     let distance_m = kept.station.distance_m();
     Some(if distance_m < OWNER_ONLY_M {
@@ -171,8 +179,13 @@ pub(super) fn offset(kept: &KeptStation, at: &Vector3<f64>, s: &Situation) -> Op
 }
 
 /// The place `at` where the drone would stay without the vessel, on its way to the station.
-pub(super) fn held_place(kept: &KeptStation, at: &Vector3<f64>, s: &Situation) -> Vector3<f64> {
-    match (offset(kept, at, s), s.own) {
+pub(super) fn held_place(
+    kept: &KeptStation,
+    at: &Vector3<f64>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Vector3<f64> {
+    match (offset(kept, at, s, c), s.own) {
         (Some(_), Some(own)) => {
             let z = (s.mean_deck_z).map_or(at.z, |mean| mean - f64::from(kept.station.height_m));
             Vector3::new(own.position.x, own.position.y, s.no_lower(z))

@@ -2,13 +2,13 @@
 
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
-    StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack,
+    StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
 };
 use alight_shared::msg::{AutopilotMode, Station};
 use nalgebra::Vector3;
 
 use super::phase::{HoldCause, gave_up, holding};
-use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, with};
+use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with};
 use super::*;
 
 /// To starboard, abeam.
@@ -59,7 +59,7 @@ fn station_is_taken_in_the_air() {
         assert_eq!(usual.phase.station().map(|kept| kept.station), Some(ABEAM));
         assert_eq!((kept.until - flying(|_| ()).now).secs(), 600.0);
         assert!(!d.progress.landing && !d.progress.stopped, "{phase:?}");
-        assert!(ORDER.is_met(State::Hold, step(&d, &flying(|_| ())).waiting.code));
+        waits(&step(&d, &flying(|_| ())), State::Hold, OnStation);
     }
 }
 
@@ -233,13 +233,15 @@ fn own_deck_may_be_kept_from_above() {
 #[test]
 fn station_ended_by_time_vessel_or_mode() {
     type Case = (fn(&mut Situation), Option<ReasonCode>);
-    let cases: [Case; 6] = [
+    let cases: [Case; 5] = [
         (|s| s.now += Span::from_secs(599.0), None),
         (|s| s.now += Span::from_secs(601.0), Some(StationOver)),
         (|s| radio_age(s, 4.9), None),
-        (|s| radio_age(s, 5.1), Some(NoVessel)),
         (|s| s.forecast_age_s = 1.0, None),
-        (|s| s.forecast_age_s = 6.0, Some(NoVessel)),
+        (
+            |s| s.deck.as_mut().unwrap().distance_m = 6000.0,
+            Some(VesselTooFar),
+        ),
     ];
     for (change, ends) in cases {
         let d = step(&on_station(), &flying(change));
@@ -251,6 +253,39 @@ fn station_ended_by_time_vessel_or_mode() {
     assert_eq!(stale.waiting.code, ForecastStale);
     let taken = flying(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
+}
+
+/// Without the vessel it stays over ground, and goes on to its station once the vessel is back.
+#[test]
+fn station_after_a_silence() {
+    let high = |s: &mut Situation| {
+        s.own.as_mut().unwrap().position = Vector3::new(-20.0, 0.0, -16.3);
+        let deck = s.deck.as_mut().unwrap();
+        (deck.distance_m, deck.bearing_rad) = (20.0, 0.0);
+    };
+    let offset = |d: &Decision, s: &Situation| Place::of(d.phase, s, &config()).offset;
+    let mut d = step(&on_station(), &flying(high));
+    assert!(offset(&d, &flying(high)).is_some());
+    let silences: [fn(&mut Situation); 2] = [|s| radio_age(s, 8.0), |s| s.forecast_age_s = 6.0];
+    for silence in silences {
+        let silent = flying(|s| {
+            high(s);
+            silence(s);
+        });
+        d = step(&d, &silent);
+        assert!(d.phase.station().is_some() && d.entered.is_none());
+        assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
+        let place = Place::of(d.phase, &silent, &config());
+        assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
+        // The radio is back, and the vessel 490 m on.
+        let back = flying(|s| {
+            high(s);
+            s.deck.as_mut().unwrap().distance_m = 490.0;
+        });
+        d = step(&d, &back);
+        assert_eq!(d.waiting.code, OnStation);
+        assert!(offset(&d, &back).is_some() && d.waiting.limit > 450.0);
+    }
 }
 
 #[test]

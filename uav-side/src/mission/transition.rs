@@ -6,8 +6,9 @@
 
 use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode};
 
+use super::answers::not_done;
 use super::checkpoint::ends_softer;
-use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M};
+use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, exceeds};
 use super::phase::{
     HoldCause, MissionPhase, Progress, RejectedOrder, Transition, gave_up, holding, old_data,
 };
@@ -39,7 +40,10 @@ pub fn decide(
     s: &Situation,
     c: &MissionConfig,
 ) -> Decision {
-    let (mut progress, before) = (progress, phase);
+    let (mut progress, before, former) = (progress, phase, progress);
+    if command.is_some() {
+        progress.rejected = None;
+    }
     let transition = interrupt(phase, &mut progress, command, s, c)
         .unwrap_or_else(|| states::step(phase, &mut progress, s, c));
     let (phase, entered, waiting) = match transition {
@@ -75,12 +79,18 @@ pub fn decide(
     } else {
         waiting
     };
-    Decision {
+    let mut decision = Decision {
         phase,
         progress,
         entered,
         waiting,
+    };
+    let undone = command.filter(|_| decision.progress.rejected.is_none());
+    let undone = undone.and_then(|order| not_done(order, before, &former, &decision, s));
+    if let Some(why) = undone {
+        decision.progress.rejected = Some(RejectedOrder { at: s.now, why });
     }
+    decision
 }
 
 /// The hard contact that was noticed.
@@ -273,6 +283,20 @@ fn turn_back(
     Some(next.enter(why))
 }
 
+/// A beacon alone has led the drone too far from where that began: one that moves on would lead it anywhere.
+fn led_too_far(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let deck = s.fresh_deck()?;
+    let known = deck.radio_age_s <= c.radio_fresh_s || deck.vision_age_s <= c.vision_fresh_s;
+    if known || s.moved.is_some() || deck.beacon.is_none() {
+        progress.led_from = None;
+        return None;
+    }
+    let here = s.own?.position;
+    let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
+    let way_m = (here.x - x).hypot(here.y - y);
+    exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)
+}
+
 /// What holds in every state.
 fn interrupt(
     phase: MissionPhase,
@@ -328,6 +352,11 @@ fn interrupt(
     if phase.state().phase() == Phase::Landing || gives_up || phase.waits_for_operator() {
         return None;
     }
+    if let Some(why) = led_too_far(progress, s, c) {
+        // Nor is it led on by a low battery.
+        progress.deck_declined = true;
+        return Some(gave_up(s, c).enter(why));
+    }
     let took = (s.now - progress.started).secs();
     (took > c.mission_timeout_s)
         .then(|| gave_up(s, c).enter(Reason::new(ReasonCode::TooLong, took, c.mission_timeout_s)))
@@ -342,7 +371,6 @@ fn commanded(
     c: &MissionConfig,
 ) -> Option<Transition> {
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
-    progress.rejected = None;
     match command {
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
@@ -388,6 +416,7 @@ fn commanded(
             progress.stopped = false;
             progress.attempts = 0;
             progress.started = s.now;
+            progress.led_from = None;
             progress.armed = false;
             progress.deck_declined = false;
             progress.ordered_below = s.battery.filter(|b| *b < s.battery_reserve);

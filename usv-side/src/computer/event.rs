@@ -8,6 +8,7 @@ use alight_shared::msg::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::deck::ClearanceEnd;
 use crate::sensors::MAX_REPEATED;
 
 /// What people on board are to know.
@@ -33,6 +34,13 @@ pub enum VesselEvent {
     },
     /// The crew's order was taken.
     DeckOrder(DeckOrder),
+    /// A clearance for take-offs has ended that was neither used nor taken back.
+    ClearanceEnded {
+        /// For this drone.
+        drone: u32,
+        /// Why.
+        why: ClearanceEnd,
+    },
     /// The deck has another owner.
     DeckOwner(Option<u32>),
     /// A drone is landed and armed for longer than its disarm takes.
@@ -86,6 +94,7 @@ impl VesselEvent {
             VesselEvent::DroneState { .. }
             | VesselEvent::Command { .. }
             | VesselEvent::DeckOrder(_)
+            | VesselEvent::ClearanceEnded { .. }
             | VesselEvent::DeckOwner(_) => false,
         }
     }
@@ -112,7 +121,7 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::TakeOffStanding(drone)) => {
                 write!(
                     f,
-                    "crew order: deck cleared for take-offs of drone {drone} until it is closed"
+                    "crew order: deck cleared for take-offs of drone {drone} until somebody comes to it"
                 )
             }
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),
@@ -134,6 +143,10 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::No)) => {
                 write!(f, "crew order: the computer may not steer")
             }
+            VesselEvent::ClearanceEnded { drone, why } => write!(
+                f,
+                "drone {drone} is no longer cleared for a take-off: {why}; see that nobody is near it, then clear the deck again"
+            ),
             VesselEvent::Helm(helm) => write!(f, "helm: {helm}"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),

@@ -22,8 +22,8 @@
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 //!
 //! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
-//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until the deck is closed; or for each of its take-offs until
-//! then ([`DeckOrder::TakeOffStanding`]), which does not outlive this process.
+//! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until somebody has been at the deck; or for each of its take-offs
+//! until then ([`DeckOrder::TakeOffStanding`], [`clearance`]). None outlives this process.
 //!
 //! With the deck it publishes what the helm intends ([`Course`]), and it knows whether a drone wants a steady course.
 
@@ -32,7 +32,7 @@ use core::mem::discriminant;
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
     Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
-    ReasonCode, STATION_APART_M, Starved, State, Station, TAKE_OFF_CLEARANCE_S, Unheard,
+    ReasonCode, STATION_APART_M, Starved, State, Station, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
@@ -40,6 +40,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
+pub(crate) mod clearance;
 mod demand;
 
 use super::MAX_DRONES;
@@ -48,6 +49,7 @@ use super::config::DeckConfig;
 use super::inputs::{DeckInputs, Reading};
 use super::stated_course::StatedCourse;
 use claim::Evidence;
+use clearance::{Clearance, Clearances, StandingCharge};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
@@ -63,14 +65,6 @@ const MIN_ALTERNATIONS: u32 = 2;
 /// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
 /// crew has time to look.
 const LOW_BATTERY: f64 = 0.3;
-
-/// The crew's clearance that a drone may take off.
-#[derive(Clone, Copy, Debug)]
-struct Clearance {
-    drone: u32,
-    /// None: until the deck is closed.
-    until: Option<Time<VesselClock>>,
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Drone {
@@ -97,6 +91,8 @@ struct Drone {
     flies: bool,
     /// 0 to 1; None: not reported.
     battery: Option<f64>,
+    /// While it stands on the deck.
+    standing: Option<StandingCharge>,
     /// Is on its way down, or begins no descent because of the vessel's course.
     wants_steady: bool,
     /// The station that it keeps, and since when.
@@ -175,18 +171,6 @@ fn wants_steady(status: &DroneStatus) -> bool {
     waits || moves
 }
 
-/// Between these two states of a drone its take-off ended: whoever goes to it then meets no second one by the clearance for the first.
-/// One whose countdown is stopped by a check goes on.
-fn ends_take_off(before: State, now: State) -> bool {
-    before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
-}
-/// Between these two states of a drone its take-off was stopped on the deck: the crew may walk up to it, and a standing clearance
-/// is to be given again.
-fn stops_take_off(before: State, now: State) -> bool {
-    let counted = matches!(before, State::Countdown | State::SpinUp) && !now.is_take_off();
-    counted || now == State::StandDown && before != now
-}
-
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
@@ -223,12 +207,11 @@ pub struct DeckArbiter {
     /// Owner and course of the newest grant.
     published: u32,
     stated: Course,
-    /// The drones for whose take-offs the crew has cleared the deck, each once; as published in the newest grant.
-    cleared: Vec<Clearance>,
+    /// The drones for whose take-offs the crew has cleared the deck.
+    cleared: Clearances,
+    /// As published in the newest grant.
     take_off: bool,
     stations: [u8; PLACES],
-    /// The drone that it is published for.
-    leaves: Option<u32>,
     /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
@@ -392,6 +375,7 @@ impl DeckArbiter {
             at_deck: false,
             flies: false,
             battery: None,
+            standing: None,
             wants_steady: false,
             station: None,
         });
@@ -416,12 +400,9 @@ impl DeckArbiter {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
-        let ends = |c: &Clearance, before: State| match c.until {
-            Some(_) => ends_take_off(before, status.state),
-            None => stops_take_off(before, status.state),
-        };
-        self.cleared
-            .retain(|c| c.drone != h.drone || !before.is_some_and(|d| ends(c, d.state)));
+        if let Some(d) = before {
+            self.cleared.follow(h.drone, d.state, status.state);
+        }
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
         let shows = if former >= Claim::Landing {
@@ -432,6 +413,9 @@ impl DeckArbiter {
         let evidence = Evidence::with(before.filter(|_| !begins).and_then(|d| d.evidence), now, shows);
         let sustained = evidence.is_some_and(|e| e.is_sustained());
         let claim = Claim::of(status, former, sustained);
+        let stood = before.filter(|d| d.claim == Claim::OnDeck && claim == Claim::OnDeck);
+        let (standing, changed) = StandingCharge::with(stood.and_then(|d| d.standing), now, status.battery);
+        self.watch_standing(status, begins && stood.is_some(), changed);
         let parked = status.deck_distance_m.is_none() && !claim::flies(status);
         let was_unplaced = before.is_some_and(|d| d.unplaced) && !sustained;
         let unplaced = claim == Claim::Away && (was_unplaced || begins && parked);
@@ -467,6 +451,7 @@ impl DeckArbiter {
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
             battery: status.battery,
+            standing: standing.filter(|_| claim == Claim::OnDeck),
             wants_steady: wants_steady(status),
             station: status.station.map(|station| {
                 let kept = before.and_then(|d| d.station);
@@ -486,11 +471,8 @@ impl DeckArbiter {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
-            DeckOrder::TakeOff(drone) => {
-                let until = Some(now + Span::from_secs(TAKE_OFF_CLEARANCE_S));
-                self.clear_for(Clearance { drone, until });
-            }
-            DeckOrder::TakeOffStanding(drone) => self.clear_for(Clearance { drone, until: None }),
+            DeckOrder::TakeOff(drone) => self.cleared.give(Clearance::once(drone, now)),
+            DeckOrder::TakeOffStanding(drone) => self.cleared.give(Clearance::standing(drone, now)),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
             // The helm's.
@@ -567,30 +549,6 @@ impl DeckArbiter {
         assigned.map(|d| d.header.drone)
     }
 
-    /// The crew's clearance for one drone; it replaces its former one.
-    fn clear_for(&mut self, clearance: Clearance) {
-        self.cleared.retain(|c| c.drone != clearance.drone);
-        if self.cleared.len() < MAX_DRONES {
-            self.cleared.push(clearance);
-        }
-    }
-    /// Whether the deck's owner may take off: it stands there, and the crew has cleared the deck for it since.
-    fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
-        let open = self.closed(now).is_none();
-        self.cleared
-            .retain(|c| open && c.until.is_none_or(|until| now <= until));
-        let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
-        let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
-        let named = owner.map(|d| d.header.drone);
-        let clears = self.cleared.iter().find(|c| Some(c.drone) == named);
-        let clears = clears.map(|c| c.drone);
-        if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
-            // It has left: a clearance that does not stand was for one take-off.
-            self.cleared.retain(|c| c.drone != left || c.until.is_none());
-        }
-        self.leaves = clears;
-        clears.is_some()
-    }
     /// Another drone asks for the deck on which its owner stands.
     fn is_wanted(&self, now: Time<VesselClock>) -> bool {
         let owns = |d: &Drone| self.owner == Some(d.header.drone);
@@ -659,6 +617,7 @@ impl Node for DeckArbiter {
         }
         let reading = |level: Option<bool>| level.map(|level| Reading { level, at: now });
         self.switch = reading(input.inputs.closed).or(self.switch);
+        self.watch_sensor(self.sensor, input.inputs.occupied);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
         self.course.turns_back = input.turns_back;

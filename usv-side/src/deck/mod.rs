@@ -9,6 +9,7 @@ pub mod monitor;
 pub mod operator;
 mod stated_course;
 
+pub use arbiter::clearance::ClearanceEnd;
 pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter};
 pub use checkpoint::{Claim, DeckCheckpoint, DroneClaim, GivenCommand};
 pub use config::DeckConfig;

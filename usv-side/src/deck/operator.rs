@@ -1,7 +1,6 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, or echoes a hold, for 10 s at most; an abort
-//! until the status echoes it, for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
+//! A command is sent to its drone at 2 Hz until the drone's status echoes it, for 10 s at most; an abort for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
 //! and none that was given until then, nor a landing that somebody else orders within a second of it, counts afterwards.
 //! Each repetition bears the time at which the command was given: what the drone was commanded since, by whomever, is newer.
 //!
@@ -221,21 +220,12 @@ impl OperatorRelay {
     /// What a status shows that became of a command; None: nothing.
     fn shown(&self, c: &Relayed, status: &DroneStatus) -> Option<CommandProgress> {
         let command = &c.given.command;
-        // By its own echo, where a state shows what was before it as well.
-        let echoed = |echo: Option<[u32; 2]>| echo.is_some_and(|[b, k]| b == self.boot && k >= c.first);
-        // A status that was under way when the command was given shows nothing.
-        let repeated = c.next > command.header.at;
-        let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
-        let (met, rejected) = match command.kind {
-            CommandKind::Abort => (echoed(status.abort), None),
-            CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
-                (echoed(status.order), status.rejected)
-            }
-            CommandKind::Land | CommandKind::TakeOff => (taken(), None),
-        };
-        (status.header.drone == c.drone() && met).then_some(match rejected {
-            Some(_) => CommandProgress::GivenUp,
-            None => CommandProgress::Taken,
+        let is_own = |[boot, k]: [u32; 2]| boot == self.boot && k >= c.first;
+        let answer = status.echo().answers(command.kind, is_own)?;
+        (status.header.drone == c.drone()).then_some(if answer {
+            CommandProgress::Taken
+        } else {
+            CommandProgress::GivenUp
         })
     }
 }
@@ -356,8 +346,14 @@ mod tests {
             .map(|k| step(&mut relay, f64::from(k) * 0.1, None, idle).1.len())
             .sum();
         assert_eq!(sent, 3);
-        let climbing = Some(status(State::GetAltitude, ReasonCode::TooFar));
-        assert!(step(&mut relay, 3.0, None, climbing).1.is_empty());
+        // It climbs for another order, as far as is known.
+        let climbing = status(State::GetAltitude, ReasonCode::TooFar);
+        assert_eq!(step(&mut relay, 3.0, None, Some(climbing)).1, [CommandKind::Land]);
+        let climbing = Some(DroneStatus {
+            order: Some([relay.boot, relay.sequence]),
+            ..climbing
+        });
+        assert!(step(&mut relay, 3.5, None, climbing).1.is_empty());
         assert!(step(&mut relay, 4.0, None, None).1.is_empty());
         assert_eq!(relay.rejected().total(), 0);
     }
@@ -437,6 +433,20 @@ mod tests {
             ..status(State::Landed, ReasonCode::NotReady)
         };
         assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
+        // So is an abort that the drone receives and does not carry out, unless a newer order is what it rejects.
+        for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
+            let mut relay = OperatorRelay::new(1, 9);
+            receipts(&mut relay, 1.0, abort, None);
+            let rejected = DroneStatus {
+                order,
+                rejected: Some(ReasonCode::NotInControl.into()),
+                ..echo(&relay).unwrap()
+            };
+            assert_eq!(
+                receipts(&mut relay, 1.5, None, Some(rejected)),
+                [(5, 1, progress)]
+            );
+        }
     }
 
     #[test]

@@ -40,6 +40,12 @@ config! {
         /// The course is kept for so long after a landing, s: the drone is secured before the deck moves otherwise.
         /// Chosen: the minute for which a landed drone is judged to stay.
         pub secure_s: f64 = 60.0, in 0.0..=3600.0;
+        /// One yes steers no longer than this for a drone that comes, s.
+        /// Chosen: two attempts to land.
+        pub max_time_s: f64 = 600.0, in 60.0..=3600.0;
+        /// ... and no further than this, m, along the boat's way: room that the skipper has looked at.
+        /// Chosen: a nautical mile.
+        pub max_way_m: f64 = 1852.0, in 100.0..=20_000.0;
     }
     check |this, at| {
         let [low, high] = this.speed_mps;

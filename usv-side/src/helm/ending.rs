@@ -122,7 +122,8 @@ impl HelmNode {
             slope_sd: None,
         };
         let clear = self.config.is_clear(motion.heading_rad, former.heading_rad);
-        (s.since, s.response) = (v.now, self.response(v.now, former, &motion));
+        (s.since, s.way_m) = (v.now, 0.0);
+        s.response = self.response(v.now, former, &motion);
         let at_once = !s.engaged || speed_mps < low || !clear;
         Phase::Returning {
             steering: s,

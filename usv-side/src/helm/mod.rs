@@ -7,7 +7,8 @@
 //! helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not become steady. Without an answer a
 //! drone lands as it does on a boat that is not steered.
 //!
-//! A question is about one course: where the limits permit it no more from where the boat is, it ends, and another is asked. A yes
+//! A yes is for one landing or take-off of one drone, and for a time and a way that the skipper has set
+//! ([`HelmConfig::max_time_s`]). A question is about one course: where the limits permit it no more from where the boat is, it ends, and another is asked. A yes
 //! names the course that it answers. A descent is never turned under: one that begins before the boat's autopilot has taken
 //! the helm ends it, and one that begins before the boat is steady, or on its way back, makes the present course the one that is
 //! kept.
@@ -48,8 +49,6 @@ const LEAD: Span = Span::from_millis(1500);
 const GONE: Span = Span::from_millis(10_000);
 /// An estimate of the vessel's motion counts for so long.
 const FRESH: Span = Span::from_millis(1000);
-/// A helm for a drone that comes lasts no longer. Chosen: the battery of a multirotor that waited so long is empty.
-const MAX_STEERING: Span = Span::from_millis(1_200_000);
 /// The time of a checkpoint is brought up to date so often.
 const REFRESH: Span = Span::from_millis(10_000);
 
@@ -86,6 +85,8 @@ pub struct BoatMotion {
 pub struct HelmIn {
     /// What the drones want.
     pub demand: Demand,
+    /// The drone that comes or descends.
+    pub drone: Option<u32>,
     /// The newest estimate of the vessel's motion, and its time.
     pub motion: Option<(Time<VesselClock>, BoatMotion)>,
     /// The best course, where one is better than the present.
@@ -130,6 +131,12 @@ pub struct HelmCheckpoint {
 #[derive(Clone, Copy, Debug)]
 struct Steering {
     since: Time<VesselClock>,
+    /// Its way since, m, until the step at this time.
+    way_m: f64,
+    at: Time<VesselClock>,
+    /// The drone that it is for, and whether that has stood on the deck since: a yes is for one landing or take-off.
+    drone: Option<u32>,
+    stood: bool,
     response: Response,
     former: HelmCheckpoint,
     /// The autopilot has taken the mode.
@@ -348,6 +355,10 @@ impl HelmNode {
             // A drone that is not received may have gone.
             Some(true) if demand == Demand::Comes => Phase::Steering(Steering {
                 since: v.now,
+                way_m: 0.0,
+                at: v.now,
+                drone: v.input.drone,
+                stood: false,
                 response: self.response(v.now, goal, &motion),
                 former: HelmCheckpoint {
                     at: v.now,
@@ -371,7 +382,9 @@ impl HelmNode {
         let steered = v.now - s.since;
         let (r, demand) = (&v.read_back, v.input.demand);
         let late = steered > self.autopilot.engages_within();
-        let too_long = demand == Demand::Comes && steered > MAX_STEERING;
+        let comes = demand == Demand::Comes;
+        let too_long = comes && steered.secs() > self.config.max_time_s;
+        let too_far = comes && s.way_m > self.config.max_way_m;
         // Before it is ours, too, the skipper or a failsafe may set another.
         let changed = !r.is_ours && (s.engaged || r.mode.is_some() && r.mode != s.former.mode);
         [
@@ -387,6 +400,7 @@ impl HelmNode {
             // A boat that has not begun to turn does not begin under a descent.
             (!s.engaged && demand == Demand::Descends, HelmEnd::Descent),
             (too_long, HelmEnd::TooLong),
+            (too_far, HelmEnd::TooFar),
             (s.engaged && s.response.is_violated(v.now), HelmEnd::HandOnHelm),
         ]
         .into_iter()
@@ -396,6 +410,8 @@ impl HelmNode {
     /// One step of a helm that goes on: the mode is taken, and the boat follows.
     fn follow(&self, v: &View<'_>, s: &mut Steering) {
         let Some(motion) = v.motion else { return };
+        s.way_m += motion.speed_mps.abs() * (v.now - s.at).secs();
+        s.at = v.now;
         if !s.engaged && v.read_back.is_ours && v.now - s.since > LEAD {
             s.engaged = true;
             s.response = self.response(v.now, s.response.goal(), &motion);
@@ -415,7 +431,10 @@ impl HelmNode {
             .is_some_and(|t| (v.now - t).secs() > self.config.secure_s);
         let demand = v.input.demand;
         let stands = demand == Demand::Stands;
-        if secured || !stands && self.is_over(v.now) {
+        s.stood |= self.stands.is_some_and(|t| v.now - t > GONE);
+        let another = v.input.drone.is_some_and(|d| s.drone.is_some_and(|own| own != d));
+        let next = demand == Demand::Comes && (s.stood || another);
+        if secured || next || !stands && self.is_over(v.now) {
             return self.return_to_former(v, s);
         }
         if let Some(motion) = v.motion.filter(|_| demand == Demand::Descends && !s.steady) {

@@ -22,6 +22,7 @@ struct Bench {
     own: [f64; 2],
     set_point: Option<[f64; 2]>,
     demand: Demand,
+    drone: Option<u32>,
     advice: Goal,
     silent: bool,
     denies: bool,
@@ -63,6 +64,7 @@ impl Bench {
             own,
             set_point: None,
             demand: Demand::Comes,
+            drone: Some(1),
             advice: Goal {
                 heading_rad: 0.7,
                 speed_mps: 2.0,
@@ -163,6 +165,7 @@ impl Bench {
         let bytes = self.boat(&[]);
         let input = HelmIn {
             demand: self.demand,
+            drone: self.drone,
             motion: Some((
                 self.now(),
                 BoatMotion {
@@ -413,7 +416,7 @@ fn descent_before_the_autopilot_has_taken_the_helm() {
 #[test]
 fn drone_that_comes_for_ever() {
     let mut b = Bench::new();
-    b.agreed(1150.0);
+    b.agreed(570.0);
     assert_eq!(b.node.status().state, Steady);
     assert_eq!(b.run(60.0).why, HelmEnd::TooLong);
     assert_eq!(b.mode, AUTO);

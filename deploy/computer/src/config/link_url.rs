@@ -67,10 +67,15 @@ impl LinkUrl {
 }
 
 impl LinkUrl {
-    /// An address at which a receiver's sentences are read: any but a boat's bus. Who sends them is not known anywhere.
+    /// An address at which a receiver's sentences are read: any but a boat's bus. One that listens names the receiver, as for an
+    /// autopilot: whoever else sends there would lead the drone.
     pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
         match &url {
+            LinkUrl::UdpIn(at, None) | LinkUrl::TcpIn(at, None) if !is_own(at) => Err(format!(
+                "the address {text:?} is open to every computer of the network, any of which could lead the drone: write \
+                 {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or a serial line"
+            )),
             LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
                 "the address {text:?} is a boat's bus, and no line of NMEA 0183; {FORMS}"
             )),
@@ -296,6 +301,22 @@ mod tests {
             "serial:///dev/ttyACM0:921600",
         ] {
             assert!(LinkUrl::of_autopilot(owned).is_ok(), "{owned}");
+        }
+    }
+
+    #[test]
+    fn receiver_address_open_to_a_network() {
+        for open in ["udpin://0.0.0.0:10110", "tcpin://192.168.7.2:10110"] {
+            let why = LinkUrl::of_sentences(open).unwrap_err();
+            assert!(why.contains(&format!("{open}?from=IP")), "{why}");
+        }
+        for owned in [
+            "udpin://127.0.0.1:10110",
+            "udpin://0.0.0.0:10110?from=192.168.7.5",
+            "tcpout://gateway:10110",
+            "serial:///dev/ttyUSB1:38400",
+        ] {
+            assert!(LinkUrl::of_sentences(owned).is_ok(), "{owned}");
         }
     }
 }

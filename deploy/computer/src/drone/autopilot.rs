@@ -163,7 +163,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut settings = memory.publisher::<SettingsOrder>()?;
     let mut beacons = memory.publisher::<DeckBeacon>()?;
     let mut reports = memory.publisher()?;
-    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
+    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing.clone()));
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
     let wakes = wakes.doing("waiting for set-points")?;
     let mut steps = interval(MAX_STEP_PERIOD);
@@ -197,6 +197,9 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
         input.checkpoint = checkpoint.predecessor(t);
+        if let (Some(signing), Some(before)) = (&signing, &input.checkpoint) {
+            signing.recall(&before.signing);
+        }
         let nothing = input.received.is_empty() && input.set_point.is_none() && input.checkpoint.is_none();
         if nothing && !due {
             continue;
@@ -211,7 +214,13 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                     link.write(&bytes);
                 }
             }
-            checkpoint.publish(out.checkpoint.as_ref());
+            // The node has no frames, and knows nothing of their signatures.
+            let times = signing.as_ref().map(Signing::times).unwrap_or_default();
+            let kept = out.checkpoint.map(|own| LinkCheckpoint {
+                signing: times,
+                ..own
+            });
+            checkpoint.publish(kept.as_ref());
             commands.send_any(out.command.as_ref());
             settings.send_any(out.settings.as_ref());
             beacons.send_any(out.beacon.as_ref());

@@ -8,9 +8,12 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use sha2::{Digest, Sha256};
 
 use crate::exit::{CliError, Doing};
+use crate::process::wall::wall_ns;
 
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1024;
+/// From 1970 to 2015, 10 us.
+const FROM_1970: i64 = 142_007_040_000_000;
 /// Hexadecimal digits of a key.
 const DIGITS: usize = 64;
 
@@ -30,12 +33,17 @@ pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     let text = fs::read_to_string(Path::new(path)).doing(doing())?;
     let mut lines = text.lines();
     match (lines.next(), lines.next()) {
-        (Some(line), None) if !line.trim().is_empty() => Ok(Some(Signing::new(of_line(line)))),
+        (Some(line), None) if !line.trim().is_empty() => Ok(Some(Signing::with_clock(of_line(line), time))),
         (_, _) => Err(CliError(format!(
             "{}: it has to hold one line: a passphrase or {DIGITS} hexadecimal digits",
             doing()
         ))),
     }
+}
+
+/// This computer's time as signatures have it, 10 us since the first of January 2015; 0 before that.
+fn time() -> u64 {
+    u64::try_from(wall_ns() / 10_000 - FROM_1970).unwrap_or(0)
 }
 
 /// The metrics of these counts.

@@ -43,22 +43,15 @@ impl LocalCommand {
             }
         })
     }
-    /// Whether this state shows that the mission has taken it, or that it rejects it; None: it shows neither. A state from
-    /// before the command is no answer, and to what stops only the echo of one of its repetitions is.
+    /// Whether this state shows that the mission has taken it, or that it rejects it, by the echo of one of its repetitions; None:
+    /// it shows neither.
     pub fn taken(&self, m: &MissionState) -> Option<bool> {
         let sent = 1..=self.header.sequence;
-        let echoed = |echo: Option<[u32; 2]>| {
-            echo.is_some_and(|[boot, k]| boot == self.header.boot && sent.contains(&k))
-        };
         match self.kind {
             None => Some(true),
-            Some(CommandKind::Abort) => echoed(m.abort).then_some(true),
-            Some(CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_)) => {
-                echoed(m.order).then_some(m.rejected.is_none())
-            }
-            Some(k @ (CommandKind::Land | CommandKind::TakeOff)) => {
-                (m.header.at >= self.header.at && k.is_met(m.state, m.waiting.code)).then_some(true)
-            }
+            Some(kind) => m
+                .echo()
+                .answers(kind, |[boot, k]| boot == self.header.boot && sent.contains(&k)),
         }
     }
     /// Whether nothing more is waited for.
@@ -74,7 +67,11 @@ pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
         format!("waiting: {}", mission.waits()),
     ];
     if !taken {
-        lines.push(format!("the mission of drone {drone} did not take the command"));
+        let why = mission.rejected.map(|why| format!(": {why}"));
+        lines.push(format!(
+            "the mission of drone {drone} did not take the command{}",
+            why.unwrap_or_default()
+        ));
     }
     lines
 }

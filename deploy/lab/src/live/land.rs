@@ -267,6 +267,8 @@ impl LandingSetup {
                     AutopilotKind::Internal => format!("udpin://{mavlink}"),
                     kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
                 }),
+                // Whoever reaches a simulation may order what it does.
+                unsigned_orders: true,
                 ..scene.nodes.autopilot.clone()
             },
             bridge: scene.nodes.bridge.clone(),

@@ -6,7 +6,7 @@ mod decode;
 mod encode;
 mod extension;
 
-use alight_shared::mavlink::{self, CharArray, FrameReader, Outgoing, Sender, Signatures, Signing};
+use alight_shared::mavlink::{self, CharArray, Fields, FrameReader, Outgoing, Sender, Signatures, Signing};
 
 use super::message::{Address, Frame, Message};
 
@@ -18,10 +18,10 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Of frames that are signed, where a key is set.
+    /// Of frames that are signed, where a key is set; an abort of a ground station counts whatever its clock shows.
     pub fn signed(signing: Option<Signing>) -> Decoder {
         Decoder {
-            frames: FrameReader::signed(signing),
+            frames: FrameReader::signed(signing).whenever(is_abort),
             unknown: 0,
         }
     }
@@ -84,6 +84,11 @@ impl Encoder {
     }
 }
 
+/// A `COMMAND_LONG` or `COMMAND_INT` that aborts: both have the command at the same place.
+fn is_abort(id: u32, fields: Fields<'_>) -> bool {
+    matches!(id, 75 | 76) && fields.u16(28) == super::message::command::USER_2
+}
+
 fn outgoing(message: &Message) -> Option<Outgoing> {
     Some(match message {
         Message::Odometry(o) => Outgoing::new(331, 91, extension::odometry(o)),
@@ -144,6 +149,33 @@ mod tests {
             sequence: 0,
         };
         mavlink::encode(from, Outgoing::new(132, 85, payload), None)
+    }
+
+    /// A ground station whose clock was ahead, and was set back.
+    #[test]
+    fn abort_whatever_the_clock_shows() {
+        use super::super::message::{CommandLong, command};
+        let key = Signing::new([1; 32]);
+        let order = |number, at| {
+            let station = Signing::new([1; 32]);
+            station.recall(&mavlink::SigningTimes {
+                latest: at,
+                ..Default::default()
+            });
+            let message = Message::Command(CommandLong::new(Address::new(1, 191), number, []));
+            let station = &mut Encoder::signed(Some(station));
+            station.frame(Address::new(255, 190), &message).unwrap()
+        };
+        let mut decoder = Decoder::signed(Some(key));
+        for (number, at, taken) in [
+            (command::USER_3, 1_000_000_000, true),
+            (command::USER_3, 500, false),
+            (command::USER_1, 500, false),
+            (command::USER_2, 500, true),
+        ] {
+            decoder.push(&order(number, at));
+            assert_eq!(decoder.next_frame().is_some(), taken, "{number} at {at}");
+        }
     }
 
     #[test]

@@ -7,30 +7,38 @@ use super::{Claim, DeckArbiter, Drone};
 use crate::demand::Demand;
 
 impl DeckArbiter {
-    /// The most that a drone wants of the helm: the deck's owner, or one that comes where nobody has the deck. One on its way
-    /// down wants it for as long as a descent lasts, silent or not, and so does an owner that falls silent above the deck,
-    /// where it may begin one without being received.
+    /// The most that a drone wants of the helm.
     pub fn demand(&self, now: Time<VesselClock>) -> Demand {
-        let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
-        let owns = |d: &Drone| self.owner == Some(d.header.drone);
-        let free = self.owner.is_none() && !self.drones.iter().any(|d| d.claim == Claim::OnDeck);
-        let wants = |d: &Drone| match d.claim {
-            Claim::Landing if lasts(d) && is_on_its_way(d.state) => Demand::Descends,
-            Claim::OnDeck if owns(d) => Self::on_deck(d, d.is_fresh(now), lasts(d)),
-            Claim::Requesting | Claim::Above if d.is_fresh(now) && d.flies && (owns(d) || free) => {
-                Demand::Comes
-            }
-            Claim::Requesting | Claim::Above
-                if !d.is_fresh(now) && lasts(d) && d.flies && owns(d) && may_begin(d.state) =>
-            {
+        let wants = self.drones.iter().map(|d| self.wants(now, d));
+        wants.max_by_key(|d| *d as u8).unwrap_or_default()
+    }
+    /// The drone that comes or descends, where one does.
+    pub fn comes(&self, now: Time<VesselClock>) -> Option<u32> {
+        let wants = self.drones.iter().map(|d| (self.wants(now, d), d.header.drone));
+        let comes = wants.filter(|(wants, _)| matches!(wants, Demand::Comes | Demand::Descends));
+        comes
+            .max_by_key(|(wants, _)| *wants as u8)
+            .map(|(_, drone)| drone)
+    }
+    /// What a drone wants: the deck's owner, or one that comes where nobody has the deck. One on its way down wants it for as
+    /// long as a descent lasts, silent or not, and so does an owner that falls silent above the deck, where it may begin one
+    /// without being received.
+    fn wants(&self, now: Time<VesselClock>, d: &Drone) -> Demand {
+        let lasts = (now - d.received).secs() <= self.config.status_timeout_s;
+        let owns = self.owner == Some(d.header.drone);
+        let free = || self.owner.is_none() && !self.drones.iter().any(|d| d.claim == Claim::OnDeck);
+        let fresh = d.is_fresh(now);
+        match d.claim {
+            Claim::Landing if lasts && is_on_its_way(d.state) => Demand::Descends,
+            Claim::OnDeck if owns => Self::on_deck(d, fresh, lasts),
+            Claim::Requesting | Claim::Above if fresh && d.flies && (owns || free()) => Demand::Comes,
+            Claim::Requesting | Claim::Above if !fresh && lasts && d.flies && owns && may_begin(d.state) => {
                 Demand::Descends
             }
             Claim::Away | Claim::Requesting | Claim::Above | Claim::Landing | Claim::OnDeck => {
                 Demand::Nothing
             }
-        };
-        let most = self.drones.iter().map(wants).max_by_key(|d| *d as u8);
-        most.unwrap_or_default()
+        }
     }
     /// What a drone on the deck wants: a better course while it prepares its take-off, and from the countdown on none but the
     /// one that is.

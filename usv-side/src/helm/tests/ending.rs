@@ -232,3 +232,45 @@ fn helm_of_a_process_that_was_restarted() {
     assert_eq!(b.mode, AUTO);
     assert_eq!(b.node.checkpoint(), None);
 }
+
+/// The skipper has looked at so much room: 500 m at 2 m/s.
+#[test]
+fn helm_as_far_as_one_yes_allows() {
+    let mut b = Bench::with(&HelmConfig {
+        max_way_m: 500.0,
+        ..Bench::new().node.config
+    });
+    b.agreed(200.0);
+    assert_eq!(b.node.status().state, Steady);
+    assert_eq!(b.run(60.0).why, HelmEnd::TooFar);
+    assert_eq!(b.mode, AUTO);
+    // A descent is not turned under.
+    let mut b = Bench::with(&HelmConfig {
+        max_way_m: 500.0,
+        ..Bench::new().node.config
+    });
+    b.agreed(100.0);
+    b.demand = Demand::Descends;
+    assert_eq!(b.run(300.0).state, Steady);
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(1.0).why, HelmEnd::TooFar);
+}
+
+/// A yes is for one landing of one drone: another that comes, or the same for its take-off, is asked for anew.
+#[test]
+fn yes_for_one_flight() {
+    let mut b = Bench::new();
+    b.agreed(60.0);
+    b.demand = Demand::Descends;
+    b.run(10.0);
+    // It has landed, and prepares its next take-off before it counts as secured.
+    b.demand = Demand::Stands;
+    assert_eq!(b.run(20.0).state, Steady);
+    b.demand = Demand::Comes;
+    assert_eq!(b.run(1.0).state, Done);
+    let mut b = Bench::new();
+    b.agreed(60.0);
+    assert_eq!(b.node.status().state, Steady);
+    b.drone = Some(2);
+    assert_eq!(b.run(1.0).state, Done);
+}

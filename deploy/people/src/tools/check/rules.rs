@@ -65,7 +65,11 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(view::judge(looked_at));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts)));
-    all.extend(facts.signing.as_ref().and_then(signing));
+    let orders = match computer {
+        Computer::Drone(d) => d.autopilot.takes_orders(),
+        Computer::Vessel(_) => false,
+    };
+    all.extend(facts.signing.as_ref().map(|check| signing(check, orders)));
     match (computer, &facts.reported) {
         (Computer::Drone(d), Some(Some(reported))) => {
             all.extend(reported.several.map(several_autopilots));
@@ -302,24 +306,28 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> F
     }
 }
 
-/// Signing of its frames; None where nobody signs.
-fn signing(check: &SigningCheck) -> Option<Finding> {
+/// Signing of its frames, and whether a ground station's `orders` count.
+fn signing(check: &SigningCheck, orders: bool) -> Finding {
     const TOPIC: Topic = Topic("signing");
     match (&check.key, check.received.finding()) {
-        (Err(why), _) => Some(TOPIC.broken(why, "correct autopilot.signing_key or that file")),
-        (Ok(_), Some((signatures, remedy_of_signatures))) => {
-            Some(TOPIC.broken(signatures, remedy_of_signatures))
-        }
-        (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => Some(TOPIC.warning(
+        (Err(why), _) => TOPIC.broken(why, "correct autopilot.signing_key or that file"),
+        (Ok(_), Some((signatures, remedy_of_signatures))) => TOPIC.broken(signatures, remedy_of_signatures),
+        (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => TOPIC.warning(
             format!(
                 "others may read or change {} (mode {:o})",
                 check.path,
                 mode & 0o777
             ),
             "chmod 600",
-        )),
-        (Ok(_), None) if check.path.is_empty() => None,
-        (Ok(_), None) => Some(TOPIC.fine("frames are signed, and taken only with that signature")),
+        ),
+        (Ok(_), None) if check.path.is_empty() && orders => TOPIC.warning(
+            "autopilot.unsigned_orders: whoever reaches the autopilot's link may order landings and take-offs",
+            "set autopilot.signing_key instead",
+        ),
+        (Ok(_), None) if check.path.is_empty() => {
+            TOPIC.fine("frames are not signed: of a ground station an abort alone counts")
+        }
+        (Ok(_), None) => TOPIC.fine("frames are signed, and taken only with that signature"),
     }
 }
 

@@ -350,6 +350,20 @@ fn check_of_each_fault() {
                     "7200 m away",
                 ),
                 (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
+                (
+                    |f| {
+                        let mut d = DroneComputer::default();
+                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+                        d.radio.tls = tls(&["vessel-1"]);
+                        d.autopilot.unsigned_orders = true;
+                        f.computer = Ok(Computer::Drone(Box::new(d)));
+                        f.signing = signed(Ok(0), 0).map(|s| SigningCheck {
+                            path: String::new(),
+                            ..s
+                        });
+                    },
+                    "whoever reaches the autopilot's link may order",
+                ),
                 (|f| f.reported = Some(None), "no heartbeat"),
                 (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
                 (|f| f.reported = several(), "of two vehicles, 1 and 2"),

@@ -1,6 +1,8 @@
 //! The clearance for a take-off, and what a take-off and a landing want of the helm.
 
 use super::*;
+use crate::deck::ClearanceEnd;
+use alight_shared::msg::TAKE_OFF_CLEARANCE_S;
 
 /// The clearance of the crew that a drone may take off: for the drone that stands there, for a while, until the deck is closed.
 #[test]
@@ -186,4 +188,109 @@ fn standing_clearance_of_two_drones() {
     rig.order(DeckOrder::Open);
     rig.run(&[(2, State::Landed)], 2.0);
     assert!(!cleared(&rig), "closed once, it stands no more");
+}
+
+/// The first drone stands there with a standing clearance, and is seen so by these statuses.
+fn standing_with(config: &DeckConfig, inputs: DeckInputs) -> Rig {
+    let mut rig = Rig::of(config, inputs);
+    rig.run(&[(1, State::Landed)], 2.0);
+    assert!(rig.order(DeckOrder::TakeOffStanding(1)).take_off);
+    rig
+}
+
+#[test]
+fn standing_clearance_that_nobody_remembers() {
+    let weighed = DeckConfig {
+        occupancy_sensor: "weight".into(),
+        ..DeckConfig::default()
+    };
+    let there = DeckInputs {
+        occupied: Some(true),
+        ..DeckInputs::default()
+    };
+    for (config, inputs, lasts_s, ends_s) in [
+        (DeckConfig::default(), DeckInputs::default(), 590.0, 20.0),
+        (weighed, there, 14_000.0, 500.0),
+    ] {
+        let mut rig = standing_with(&config, inputs);
+        rig.run(&[(1, State::Landed)], lasts_s);
+        assert!(rig.arbiter.take_off);
+        rig.run(&[(1, State::Landed)], ends_s);
+        assert!(!rig.arbiter.take_off, "after {lasts_s} s");
+        assert_eq!(rig.arbiter.ended_clearances(), [(1, ClearanceEnd::Time)]);
+        assert!(rig.order(DeckOrder::TakeOff(1)).take_off, "given again");
+    }
+    // A sortie does not use it up, and each stay on the deck has its own time.
+    let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
+    for state in [State::TakeOff, State::ClimbOut, State::Hold, State::Descent] {
+        rig.run(&[(1, state)], 200.0);
+    }
+    rig.run(&[(1, State::Landed)], 500.0);
+    assert!(rig.arbiter.take_off);
+}
+
+/// Somebody has been at the drone: its battery was changed, its computer started anew, or it was lifted.
+#[test]
+fn clearance_after_somebody_was_at_the_drone() {
+    type Change = fn(&mut DroneStatus);
+    let battery = |charge: f64| {
+        let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
+        for _ in 0..60 {
+            rig.t_s += 0.5;
+            rig.sequence += 1;
+            let mut status = rig.status((1, State::Landed));
+            status.battery = Some(charge);
+            rig.step(vec![status]);
+        }
+        (rig.arbiter.take_off, rig.arbiter.ended_clearances())
+    };
+    assert_eq!(battery(1.0), (false, vec![(1, ClearanceEnd::Battery)]));
+    assert_eq!(battery(0.9), (true, vec![]), "a gauge that recovers");
+    let anew: Change = |s| s.header.boot = 8;
+    let silent = |change: Change| {
+        let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
+        for k in 0..6 {
+            rig.t_s += if k == 0 { 20.0 } else { 0.5 };
+            rig.sequence += 1;
+            let mut status = rig.status((1, State::Landed));
+            change(&mut status);
+            rig.step(vec![status]);
+        }
+        (rig.arbiter.take_off, rig.arbiter.ended_clearances())
+    };
+    assert_eq!(silent(anew), (false, vec![(1, ClearanceEnd::Computer)]));
+    assert_eq!(silent(|_| ()), (true, vec![]));
+    // A charger is slower.
+    let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
+    for k in 0..800 {
+        rig.t_s += 0.5;
+        rig.sequence += 1;
+        let mut status = rig.status((1, State::Landed));
+        status.battery = Some(0.3 + 0.0015 * 0.5 * f64::from(k));
+        rig.step(vec![status]);
+    }
+    assert!(rig.arbiter.take_off);
+}
+
+#[test]
+fn clearance_of_a_drone_that_was_lifted() {
+    let weighed = DeckConfig {
+        occupancy_sensor: "weight".into(),
+        ..DeckConfig::default()
+    };
+    let level = |level| DeckInputs {
+        occupied: Some(level),
+        ..DeckInputs::default()
+    };
+    let lifted = |state| {
+        let mut rig = standing_with(&weighed, level(true));
+        rig.run(&[(1, state)], 1.0);
+        rig.inputs = level(false);
+        rig.run(&[(1, state)], 1.0);
+        rig.inputs = level(true);
+        rig.run(&[(1, state)], 1.0);
+        rig.arbiter.ended_clearances()
+    };
+    assert_eq!(lifted(State::Landed), [(1, ClearanceEnd::Lifted)]);
+    assert_eq!(lifted(State::SpinUp), [], "by its rotors");
 }

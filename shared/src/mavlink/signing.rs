@@ -1,0 +1,390 @@
+//! Signing of MAVLink 2 frames (<https://mavlink.io/en/guide/message_signing.html>): one key, and times that only grow.
+
+use core::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ::mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::msg::Seq;
+
+/// `RADIO_STATUS`: telemetry radios insert it themselves, unsigned, into a link that is signed.
+const RADIO_STATUS: u32 = 109;
+/// Incompatibility flag of a signed frame.
+const SIGNED: u8 = 1;
+
+/// A stream that is new may be so much older than the latest time, 10 us: a minute.
+const NEW_STREAM: u64 = 60 * 100_000;
+/// Streams whose times are known, at most: of more of them the oldest is forgotten.
+pub const MAX_STREAMS: usize = 16;
+
+/// The newest time of a stream of signed frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct StreamTime {
+    /// Link, component and system of its sender.
+    pub from: [u32; 3],
+    /// 10 us since 2015.
+    pub newest: u64,
+}
+
+/// What a signed link knows of times, for the next start of its process: a frame that was sent before is never taken again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct SigningTimes {
+    /// The latest of all, our own among them, 10 us since 2015.
+    pub latest: u64,
+    /// Of each stream.
+    pub streams: Seq<StreamTime, MAX_STREAMS>,
+}
+
+impl SigningTimes {
+    /// Whether a frame of this stream and time is later than those before it; then it is one of those.
+    fn admit(&mut self, from: [u32; 3], at: u64) -> bool {
+        let known = self.streams.iter_mut().find(|s| s.from == from);
+        let later = match &known {
+            Some(stream) => at > stream.newest,
+            None => at.saturating_add(NEW_STREAM) >= self.latest,
+        };
+        if !later {
+            return false;
+        }
+        self.latest = self.latest.max(at);
+        if let Some(stream) = known {
+            stream.newest = at;
+        } else {
+            let oldest = self.streams.iter().map(|s| s.newest).min().unwrap_or(0);
+            let kept = self.streams.iter().copied();
+            let full = self.streams.len() == MAX_STREAMS;
+            let kept = kept.filter(|s| !full || s.newest != oldest);
+            self.streams = Seq::filled(kept.chain([StreamTime { from, newest: at }]));
+        }
+        true
+    }
+}
+
+/// Signing of MAVLink 2 frames with one key: ours are signed, and of others only those are taken that the same key signed,
+/// later than the ones before. Timestamps are this computer's time or the latest that was received, whichever is later, so that
+/// a computer whose clock is behind speaks to an autopilot whose clock is right.
+#[derive(Clone)]
+pub struct Signing {
+    key: [u8; 32],
+    times: Arc<Mutex<SigningTimes>>,
+    clock: fn() -> u64,
+    any_time: bool,
+}
+
+impl fmt::Debug for Signing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Signing")
+    }
+}
+
+impl Signing {
+    /// With this key, and no clock but the times of the frames.
+    pub fn new(key: [u8; 32]) -> Signing {
+        Signing::with_clock(key, || 0)
+    }
+    /// With this key and a computer's time, 10 us since 2015.
+    pub fn with_clock(key: [u8; 32], clock: fn() -> u64) -> Signing {
+        Signing {
+            key,
+            times: Arc::default(),
+            clock,
+            any_time: false,
+        }
+    }
+    /// The same key, for frames stamped at whatever time: of an autopilot that learns the time from our answers.
+    #[must_use]
+    pub fn at_any_time(&self) -> Signing {
+        Signing {
+            any_time: true,
+            ..self.clone()
+        }
+    }
+    /// What the next start is to know.
+    pub fn times(&self) -> SigningTimes {
+        *self.times.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+    /// What the start before this one knew, in addition to what is known already.
+    pub fn recall(&self, before: &SigningTimes) {
+        let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
+        times.latest = times.latest.max(before.latest);
+        for stream in before.streams.iter() {
+            match times.streams.iter_mut().find(|s| s.from == stream.from) {
+                Some(known) => known.newest = known.newest.max(stream.newest),
+                // There are no more of them than fit, unless as many new ones came at once.
+                None => drop(times.streams.push(*stream)),
+            }
+        }
+    }
+    /// Whether the key signed it, at whatever time.
+    fn is_signature(&self, frame: &MAVLinkV2MessageRaw) -> bool {
+        let mut signature = [0; 6];
+        frame.calculate_signature(&self.key, &mut signature);
+        frame.signature_value() == signature
+    }
+    /// Whether it is later than those before it.
+    fn is_later(&self, frame: &MAVLinkV2MessageRaw) -> bool {
+        let from = [
+            frame.signature_link_id().into(),
+            frame.component_id().into(),
+            frame.system_id(),
+        ];
+        let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
+        times.latest = times.latest.max((self.clock)());
+        times.admit(from, frame.signature_timestamp())
+    }
+    /// Signs a frame of ours.
+    pub(super) fn sign(&self, frame: &mut MAVLinkV2MessageRaw) {
+        let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
+        times.latest = times.latest.max((self.clock)());
+        let bytes = times.latest.to_le_bytes();
+        frame
+            .signature_timestamp_bytes_mut()
+            .iter_mut()
+            .zip(bytes)
+            .for_each(|(to, byte)| *to = byte);
+        times.latest += 1;
+        *frame.signature_link_id_mut() = 0;
+        let mut signature = [0; 6];
+        frame.calculate_signature(&self.key, &mut signature);
+        frame.signature_value_mut().copy_from_slice(&signature);
+    }
+}
+
+/// Frames by their signatures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Signatures {
+    /// Left out because nobody signed them, though a key is set.
+    pub unsigned: u64,
+    /// Left out because another key signed them.
+    pub other_key: u64,
+    /// Left out because they were sent before, or stamped more than a minute before our time.
+    pub old: u64,
+    /// Taken without looking at the signature, because no key is set.
+    pub unchecked: u64,
+}
+
+impl Signatures {
+    /// The sum of both.
+    #[must_use]
+    pub fn plus(self, other: Signatures) -> Signatures {
+        Signatures {
+            unsigned: self.unsigned + other.unsigned,
+            other_key: self.other_key + other.other_key,
+            old: self.old + other.old,
+            unchecked: self.unchecked + other.unchecked,
+        }
+    }
+    /// What is wrong with the signatures of a link, and its remedy; None where all are as configured.
+    pub fn finding(&self) -> Option<(String, &'static str)> {
+        let (count, found, remedy) = if self.other_key > 0 {
+            (
+                self.other_key,
+                "left out: another key than signing_key's signed them",
+                "give the autopilot and signing_key's file the same passphrase",
+            )
+        } else if self.old > 0 {
+            (
+                self.old,
+                "left out: sent before, or stamped over a minute before our time",
+                "set this computer's clock, and let the autopilot have a GNSS fix",
+            )
+        } else if self.unsigned > 0 {
+            (
+                self.unsigned,
+                "left out: not signed, and signing_key demands it",
+                "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
+            )
+        } else {
+            (
+                self.unchecked,
+                "signed, and neither checked nor answered with a signature",
+                "set signing_key to a file with the autopilot's passphrase",
+            )
+        };
+        (count > 0).then(|| (format!("{count} MAVLink frames {found}"), remedy))
+    }
+    /// Whether this frame is taken; `whenever`: at whatever time it was signed.
+    pub(super) fn admit(
+        &mut self,
+        raw: &MAVLinkMessageRaw,
+        signing: Option<&Signing>,
+        whenever: bool,
+    ) -> bool {
+        let signed = match raw {
+            MAVLinkMessageRaw::V1(_) => None,
+            MAVLinkMessageRaw::V2(frame) => Some(frame).filter(|f| f.incompatibility_flags() & SIGNED != 0),
+        };
+        let (count, taken) = match (signing, signed) {
+            (None, None) => return true,
+            (None, Some(_)) => (&mut self.unchecked, true),
+            (Some(_), None) if raw.message_id() == RADIO_STATUS => return true,
+            (Some(_), None) => (&mut self.unsigned, false),
+            (Some(s), Some(frame)) if !s.is_signature(frame) => (&mut self.other_key, false),
+            (Some(s), Some(frame)) if !s.any_time && !s.is_later(frame) && !whenever => {
+                (&mut self.old, false)
+            }
+            (Some(_), Some(_)) => return true,
+        };
+        *count += 1;
+        taken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Bytes, FrameReader, Outgoing, Sender, encode};
+    use super::*;
+
+    const SENDER: Sender = Sender {
+        system: 1,
+        component: 1,
+        sequence: 7,
+    };
+
+    fn heartbeat(signing: Option<&Signing>) -> Vec<u8> {
+        encode(
+            SENDER,
+            Outgoing::new(0, 50, vec![3, 0, 0, 0, 2, 12, 81, 4, 3]),
+            signing,
+        )
+    }
+    /// How many of these frames a link with this key takes, and what became of the others.
+    fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
+        let mut reader = FrameReader::signed(signing);
+        frames.iter().for_each(|bytes| reader.push(bytes));
+        let taken = core::iter::from_fn(|| reader.next_frame()).count();
+        (taken, reader.signatures())
+    }
+
+    #[test]
+    fn frames_by_their_signatures() {
+        let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
+        let [signed, later] = [(); 2].map(|()| heartbeat(Some(&ours)));
+        let mut changed = heartbeat(Some(&ours));
+        // The signature alone, which the checksum does not cover.
+        *changed.last_mut().unwrap() ^= 1;
+        let frames = [
+            signed.clone(),
+            later,
+            signed,
+            heartbeat(None),
+            heartbeat(Some(&other)),
+            changed,
+        ];
+        let counts = Signatures {
+            unsigned: 1,
+            other_key: 2,
+            old: 1,
+            unchecked: 0,
+        };
+        assert_eq!(taken(Some(Signing::new([1; 32])), &frames), (2, counts));
+        let unchecked = Signatures {
+            unchecked: 5,
+            ..Signatures::default()
+        };
+        assert_eq!(taken(None, &frames), (6, unchecked));
+    }
+
+    #[test]
+    fn status_of_a_radio_in_a_signed_link() {
+        let status = encode(SENDER, Outgoing::new(RADIO_STATUS, 185, vec![1; 9]), None);
+        assert_eq!(taken(Some(Signing::new([1; 32])), &[status]).0, 1);
+    }
+
+    /// Computed outside, by the specification: SHA-256 of key, frame, link and timestamp, its first six bytes.
+    #[test]
+    fn signature_by_the_specification() {
+        let frame = "fd 09 01 00 00 01 01 00 00 00 03 00 00 00 02 0c 51 04 03 95 f8 00 00 00 00 00 00 80 b3 8d 25 8d 8d ca";
+        let frame = frame
+            .split(' ')
+            .map(|b| u8::from_str_radix(b, 16).unwrap())
+            .collect();
+        assert_eq!(
+            taken(Some(Signing::new([0x42; 32])), &[frame]),
+            (1, Signatures::default())
+        );
+    }
+
+    /// A computer whose clock is behind: its frames are stamped after those that it received.
+    #[test]
+    fn timestamp_after_the_latest_received() {
+        let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
+        // Ahead of every clock.
+        let mut ahead = MAVLinkV2MessageRaw::new();
+        let message = Outgoing::new(0, 50, vec![3; 9]);
+        ahead
+            .serialize_message_with_dialect_for_signing(SENDER.into(), &Bytes(50), &message)
+            .unwrap();
+        *ahead.signature_timestamp_bytes_mut().last_mut().unwrap() = 0x7f;
+        let mut signature = [0; 6];
+        ahead.calculate_signature(&[1; 32], &mut signature);
+        ahead.signature_value_mut().copy_from_slice(&signature);
+        let ahead = ahead.raw_bytes().to_vec();
+        let of_ours = || {
+            let companion = Sender {
+                component: 191,
+                ..SENDER
+            };
+            encode(companion, Outgoing::new(0, 50, vec![3; 9]), Some(&ours))
+        };
+        let before = of_ours();
+        assert_eq!(taken(Some(ours.clone()), core::slice::from_ref(&ahead)).0, 1);
+        // The autopilot has stamped as late, and takes nothing that is older by a minute.
+        let frames = [ahead, before, of_ours()];
+        assert_eq!(taken(Some(autopilot), &frames).0, 2);
+    }
+
+    /// A frame of a ground station, stamped at this time.
+    fn stamped(at: u64) -> Vec<u8> {
+        let station = Signing::new([1; 32]);
+        station.recall(&SigningTimes {
+            latest: at,
+            ..SigningTimes::default()
+        });
+        heartbeat(Some(&station))
+    }
+
+    /// What was sent before a restart counts no more, and what comes after it does.
+    #[test]
+    fn times_of_a_signed_link_over_a_restart() {
+        const AT: u64 = 1_000_000_000;
+        let before = Signing::new([1; 32]);
+        let sent = [stamped(AT), stamped(AT + 5)];
+        assert_eq!(taken(Some(before.clone()), &sent).0, 2);
+        let after = Signing::new([1; 32]);
+        after.recall(&before.times());
+        let replayed = [&sent[..], &[stamped(AT + 6)]].concat();
+        let (count, signatures) = taken(Some(after), &replayed);
+        assert_eq!((count, signatures.old), (1, 2));
+    }
+
+    /// A clock that was ahead, and was set back: what may come whenever it was signed is taken, if the key signed it.
+    #[test]
+    fn message_that_no_clock_stops() {
+        const AT: u64 = 1_000_000_000;
+        let frames = [stamped(AT), stamped(5), heartbeat(Some(&Signing::new([2; 32])))];
+        let count = |whenever: bool| {
+            let mut reader = FrameReader::signed(Some(Signing::new([1; 32])));
+            if whenever {
+                reader = reader.whenever(|id, _| id == 0);
+            }
+            frames.iter().for_each(|bytes| reader.push(bytes));
+            core::iter::from_fn(|| reader.next_frame()).count()
+        };
+        assert_eq!([count(false), count(true)], [1, 2]);
+    }
+
+    #[test]
+    fn streams_that_are_forgotten() {
+        let mut times = SigningTimes::default();
+        for k in 0..=MAX_STREAMS as u32 {
+            assert!(times.admit([0, 1, k], 1000 + u64::from(k)));
+        }
+        assert_eq!(times.streams.len(), MAX_STREAMS);
+        assert!(!times.admit([0, 1, 1], 1001) && times.admit([0, 1, 1], 2000));
+    }
+}

@@ -1,0 +1,346 @@
+//! Tests of orders by a ground station.
+
+use super::*;
+use alight_shared::msg::{ReasonCode, State};
+use alight_shared::time::Time;
+
+fn at(s: f64) -> DroneTime {
+    Time::from_secs(s)
+}
+const STATION: Address = Address::new(255, 190);
+const REJECTED: Received = Received::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
+/// The remote control does not bar orders, and those of the link count.
+const FREE: [bool; 2] = [false, true];
+const BARRED: [bool; 2] = [true, true];
+/// A command that is given for the first time.
+fn new(command: u16) -> Asked {
+    asked(command, Repetition::No)
+}
+fn asked(number: u16, repetition: Repetition) -> Asked {
+    Asked {
+        number,
+        first: [0.0; 4],
+        repetition,
+    }
+}
+const LAND: (u16, CommandKind) = (command::USER_1, CommandKind::Land);
+fn tracking(s: f64) -> MissionState {
+    MissionState {
+        header: Header::new(0, 1, 5, 1, at(s)),
+        state: State::Tracking,
+        // The first of this boot.
+        order: Some([7, 1]),
+        ..MissionState::default()
+    }
+}
+
+#[test]
+fn station_orders_and_repetitions() {
+    let mut orders = StationOrders::default();
+    let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &new(c), FREE);
+    let (land, abort) = (command::USER_1, command::USER_2);
+    assert_eq!(
+        answered(&mut orders, 9.9, command::SET_MODE),
+        Received::Answered(CommandResult::Unsupported)
+    );
+    assert_eq!(
+        answered(&mut orders, 9.9, land),
+        Received::Order(CommandKind::Land)
+    );
+    assert_eq!(
+        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0))),
+        None
+    );
+    assert_eq!(
+        answered(&mut orders, 10.0, land),
+        Received::Answered(CommandResult::InProgress)
+    );
+    // An abort takes its place, and bars what is no abort.
+    assert_eq!(
+        answered(&mut orders, 10.1, abort),
+        Received::Order(CommandKind::Abort)
+    );
+    let replaced = orders.give(
+        (abort, CommandKind::Abort),
+        STATION,
+        Header::new(0, 1, 7, 2, at(10.1)),
+    );
+    assert_eq!(
+        replaced.map(|a| (a.number, a.result)),
+        Some((land, CommandResult::Other))
+    );
+    assert!(orders.aborts());
+    assert_eq!(answered(&mut orders, 10.2, land), REJECTED);
+}
+
+#[test]
+fn station_orders_unaware_of_an_abort() {
+    let mut orders = StationOrders::default();
+    orders.stopped(at(10.0));
+    let lands = |orders: &mut StationOrders, s, repetition| {
+        orders.received(at(s), STATION, &asked(command::USER_1, repetition), FREE)
+    };
+    let ordered = Received::Order(CommandKind::Land);
+    let first = Repetition::No;
+    assert_eq!(
+        [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
+        [REJECTED, ordered]
+    );
+    // What repeats, or may repeat, what a station ordered before.
+    for again in [Repetition::Yes, Repetition::Perhaps] {
+        assert_eq!(
+            [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
+            [REJECTED, ordered]
+        );
+    }
+    assert_eq!(
+        orders.received(at(30.0), STATION, &new(command::USER_1), BARRED),
+        REJECTED
+    );
+    assert_eq!(
+        orders.received(at(10.1), STATION, &new(command::USER_2), BARRED),
+        Received::Order(CommandKind::Abort)
+    );
+}
+
+#[test]
+fn station_order_whose_answer_was_lost() {
+    let mut orders = StationOrders::default();
+    let again = |orders: &mut StationOrders, s, from, repetition| {
+        orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
+    };
+    let ordered = Received::Order(CommandKind::Land);
+    // Whose answer was lost is answered again, and orders nothing.
+    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(30.0)));
+    assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
+    assert_eq!(
+        again(&mut orders, 33.0, STATION, Repetition::Yes),
+        Received::Answered(CommandResult::Accepted)
+    );
+    // Another's, one that is new, and one that may be.
+    let other = Address::new(254, 190);
+    for (from, repetition) in [
+        (other, Repetition::Yes),
+        (STATION, Repetition::No),
+        (STATION, Repetition::Perhaps),
+    ] {
+        assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
+    }
+    // Unless it was stopped since.
+    orders.stopped(at(34.0));
+    assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
+}
+
+#[test]
+fn station_order_refused_and_given_again() {
+    let mut orders = StationOrders::default();
+    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+    let (_, answer) = orders.poll(at(16.0), None);
+    assert_eq!(answer.map(|a| a.result), Some(CommandResult::Failed));
+    for (repetition, expected) in [
+        (Repetition::Yes, Received::Answered(CommandResult::Failed)),
+        (Repetition::No, Received::Order(CommandKind::Land)),
+        (Repetition::Perhaps, Received::Order(CommandKind::Land)),
+    ] {
+        let received = orders.received(at(17.0), STATION, &asked(command::USER_1, repetition), FREE);
+        assert_eq!(received, expected, "{repetition:?}");
+    }
+}
+
+#[test]
+fn station_abort_after_a_landing_from_elsewhere() {
+    let mut orders = StationOrders::default();
+    let header = Header::new(0, 1, 7, 1, at(10.0));
+    orders.give((command::USER_2, CommandKind::Abort), STATION, header);
+    let mission = MissionState {
+        abort: Some([header.boot, header.sequence]),
+        order: None,
+        ..tracking(10.1)
+    };
+    let (_, answer) = orders.poll(at(10.1), Some(&mission));
+    assert_eq!(answer.map(|a| a.result), Some(CommandResult::Accepted));
+    // Somebody else orders a landing meanwhile: no station is informed of it.
+    for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
+        let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
+        assert_eq!(received, Received::Order(CommandKind::Abort), "{repetition:?}");
+    }
+}
+
+#[test]
+fn station_order_answered_to_all_who_gave_it() {
+    let mut orders = StationOrders::default();
+    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+    let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
+    for other in [&STATION].into_iter().chain(&others) {
+        let answered = orders.received(at(10.1), *other, &new(command::USER_1), FREE);
+        assert_eq!(answered, Received::Answered(CommandResult::InProgress));
+    }
+    let (_, answer) = orders.poll(at(20.0), None);
+    let reported: Vec<Message> = answer.iter().flat_map(Answer::messages).collect();
+    let expected = [STATION, others[0], others[1], others[2]].map(|to| Message::CommandAck {
+        command: command::USER_1,
+        result: CommandResult::Failed,
+        to,
+    });
+    assert_eq!(reported, expected);
+}
+
+#[test]
+fn station_order_answers() {
+    let mission = |waiting: ReasonCode, order| MissionState {
+        header: Header::new(0, 1, 5, 1, at(11.0)),
+        state: State::Idle,
+        waiting: waiting.into(),
+        order,
+        ..MissionState::default()
+    };
+    let result = |mission: Option<&MissionState>| {
+        let mut orders = StationOrders::default();
+        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        let (mut published, mut answers) = (0, Vec::new());
+        for k in 0..600 {
+            let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);
+            published += usize::from(command.is_some());
+            answers.extend(a);
+        }
+        // It is answered each second.
+        let answer = answers.pop().unwrap();
+        let under_way = answers.iter().all(|a| a.result == CommandResult::InProgress);
+        assert!(under_way && answers.len() == published.min(5), "{answers:?}");
+        (published, answer.result, answer.text.unwrap_or_default())
+    };
+    assert_eq!(
+        result(Some(&mission(ReasonCode::NotFlying, Some([7, 1])))),
+        (0, CommandResult::Accepted, String::new())
+    );
+    let (published, refused, text) = result(Some(&mission(ReasonCode::Operator, None)));
+    assert_eq!((published, refused), (21, CommandResult::TemporarilyRejected));
+    assert!(text.starts_with("a landing was not taken: Idle"), "{text}");
+    assert_eq!(
+        result(None),
+        (
+            21,
+            CommandResult::Failed,
+            "a landing was not taken: no mission reports".into()
+        )
+    );
+}
+
+#[test]
+fn station_of_a_command() {
+    let ordered = |first| {
+        let number = command::USER_4;
+        Asked {
+            number,
+            first,
+            ..new(number)
+        }
+        .ordered()
+    };
+    let kept = |height_m, ahead_m, right_m, for_min| {
+        Ok(CommandKind::Station(Station {
+            ahead_m,
+            right_m,
+            height_m,
+            for_min,
+        }))
+    };
+    let none = f64::NAN;
+    assert_eq!(ordered([none; 4]), Ok(CommandKind::Station(Station::USUAL)));
+    // What a console sends for parameters that are left out.
+    assert_eq!(ordered([0.0; 4]), Ok(CommandKind::Station(Station::USUAL)));
+    assert_eq!(ordered([25.0, 0.0, 0.0, 5.0]), kept(25, 0, 20, 5));
+    assert_eq!(ordered([0.0, 30.0, 0.0, 0.0]), kept(0, 30, 0, 10));
+    assert_eq!(ordered([25.0, -30.2, none, 20.0]), kept(25, -30, 0, 20));
+    assert_eq!(ordered([none, none, -40.0, none]), kept(0, 0, -40, 10));
+    assert_eq!(ordered([25.0, 0.0, none, 10.0]), kept(25, 0, 20, 10));
+    for wrong in [
+        [-1.0, 0.0, 20.0, 10.0],
+        [51.0, 0.0, 20.0, 10.0],
+        [20.0, 50.0, 50.0, 10.0],
+        [20.0, 0.0, 1e9, 10.0],
+        [20.0, 0.0, f64::INFINITY, 10.0],
+        [0.4, 0.0, 20.0, 10.0],
+        [20.0, 0.3, 0.2, 10.0],
+        [20.0, 0.0, 0.4, 10.0],
+        [20.0, 0.0, 20.0, 0.4],
+        [20.0, 0.0, 20.0, 31.0],
+        [20.0, 0.0, 20.0, -1.0],
+    ] {
+        assert_eq!(ordered(wrong), Err(CommandResult::Denied), "{wrong:?}");
+    }
+}
+
+/// On a link that is not signed an abort alone counts.
+#[test]
+fn orders_of_an_unsigned_link() {
+    let mut orders = StationOrders::default();
+    let unsigned = [false, false];
+    for (number, expected) in [
+        (
+            command::USER_1,
+            Received::Rejected(CommandResult::Denied, UNSIGNED),
+        ),
+        (
+            command::USER_3,
+            Received::Rejected(CommandResult::Denied, UNSIGNED),
+        ),
+        (
+            command::USER_4,
+            Received::Rejected(CommandResult::Denied, UNSIGNED),
+        ),
+        (
+            command::NAV_TAKEOFF,
+            Received::Rejected(CommandResult::Denied, UNSIGNED),
+        ),
+        (command::USER_2, Received::Order(CommandKind::Abort)),
+        (command::SET_MODE, Received::Answered(CommandResult::Unsupported)),
+    ] {
+        assert_eq!(
+            orders.received(at(9.0), STATION, &new(number), unsigned),
+            expected
+        );
+    }
+}
+
+#[test]
+fn station_in_place_of_another() {
+    let mut orders = StationOrders::default();
+    let right = |m| Asked {
+        first: [0.0, 0.0, m, 0.0],
+        ..new(command::USER_4)
+    };
+    let Received::Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
+        panic!("no order");
+    };
+    orders.give(
+        (command::USER_4, first),
+        STATION,
+        Header::new(0, 1, 7, 1, at(10.0)),
+    );
+    let again = orders.received(at(10.1), STATION, &right(20.0), FREE);
+    assert_eq!(again, Received::Answered(CommandResult::InProgress));
+    let other = orders.received(at(10.2), STATION, &right(30.0), FREE);
+    assert!(
+        matches!(other, Received::Order(kind) if kind != first),
+        "{other:?}"
+    );
+}
+
+/// The mission acknowledges what it does not carry out, too.
+#[test]
+fn station_order_that_the_mission_rejects() {
+    let mut orders = StationOrders::default();
+    let header = Header::new(0, 1, 7, 1, at(10.0));
+    let kind = CommandKind::Station(Station::USUAL);
+    orders.give((command::USER_4, kind), STATION, header);
+    let mission = MissionState {
+        order: Some([header.boot, header.sequence]),
+        rejected: Some(ReasonCode::StationNotNow.into()),
+        ..tracking(10.1)
+    };
+    let (_, answer) = orders.poll(at(10.1), Some(&mission));
+    let answer = answer.unwrap();
+    assert_eq!(answer.result, CommandResult::TemporarilyRejected);
+    assert!(answer.text.unwrap().starts_with("a station was not taken: "));
+}

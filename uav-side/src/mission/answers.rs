@@ -1,0 +1,65 @@
+//! Whether an order is carried out: what the mission does not do is rejected with a reason.
+
+use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
+
+use super::phase::{MissionPhase, Progress};
+use super::situation::{ControlState, Situation};
+use super::transition::Decision;
+
+/// Why an order, given in `phase` with the progress `before`, is not carried out by a decision; None: it is, or what it asks for
+/// is already so.
+pub(super) fn not_done(
+    order: CommandKind,
+    phase: MissionPhase,
+    before: &Progress,
+    d: &Decision,
+    s: &Situation,
+) -> Option<Reason> {
+    let because = |code: ReasonCode| Some(code.into());
+    let anothers = match s.flight {
+        ControlState::OtherControl(_) | ControlState::Lapsed | ControlState::Unknown => true,
+        ControlState::Disarmed | ControlState::OnGround | ControlState::Ours => false,
+    };
+    match order {
+        // Of what the pilot, the autopilot's own mission or its hold has, nothing can be stopped but an order that waits.
+        CommandKind::Abort | CommandKind::Hold => {
+            let nothing = d.phase == MissionPhase::Idle && anothers && !before.landing;
+            nothing.then(|| ReasonCode::NotInControl.into())
+        }
+        CommandKind::Land => {
+            let completes = before.stopped && d.phase.state().phase() == Phase::Landing;
+            let landed = phase.flies() && matches!(d.phase, MissionPhase::Landed { .. });
+            if d.progress.landing || completes || landed {
+                None
+            } else if matches!(phase, MissionPhase::Landed { .. }) {
+                because(ReasonCode::OnDeck)
+            } else if phase.stands() || phase.takes_off() {
+                because(ReasonCode::DuringTakeOff)
+            } else {
+                s.held_back().or(because(ReasonCode::NotInControl))
+            }
+        }
+        CommandKind::TakeOff if d.phase.state().is_take_off() => None,
+        CommandKind::TakeOff => d.entered.or(match phase {
+            MissionPhase::Landed { .. } | MissionPhase::StandDown { .. } => because(ReasonCode::StillArmed),
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Search(_)
+            | MissionPhase::Seek
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. }
+            | MissionPhase::Preparing
+            | MissionPhase::Countdown { .. }
+            | MissionPhase::SpinUp { .. }
+            | MissionPhase::TakeOff { .. }
+            | MissionPhase::ClimbOut { .. } => because(ReasonCode::NotOnDeck),
+        }),
+        CommandKind::Station(_) => (d.phase.station().is_none()).then(|| ReasonCode::StationNotNow.into()),
+        CommandKind::Ready => (!d.progress.cycles.ready).then(|| ReasonCode::NotOnDeck.into()),
+    }
+}
