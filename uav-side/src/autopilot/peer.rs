@@ -8,6 +8,7 @@ use super::config::AutopilotLinkConfig;
 use super::message::{ARMED, Address};
 use super::modes::Firmware;
 use super::parameters::Parameters;
+use super::rotors::RotorOutputs;
 use super::streams::Streams;
 
 /// A reported thrust is used for so long.
@@ -40,6 +41,8 @@ pub(crate) struct Peer {
     /// It was reported that the gauge is silent.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
+    /// Whether its rotors follow that.
+    pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
 }
 
@@ -63,6 +66,7 @@ impl Peer {
             batteries: [None; MAX_BATTERIES],
             battery_lost: false,
             thrust: None,
+            rotors: RotorOutputs::default(),
             parameters: Parameters::new(firmware, attitudes, now),
         }
     }
@@ -167,10 +171,10 @@ impl Peer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Thrust that it applies now, its own measure.
+    /// Thrust that it applies now, its own measure; not known where its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
-            .filter(|(at, _)| now - *at <= THRUST_STALE)
+            .filter(|(at, _)| now - *at <= THRUST_STALE && !self.rotors.wait(now))
             .map(|(_, t)| t)
     }
 }

@@ -16,6 +16,8 @@ const MODE_HZ: f64 = 50.0;
 /// Rates of the remote control's channels and of the autopilot's sensors' health, where a switch commands, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
+/// Rate of the outputs to the motors, Hz.
+const OUTPUTS_HZ: f64 = 20.0;
 /// Rate of the estimator's status, Hz.
 const ESTIMATOR_HZ: f64 = 5.0;
 /// Below this fraction of its rate a stream is requested again.
@@ -70,6 +72,8 @@ impl Streams {
             (id::EXTENDED_SYS_STATE, 10.0),
             // The thrust in force. (ArduCopter has it in VFR_HUD too, cut to whole percents.)
             (id::ATTITUDE_TARGET, 50.0),
+            // Whether the rotors follow it.
+            (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
         ];
@@ -179,7 +183,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
-        assert_eq!(first.len(), 8, "{first:?}");
+        assert_eq!(first.len(), 9, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
         asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);
