@@ -110,7 +110,7 @@ pub(super) fn fair() -> Situation {
         rise_measured: true,
         standing: Standing::Unknown,
         unwitnessed_s: 0.0,
-        rotors_turn_s: 1.0,
+        rotors_turn_s: 10.0,
         lifts_s: None,
         tips_rad: 0.0,
         dark: None,
