@@ -1,9 +1,10 @@
 //! Whether a drone whose rotors turn stands on the deck: what a forced disarm, and a thrust that does not carry it, rest on.
 //!
-//! Two witnesses have to agree, and none may speak against it. One is what carries the drone: with little thrust in force, by the
-//! autopilot's report, the specific force stays near gravity only where something else carries it, and falls with the drone
-//! where nothing does. The others are heights: the rangefinder, the way risen since the rotors could first lift it, the
-//! autopilot's own report of the ground. What carries a drone is seen, not measured: a height does not speak against it.
+//! Two witnesses have to agree, and none may speak against it. One of them is what carries the drone: with little thrust in force,
+//! by the autopilot's report, the specific force stays near gravity only where something else carries it, and falls with the
+//! drone where nothing does. The other is a height, which a drone that hovers low over the deck has as well: the rangefinder, the
+//! way risen since the rotors could first lift it, the autopilot's own report of the ground. No height speaks against a drone
+//! that something carries: a rangefinder may stick.
 
 use alight_shared::time::{DroneClock, Span, Time};
 
@@ -84,7 +85,7 @@ impl StandingMonitor {
         let above = lasts(&mut self.above, !carried && speak(false) > 0, FALLS);
         if falls || lifts || above {
             Standing::Flies
-        } else if usize::from(carried) + speak(true) >= 2 {
+        } else if carried && speak(true) > 0 {
             Standing::Stands
         } else {
             Standing::Unknown
@@ -109,8 +110,11 @@ mod tests {
         let (yes, no) = (Some(true), Some(false));
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
-            (None, None, [yes, yes, None], Stands),
-            // One alone shows nothing: a range that sticks, a report that is wrong, a drone that somebody holds.
+            (Some(0.0), Some(1.0), [None, yes, None], Stands),
+            // One alone shows nothing: a range that sticks, a report that is wrong, a drone that somebody holds; nor do heights
+            // of one that hovers next to the deck.
+            (None, None, [yes, yes, yes], Unknown),
+            (Some(0.8), Some(1.0), [yes, yes, yes], Unknown),
             (Some(0.3), Some(1.0), [None, None, None], Unknown),
             (None, None, [yes, None, None], Unknown),
             (Some(0.3), None, [None, yes, None], Unknown),

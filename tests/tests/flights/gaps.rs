@@ -371,7 +371,7 @@ fn gaps_in_a_take_off() {
     assert!(found.is_empty(), "{} of 7: {found:#?}", found.len());
 }
 
-/// Every state, every gap, whoever is gone, both characters.
+/// Every state, every gap, whoever is gone, both characters: 1950 flights, or every 13th with ALIGHT_GAPS_PART=0 to 12.
 #[test]
 #[ignore = "minutes"]
 fn gaps_in_every_state() {
@@ -405,7 +405,7 @@ fn gaps_in_every_state() {
     assert!(found.is_empty(), "{} of {}: {found:#?}", found.len(), some.len());
 }
 
-/// Set-points that cease while the drone spins up or leaves the deck.
+/// Set-points that cease while the drone spins up or leaves the deck: 200 seeds, or ALIGHT_SEEDS.
 #[test]
 #[ignore = "minutes"]
 fn set_points_that_cease_on_the_deck() {

@@ -13,6 +13,8 @@ use super::streams::Streams;
 
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
+/// Rotors that stand still give no more.
+const NO_THRUST: f64 = 0.01;
 /// What it says of its batteries counts for so long: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
 /// Its opinion whether it is on the ground counts for so long: three reports at the slowest rate, 1 Hz.
@@ -174,7 +176,8 @@ impl Peer {
     /// Thrust that it applies now, its own measure; not known where its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
-            .filter(|(at, _)| now - *at <= THRUST_STALE && !self.rotors.wait(now))
+            .filter(|(at, _)| now - *at <= THRUST_STALE)
             .map(|(_, t)| t)
+            .filter(|t| *t <= NO_THRUST || !self.rotors.wait(now))
     }
 }
