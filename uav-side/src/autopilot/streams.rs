@@ -66,14 +66,14 @@ impl Streams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
+                // Whether the rotors follow: PX4's do at once.
+                (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
         let both = [
             (id::EXTENDED_SYS_STATE, 10.0),
             // The thrust in force. (ArduCopter has it in VFR_HUD too, cut to whole percents.)
             (id::ATTITUDE_TARGET, 50.0),
-            // Whether the rotors follow it.
-            (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
         ];
@@ -183,7 +183,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
-        assert_eq!(first.len(), 9, "{first:?}");
+        assert_eq!(first.len(), 8, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
         asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);
