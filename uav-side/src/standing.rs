@@ -18,6 +18,8 @@ const FALLS_G: f64 = 0.6;
 const CARRIED: Span = Span::from_millis(300);
 const FALLS: Span = Span::from_millis(100);
 const LIFTS: Span = Span::from_millis(300);
+/// A height speaks against it after so long: what carries a drone that was just armed is known before.
+const ABOVE: Span = Span::from_millis(400);
 /// Feet on the deck by a height, and feet above it, m: what a rangefinder and a tilted deck differ by, and what a deck that
 /// sinks leaves.
 const ON_DECK_M: f64 = 0.15;
@@ -82,7 +84,7 @@ impl StandingMonitor {
             LIFTS,
         );
         let speak = |on_deck: bool| heights.iter().filter(|h| **h == Some(on_deck)).count();
-        let above = lasts(&mut self.above, !carried && speak(false) > 0, FALLS);
+        let above = lasts(&mut self.above, !carried && speak(false) > 0, ABOVE);
         if falls || lifts || above {
             Standing::Flies
         } else if carried && speak(true) > 0 {
@@ -134,6 +136,17 @@ mod tests {
         }
         assert_eq!([0.02, 0.25, 0.5].map(|h| by_height(Some(h))), [yes, None, no]);
         assert_eq!(by_height(Some(f64::NAN)), None);
+    }
+
+    /// From its arming on, a rangefinder that sticks at a height lifts no drone.
+    #[test]
+    fn rangefinder_that_sticks_on_the_deck() {
+        let mut m = StandingMonitor::default();
+        for k in 0..100 {
+            let now = Time::from_secs(0.01 * f64::from(k));
+            let s = m.step(now, Some(0.3), Some(1.0), &[Some(false), Some(true)]);
+            assert_ne!(s, Standing::Flies, "{k}");
+        }
     }
 
     /// The thrust was low a moment ago, and the drone hovers: what carried it then is no witness of now.
