@@ -187,6 +187,13 @@ pub const ARDU_COPTER: &[Parameter] = &[
         why: "when the ground station is lost it goes where the boat was, or lands on the water",
     },
     Parameter {
+        name: "BATT_MONITOR",
+        unit: "",
+        wanted: Wanted::Within(3.0, f64::INFINITY),
+        severity: Severity::Warn,
+        why: "it reports no battery, without which no take-off begins; 4 measures voltage and current",
+    },
+    Parameter {
         name: "BATT_FS_LOW_ACT",
         unit: "",
         wanted: Wanted::Is(0.0, "nothing"),
@@ -346,6 +353,7 @@ mod tests {
             ("BAT_CRIT_THR", &[0.05, 0.07], &[0.0, 0.1, 0.15]),
             ("GF_ACTION", &[0.0, 1.0, 2.0], &[3.0, 4.0, 5.0]),
             ("RTL_LAND_DELAY", &[-1.0], &[0.0, 30.0]),
+            ("BATT_MONITOR", &[3.0, 4.0, 8.0], &[0.0]),
             ("BATT_FS_CRT_ACT", &[1.0], &[0.0, 2.0, 3.0, 5.0]),
             ("BATT_CRT_VOLT", &[13.2, 20.0], &[0.0]),
             ("FENCE_ACTION", &[0.0, 4.0], &[1.0, 2.0, 3.0]),

@@ -16,5 +16,6 @@ pub mod planner;
 pub mod predictor;
 mod range_witness;
 pub mod settings;
+mod standing;
 mod surroundings;
 mod tracking;

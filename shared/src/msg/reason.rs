@@ -188,7 +188,7 @@ pub enum ReasonCode {
     Arming,
     /// The autopilot has not armed: after, s, and the limit.
     ArmingRejected,
-    /// The motors spin up: since, s, and for how long.
+    /// By the autopilot's report the rotors do not turn yet: armed for so long, s, and the limit.
     SpinningUp,
     /// A take-off is not likely enough, by its probability: the deck tilts, or moves sideways.
     TakeOffTilted,
@@ -262,6 +262,12 @@ pub enum ReasonCode {
     OnDeck,
     /// An order to land is not carried out: the drone is about to take off, or that was just stopped.
     DuringTakeOff,
+    /// The drone follows set-points again, near the deck: feet above it, m.
+    GivenBack,
+    /// The autopilot reports no battery.
+    BatteryUnknown,
+    /// No two witnesses show that a drone whose rotors turn stands on the deck: it may be in the air, and climbs.
+    MayFly,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -361,7 +367,10 @@ impl fmt::Display for Reason {
                 f,
                 "the autopilot did not arm within {l:.0} s: its own text says why"
             ),
-            ReasonCode::SpinningUp => write!(f, "motors spin up for {v:.1} s (needs {l:.1})"),
+            ReasonCode::SpinningUp => write!(
+                f,
+                "the autopilot reports no rotors that turn, {v:.1} s after arming (limit {l:.1})"
+            ),
             ReasonCode::TakeOffTilted => likely_take_off(f, v, l, "the deck tilts or slides away"),
             ReasonCode::TakeOffHit => likely_take_off(f, v, l, "the deck may rise into it"),
             ReasonCode::BetterMoment => write!(
@@ -450,6 +459,20 @@ impl fmt::Display for Reason {
                 "it takes off: abort that, or order again once it is clear of the deck"
             ),
             ReasonCode::TakeOffBattery => battery(f, " for a take-off"),
+            ReasonCode::BatteryUnknown => write!(
+                f,
+                "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated power module"
+            ),
+            ReasonCode::GivenBack => {
+                write!(
+                    f,
+                    "follows set-points again, feet {v:.2} m above the deck: climbs first"
+                )
+            }
+            ReasonCode::MayFly => write!(
+                f,
+                "nothing shows that it stands on the deck (rangefinder, way up, what carries it): climbs out"
+            ),
             ReasonCode::Disarmed => write!(f, "disarmed on the deck"),
             ReasonCode::NotFlying => write!(
                 f,

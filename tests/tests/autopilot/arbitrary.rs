@@ -93,6 +93,7 @@ fn message() -> impl Strategy<Value = Message> {
             current_a: Some(current),
         }),
         number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
+        (any::<u8>(), any::<[u16; 8]>()).prop_map(|(port, pulses_us)| Message::Outputs { port, pulses_us }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
         (
             prop_oneof![

@@ -172,6 +172,23 @@ fn stand_down_in_the_air() {
     }
 }
 
+/// Its autopilot has lifted it for lack of set-points: none that lets it fall is passed on, and nothing disarms it.
+#[test]
+fn set_points_that_come_back_in_the_air() {
+    for firmware in BOTH {
+        for state in [State::SpinUp, State::StandDown] {
+            let mut p = LinkRig::commanding(firmware, 5.0, &config());
+            (p.pilot, p.mission) = (None, state);
+            p.run(1.0);
+            p.pilot = Some(stand);
+            p.run(3.0);
+            let height_m = -p.truth().position.0.z;
+            assert!(p.linked.autopilot.armed(), "{firmware:?}, {state:?}");
+            assert!(height_m > 4.5, "{firmware:?}, {state:?}: {height_m} m");
+        }
+    }
+}
+
 /// A drone that has to turn back is taken from the autopilot's mission once in a flight: who chooses the mission again has it.
 #[test]
 fn mission_chosen_again_after_the_turn_back() {

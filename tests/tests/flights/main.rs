@@ -11,6 +11,7 @@ mod deck_reservation;
 mod estimate_jumps;
 mod estimator;
 mod faults;
+mod gaps;
 mod helm;
 mod hulls;
 mod identity;

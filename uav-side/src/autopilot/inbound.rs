@@ -107,6 +107,10 @@ impl AutopilotLink {
                 peer.streams.received(message::id::BATTERY_STATUS);
                 peer.battery(now, *number, [*remaining, *voltage_v, *current_a]);
             }
+            Message::Outputs { port, pulses_us } => {
+                peer.streams.received(message::id::SERVO_OUTPUT_RAW);
+                peer.rotors.outputs(now, peer.armed, *port, pulses_us);
+            }
             Message::AttitudeTargetThrust { thrust } => {
                 peer.streams.received(message::id::ATTITUDE_TARGET);
                 let attitude = self.state.map(|s| s.attitude);

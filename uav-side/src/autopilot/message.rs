@@ -40,6 +40,9 @@ pub const ARDUPILOT: u8 = 3;
 /// `MAV_AUTOPILOT_PX4`.
 pub const PX4: u8 = 12;
 
+/// Outputs of a set that Alight reads: those of an octorotor.
+pub const OUTPUTS: usize = 8;
+
 /// Numbers of messages whose rate is requested.
 pub mod id {
     /// `HEARTBEAT`.
@@ -54,6 +57,8 @@ pub mod id {
     pub const LOCAL_POSITION_NED: u32 = 32;
     /// `RC_CHANNELS`.
     pub const RC_CHANNELS: u32 = 65;
+    /// `SERVO_OUTPUT_RAW`.
+    pub const SERVO_OUTPUT_RAW: u32 = 36;
     /// `ATTITUDE_TARGET`.
     pub const ATTITUDE_TARGET: u32 = 83;
     /// `HIGHRES_IMU`.
@@ -449,6 +454,13 @@ pub enum Message {
         voltage_v: Option<f64>,
         /// A; None when not reported.
         current_a: Option<f64>,
+    },
+    /// `SERVO_OUTPUT_RAW`: what the autopilot's outputs give.
+    Outputs {
+        /// Which of its sets of outputs.
+        port: u8,
+        /// Pulses, us, or the numbers of a digital protocol; 0: none.
+        pulses_us: [u16; OUTPUTS],
     },
     /// `ATTITUDE_TARGET`: the present reference of the autopilot's attitude loop.
     AttitudeTargetThrust {

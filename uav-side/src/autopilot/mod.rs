@@ -3,7 +3,7 @@
 //! process around it is `alight autopilot`.
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
-//! [`lapse`] (whose hold it is), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
+//! [`lapse`] (whose hold it is), `rotors` (whether they follow), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
 //! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
@@ -34,6 +34,7 @@ pub mod parameters;
 mod peer;
 pub mod place_report;
 mod rc_switch;
+mod rotors;
 mod shadow;
 mod station;
 mod station_parameters;
@@ -523,6 +524,7 @@ impl Node for AutopilotLink {
 
         self.watch_lapse(now, received);
         self.watch_own_mission();
+        self.watch_standing(now);
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));

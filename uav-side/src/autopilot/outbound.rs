@@ -53,7 +53,7 @@ impl AutopilotLink {
         self.mission.fresh(now, topics::MISSION.stale_after)
     }
     /// The mission's last state, for as long as the pilot goes on with it.
-    fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
+    pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
     }
@@ -128,12 +128,16 @@ impl AutopilotLink {
     fn apply(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         if wanted.motors == Motors::Run {
             self.disarm.clear();
-            (self.inhibited, self.held) = (None, None);
+            self.inhibited = None;
             if wanted.kind == SetPointKind::None {
                 return None;
             }
-            self.flown = Some(*wanted);
-            return Some(*wanted);
+            let carried = self.carried(now, *wanted);
+            if carried == Some(*wanted) {
+                self.held = None;
+            }
+            self.flown = carried;
+            return carried;
         }
         let thrust_off = SetPoint {
             kind: SetPointKind::Attitude,
@@ -295,7 +299,7 @@ impl AutopilotLink {
 
     /// A hold a little above where it was first asked for, as set-points of the pilot's kind: with the deck while its
     /// forecast lives, but not down after one that sinks, because that one comes back.
-    fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
+    pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
         if self.held.is_none() {
@@ -397,9 +401,9 @@ impl AutopilotLink {
             return self.apply(now, wanted, out);
         }
         self.interrupted();
-        if self.streams_for_take_off(now) {
+        if self.streams_ahead(now) {
             let flown = wanted.kind != SetPointKind::None && wanted.motors == Motors::Run;
-            return flown.then_some(*wanted);
+            return if flown { self.carried(now, *wanted) } else { None };
         }
         // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
         // follows none. ArduCopter needs no stream.
@@ -461,11 +465,11 @@ impl AutopilotLink {
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
         // What the mission has chosen it may have by the voltage alone.
-        let charge = peer.charge(now).or(limit.is_infinite().then_some(0.0));
-        let Some(charge) = charge.filter(|c| *c < limit) else {
+        let reported = peer.charge(now);
+        if !(limit.is_infinite() || reported.is_some_and(|c| c < limit)) {
             self.low_since = None;
             return;
-        };
+        }
         let low_s = (now - *self.low_since.get_or_insert(now)).secs();
         let authority = self.control_authority();
         let repeated =
@@ -482,10 +486,10 @@ impl AutopilotLink {
         };
         if !repeated {
             let order = if to == Diversion::Land { "land" } else { "return" };
-            let charge = 100.0 * charge;
+            let charge = reported.map_or("of unknown charge".into(), |c| format!("at {:.0} %", 100.0 * c));
             out.alarm(
                 severity::WARNING,
-                format!("battery at {charge:.0} %: the autopilot is commanded to {order}"),
+                format!("battery {charge}: the autopilot is commanded to {order}"),
             );
         }
         let command = CommandLong::mode(peer.address, mode);

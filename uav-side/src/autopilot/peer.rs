@@ -8,10 +8,13 @@ use super::config::AutopilotLinkConfig;
 use super::message::{ARMED, Address};
 use super::modes::Firmware;
 use super::parameters::Parameters;
+use super::rotors::RotorOutputs;
 use super::streams::Streams;
 
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
+/// Rotors that stand still give no more.
+const NO_THRUST: f64 = 0.01;
 /// What it says of its batteries counts for so long: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
 /// Its opinion whether it is on the ground counts for so long: three reports at the slowest rate, 1 Hz.
@@ -40,6 +43,8 @@ pub(crate) struct Peer {
     /// It was reported that the gauge is silent.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
+    /// Whether its rotors follow that.
+    pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
 }
 
@@ -63,6 +68,7 @@ impl Peer {
             batteries: [None; MAX_BATTERIES],
             battery_lost: false,
             thrust: None,
+            rotors: RotorOutputs::default(),
             parameters: Parameters::new(firmware, attitudes, now),
         }
     }
@@ -167,10 +173,11 @@ impl Peer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Thrust that it applies now, its own measure.
+    /// Thrust that it applies now, its own measure; not known where its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)
             .map(|(_, t)| t)
+            .filter(|t| *t <= NO_THRUST || !self.rotors.wait(now))
     }
 }

@@ -16,6 +16,8 @@ const MODE_HZ: f64 = 50.0;
 /// Rates of the remote control's channels and of the autopilot's sensors' health, where a switch commands, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
+/// Rate of the outputs to the motors, Hz.
+const OUTPUTS_HZ: f64 = 20.0;
 /// Rate of the estimator's status, Hz.
 const ESTIMATOR_HZ: f64 = 5.0;
 /// Below this fraction of its rate a stream is requested again.
@@ -64,6 +66,8 @@ impl Streams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
+                // Whether the rotors follow: PX4's do at once.
+                (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
         let both = [

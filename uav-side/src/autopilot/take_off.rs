@@ -6,17 +6,20 @@
 //! What the autopilot answers to a command to arm is passed on with the text that it gave for it.
 //!
 //! A take-off that was stopped leaves a drone that this link has armed and that has had little thrust since. It is disarmed by
-//! force, because no land detector finds the ground on a deck that moves: once its rotors give little, and something else
-//! carries it.
+//! force, because no land detector finds the ground on a deck that moves: once two witnesses show that it stands
+//! ([`crate::standing`]). Where set-points have ceased meanwhile its autopilot may have lifted it: until two witnesses show that it
+//! stands, a thrust that does not carry it is not passed on, and it climbs a little and holds.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{AutopilotMode, State};
+use alight_shared::msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointKind, State};
 use alight_shared::time::Span;
+use alight_shared::topics;
 use nalgebra::Vector3;
 
 use super::message::{CommandLong, CommandResult, Message, command, severity};
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime, thrust};
+use crate::standing::{Standing, StandingMonitor, by_height};
 
 /// PX4 denies OFFBOARD without a stream of set-points for so long.
 const STREAMS: Span = Span::from_millis(1200);
@@ -28,8 +31,8 @@ const ARM_TRIES: u32 = 3;
 const DISARM_TRIES: u32 = 50;
 /// Between two commands to disarm.
 const DISARM_PAUSE: Span = Span::from_millis(200);
-/// The evidence for that lasts so long: several time constants of the specific force.
-const CARRIED: Span = Span::from_millis(300);
+/// Without set-points for so long its autopilot may do something by itself.
+const GAP: Span = Span::from_millis(150);
 /// A text explains a denial that comes no later.
 const EXPLAINS: Span = Span::from_millis(3000);
 
@@ -45,8 +48,10 @@ pub(super) struct TakeOffSequence {
     /// It was commanded to arm, and has not been seen disarmed in another state of the mission since.
     armed: bool,
     disarms: u32,
-    /// The deck carries a drone with little thrust since.
-    carried: Option<DroneTime>,
+    standing: StandingMonitor,
+    verdict: Standing,
+    /// Set-points ceased, and nothing has shown since that it stands.
+    may_fly: bool,
     next: Option<DroneTime>,
     /// The autopilot's newest text of a denial.
     text: Option<(DroneTime, String)>,
@@ -88,12 +93,77 @@ impl TakeOffSequence {
 }
 
 impl AutopilotLink {
-    /// The mission's take-off wants set-points to be followed before a heartbeat shows that they are.
-    pub(super) fn streams_for_take_off(&self, now: DroneTime) -> bool {
-        let state = self.fresh_mission(now).map(|m| m.state);
-        let starts = matches!(state, Some(State::SpinUp | State::TakeOff | State::StandDown));
-        let authority = self.control_authority();
-        starts && (authority.may_offer() || authority == ControlAuthority::Disarmed)
+    /// Set-points are to be followed before a heartbeat shows that they are: in a take-off, and where the autopilot holds because
+    /// they had ceased, in every state in which the mission flies.
+    pub(super) fn streams_ahead(&self, now: DroneTime) -> bool {
+        let Some(state) = self.fresh_mission(now).map(|m| m.state) else {
+            return false;
+        };
+        let (authority, lapsed) = (self.control_authority(), self.lapse.is_lapsed());
+        match state {
+            State::SpinUp | State::TakeOff | State::StandDown => {
+                authority.may_offer() || authority == ControlAuthority::Disarmed
+            }
+            State::ClimbOut
+            | State::Hold
+            | State::GaveUp
+            | State::GetAltitude
+            | State::Approach
+            | State::Search
+            | State::Tracking
+            | State::TrackingStable
+            | State::Descent
+            | State::Flare => authority.may_offer() && lapsed,
+            State::Idle | State::Preparing | State::Countdown | State::Landed => false,
+        }
+    }
+
+    /// Watches whether a drone that is to take off, or was to, stands on the deck.
+    pub(super) fn watch_standing(&mut self, now: DroneTime) {
+        let Some(peer) = &self.peer else { return };
+        let mission = self.last_mission(now).map(|m| m.state);
+        let stands = matches!(mission, Some(State::SpinUp | State::StandDown));
+        if !peer.armed || !(stands || self.departure.armed) {
+            let d = &mut self.departure;
+            (d.standing, d.verdict, d.may_fly) = Default::default();
+            return;
+        }
+        let evidence = self.contact(now);
+        let applied = peer.thrust_now(now);
+        let applied = applied.map(|t| thrust::fraction(t, self.config.thrust_curve) / self.hover.value());
+        // Who follows what is sent gives that, where it reports nothing.
+        let sent = (self.sent_thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
+        // In whatever attitude it came to rest.
+        let state = (self.state).filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
+        let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
+        // By the receivers the deck may be metres off: their height speaks for it alone.
+        let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
+        let heights = [
+            by_height(evidence.range_height),
+            forecast.then_some(true),
+            (peer.landed(now) == LandedState::OnGround).then_some(true),
+            // The mission stands down on two witnesses of its own.
+            (mission == Some(State::StandDown)).then_some(true),
+        ];
+        let ceased = self.sent_at.is_none_or(|at| now - at > GAP) || self.lapse.is_lapsed();
+        let d = &mut self.departure;
+        d.verdict = d.standing.step(now, applied.or(sent), force, &heights);
+        d.may_fly = match d.verdict {
+            Standing::Stands => false,
+            Standing::Unknown => d.may_fly || ceased,
+            Standing::Flies => true,
+        };
+    }
+    /// The pilot's set-point for a drone that stands on the deck; one that may be in the air climbs a little and holds.
+    pub(super) fn carried(&mut self, now: DroneTime, wanted: SetPoint) -> Option<SetPoint> {
+        let low = self.config.disarm.max_thrust_of_hover * self.hover.value();
+        let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
+        let stands =
+            (self.last_mission(now)).is_some_and(|m| matches!(m.state, State::SpinUp | State::StandDown));
+        if !(self.departure.may_fly && falls && stands && wanted.motors == Motors::Run) {
+            return Some(wanted);
+        }
+        self.hold_above(now).or(Some(wanted))
     }
 
     /// Chooses the mode and arms, or disarms, as the mission's state wants it.
@@ -165,16 +235,9 @@ impl AutopilotLink {
         // A drone that somebody else flies is theirs.
         let may = armed && ours && (self.departure.armed || stands_down);
         let low = self.sent_thrust.is_low(now);
-        // In whatever attitude it came to rest.
-        let force = self.state.map(|s| Vector3::from(s.specific_force).norm());
-        let carried = force.is_some_and(|f| f >= self.config.disarm.min_load_factor * GRAVITY);
         let d = &mut self.departure;
-        d.carried = d
-            .carried
-            .filter(|_| carried && low)
-            .or((carried && low).then_some(now));
-        let lasts = d.carried.is_some_and(|since| now - since >= CARRIED);
-        if !(may && lasts) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
+        let stands = d.verdict == Standing::Stands && low;
+        if !(may && stands) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
             return;
         }
         d.disarms += 1;

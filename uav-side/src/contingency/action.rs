@@ -75,7 +75,8 @@ impl Known<'_> {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)
         {
-            let stands = matches!(state, State::SpinUp | State::StandDown) && !self.silent;
+            // A mission that fell silent leaves it there: without set-points its autopilot may lift it.
+            let stands = matches!(state, State::SpinUp | State::StandDown);
             let jumps = state == State::TakeOff && self.autopilot.is_some();
             return if stands && self.attitudes {
                 Action::Idle

@@ -51,6 +51,8 @@ pub(super) struct BatteryMonitor {
     last: Option<DroneTime>,
     /// The gauge at its last fall that counted.
     anchor: Option<(DroneTime, f64)>,
+    /// The gauge fell there: from the midst of a step to the second fall it looks up to twice as fast.
+    at_step: bool,
     /// Charge per second, by the gauge.
     by_gauge: Option<f64>,
     /// The current, A.
@@ -190,9 +192,15 @@ impl BatteryMonitor {
         }
         let Some(charge) = self.charge(c) else { return };
         let Some((at, before)) = self.anchor.filter(|(_, before)| (charge - before).abs() < JUMP) else {
-            self.anchor = Some((now, charge));
+            (self.anchor, self.at_step) = (Some((now, charge)), false);
             return;
         };
+        if !self.at_step {
+            if charge < before {
+                (self.anchor, self.at_step) = (Some((now, charge)), true);
+            }
+            return;
+        }
         let lasted = (now - at).secs();
         if before - charge >= FALL && lasted > 0.0 {
             let measured = (before - charge) / lasted;

@@ -252,10 +252,11 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
 
 /// What an idle mission without a checkpoint does about a drone that flies, or rests with motors on, near a deck: it
 /// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
-/// climbs to begin anew. `Err`: it cannot tell yet.
+/// climbs to begin anew. `code`: why it does not know where the drone is. `Err`: it cannot tell yet.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,
+    code: ReasonCode,
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
@@ -275,7 +276,7 @@ pub(super) fn safe_start(
     if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);
     }
-    let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);
+    let why = Reason::new(code, deck.clearance_m, 0.0);
     let phase = if rests(s) {
         // The pilot's evidence of a touchdown decides.
         MissionPhase::Flare {

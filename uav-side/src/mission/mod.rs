@@ -3,7 +3,7 @@
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
 //! remember), `search` and `seek` (the way to a deck that is known by a beacon alone, and to one that is not received), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
-//! drone stay?), `take_off` and `lift_off` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
+//! drone stay?), `take_off`, `lift_off` and `leaving` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
 mod air;
 mod answers;
@@ -11,6 +11,7 @@ mod battery;
 mod checkpoint;
 mod cycles;
 mod height;
+mod leaving;
 mod lift_off;
 mod limits;
 mod outlook;
@@ -73,11 +74,12 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
+use crate::standing::Standing;
 use battery::BatteryMonitor;
 use checkpoint::{Beginning, Begun};
 use height::{HeightWitnesses, Surface};
+use leaving::LeavingMonitor;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use outlook::Outlook;
 pub use phase::MAX_VESSEL_DISTANCE_M;
@@ -174,8 +176,8 @@ pub struct Mission {
     last_vessel: Option<LastVessel>,
     /// Where the feet are to meet the deck, from its centre, NED, m: decided before the descent.
     meets: [f64; 2],
-    /// Since its take-off began.
-    rise: Rise,
+    /// What a take-off is judged by.
+    leaving: LeavingMonitor,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -183,8 +185,8 @@ pub struct Mission {
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     /// Does not know yet whether a mission before it flew.
     beginning: Option<Beginning>,
-    /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
-    unjudged: bool,
+    /// Began without a checkpoint, or lost the drone to the autopilot's hold, and does not know yet that the drone is safe: which.
+    unjudged: Option<ReasonCode>,
     /// Without an order, and ours, it has been away from the deck.
     was_away: bool,
     phase: MissionPhase,
@@ -292,6 +294,7 @@ impl Mission {
             self.light.offer(now, m);
         }
         self.see_surface(now, &input.ranges);
+        self.keep_range(&input.ranges);
     }
 
     /// Heights of tracking and approach over this deck: above all volumes around it, and low over one that the tags alone show.
@@ -477,8 +480,12 @@ impl Mission {
             own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
             turns_in_s: None,
             lift_off: None,
-            risen_m: self.rise.risen_m(),
-            rise_measured: self.rise.is_measured(),
+            risen_m: 0.0,
+            rise_measured: false,
+            standing: Standing::Unknown,
+            unwitnessed_s: 0.0,
+            rotors_turn_s: 0.0,
+            lifts_s: None,
             tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
         }
     }
@@ -550,7 +557,7 @@ impl Mission {
 
     /// Begins where the mission before it was, or anew; gives the command that came meanwhile.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
-        self.unjudged = begun.checkpoint.is_none();
+        self.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
@@ -614,7 +621,9 @@ impl Mission {
         let changed = decision.entered.is_some();
         // Given back, by whomever, it may be near the deck, with nothing to do there.
         let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
-        self.unjudged |= changed && away && self.phase == MissionPhase::Idle;
+        if changed && away && self.phase == MissionPhase::Idle {
+            self.unjudged.get_or_insert(ReasonCode::GivenBack);
+        }
         if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
             // Whoever took the drone over has it landed by a new order, not by one that is repeated.
             self.commands.supersede(now);
@@ -646,12 +655,12 @@ impl Mission {
         // A drone that is handed over above the deck stays there.
         self.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
-            self.unjudged = false;
+            self.unjudged = None;
             return None;
         }
-        let (phase, why) = if self.unjudged {
-            let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
-            self.unjudged = found.is_err();
+        let (phase, why) = if let Some(code) = self.unjudged {
+            let found = checkpoint::safe_start(s, self.progress.landing, code, &self.config);
+            self.unjudged = self.unjudged.filter(|_| found.is_err());
             found.ok().flatten()?
         } else {
             self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);

@@ -758,7 +758,8 @@ proptest! {
                 let state = m.phase.state();
                 // After a lapse of the link a drone that stands on the deck with its motors running finishes its
                 // landing.
-                let stands = |s: &MissionState| s.entered.code == ReasonCode::Restarted && s.entered.value.abs() < 0.15;
+                let begins = |code| matches!(code, ReasonCode::Restarted | ReasonCode::GivenBack);
+                let stands = |s: &MissionState| begins(s.entered.code) && s.entered.value.abs() < 0.15;
                 followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);
                 if state == State::Idle { followed = false }
                 prop_assert!(state.phase() != Phase::Landing || followed, "landing without following");

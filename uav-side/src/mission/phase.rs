@@ -215,6 +215,10 @@ impl MissionPhase {
             MissionPhase::TakeOff { left: true, .. } | MissionPhase::ClimbOut { .. }
         )
     }
+    /// Whether it holds, or climbs to hold.
+    pub(super) const fn rests(&self) -> bool {
+        matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
+    }
     /// Whether it holds until an operator commands a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
         matches!(

@@ -15,6 +15,7 @@ use super::lift_off::Moments;
 use super::limits::{exceeds, first_beyond};
 use crate::contingency::Ends;
 use crate::mission_config::MissionConfig;
+use crate::standing::Standing;
 use crate::surroundings::ring_m;
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{Odds, Staying};
@@ -485,6 +486,14 @@ pub struct Situation {
     pub risen_m: f64,
     /// All of that was measured.
     pub rise_measured: bool,
+    /// Whether it stands, while it spins up or stands down.
+    pub(crate) standing: Standing,
+    /// It has not been witnessed to stand for so long, s.
+    pub unwitnessed_s: f64,
+    /// Its rotors have turned for so long by the autopilot's report, s.
+    pub rotors_turn_s: f64,
+    /// In a take-off they have given what lifts it for so long, s; None: the autopilot has not reported its thrust lately.
+    pub lifts_s: Option<f64>,
     /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
     pub tips_rad: f64,
 }
@@ -515,13 +524,15 @@ pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
     if !a.armed {
         return Some(false);
     }
-    let nominal = drone.mass_kg * GRAVITY / drone.max_thrust_n;
-    let hover = if a.hover_thrust > 0.0 {
+    a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover_thrust(a, drone))
+}
+/// The thrust that hovers, as the autopilot reports it, or else as the drone's geometry gives it.
+pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
+    if a.hover_thrust > 0.0 {
         a.hover_thrust
     } else {
-        nominal
-    };
-    a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover)
+        drone.mass_kg * GRAVITY / drone.max_thrust_n
+    }
 }
 
 impl Situation {

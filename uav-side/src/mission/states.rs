@@ -60,11 +60,19 @@ pub(super) fn step(
                 yaw,
                 fresh,
             };
+            if s.flight == ControlState::Lapsed {
+                return hold(None).stay(NotFlying);
+            }
             held(cause, hold, fresh, progress, s, c)
         }
         MissionPhase::GaveUp { at, yaw } => {
             let at = held_place(&at, s, true);
-            let why = stopped_low(progress, s).unwrap_or(NotCommanded.into());
+            let rests = if s.flight == ControlState::Lapsed {
+                NotFlying
+            } else {
+                NotCommanded
+            };
+            let why = stopped_low(progress, s).unwrap_or(rests.into());
             MissionPhase::GaveUp { at, yaw }.stay(why)
         }
         MissionPhase::Preparing => take_off::preparing(progress, s, c),
@@ -72,7 +80,7 @@ pub(super) fn step(
         MissionPhase::SpinUp { since, armed } => take_off::spin_up(since, armed, s, c),
         MissionPhase::TakeOff { since, left } => take_off::take_off(since, left, s, c),
         MissionPhase::ClimbOut { .. } => take_off::climb_out(phase, progress, s, c),
-        MissionPhase::StandDown { since, unarmed } => take_off::stand_down(since, unarmed, s),
+        MissionPhase::StandDown { since, unarmed } => take_off::stand_down(since, unarmed, s, c),
     }
 }
 

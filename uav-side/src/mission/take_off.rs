@@ -7,24 +7,25 @@
 
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
-    Arming, ArmingRejected, BatteryLow, BetterMoment, ClearOfDeck, Commanded, CountedDown, Counting,
-    DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, NoMoment, NoVessel,
-    NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired, SpinningUp,
-    StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong, VesselTurns,
+    Arming, ArmingRejected, BatteryLow, BatteryUnknown, BetterMoment, ClearOfDeck, Commanded, CountedDown,
+    Counting, DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, MayFly,
+    NoMoment, NoVessel, NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired,
+    SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong,
+    VesselTurns,
 };
 use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
 use alight_shared::time::DroneClock;
 use alight_shared::topics;
 
-use super::lift_off::Jump;
 use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
 };
 use super::situation::{ControlState, Promise, Situation};
-use super::{Mission, turnaround};
-use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M, Rise};
+use super::turnaround;
+use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
 use crate::mission_config::MissionConfig;
+use crate::standing::{Standing, WITNESSED_WITHIN_S};
 
 /// People aboard see the countdown for so long before the motors start, s.
 const COUNTDOWN_S: f64 = 5.0;
@@ -33,10 +34,11 @@ const COUNTDOWN_S: f64 = 5.0;
 const ARMING_S: f64 = 10.0;
 /// A command to arm that is under way shows within this, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
-/// The motors are at their idle speed after this, s: PX4's COM_SPOOLUP_TIME is 1 s, ArduPilot's MOT_SPOOL_TIME 0.5 s.
-const SPIN_UP_S: f64 = 1.5;
-/// No longer does a drone stand armed on the deck, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY) disarm by
-/// themselves after 10 s, and the heartbeat that reports the arming may be a second late.
+/// Rotors that turn by the report of an armed autopilot are at their idle speed so long after, s: speed controllers start a motor
+/// within a second, and report nothing of it.
+const IDLES_S: f64 = 1.5;
+/// No longer does a drone stand with rotors that turn, or are to turn, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, while
+/// they stand still) disarm by themselves after 10 s, and the heartbeat that reports the arming may be a second late.
 const MOMENT_S: f64 = 8.5;
 /// A drone that tips on a foot has risen by less than this, m: half of its feet's span times the sine of the angle. Higher up it
 /// lies on the deck no more, and turns because it levels.
@@ -96,11 +98,16 @@ pub(super) fn commanded(
 }
 
 /// An order to stop; None where the take-off goes on to its hold, or is stopped already.
-pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>) -> Option<Transition> {
+pub(super) fn stopped(
+    phase: MissionPhase,
+    s: &Situation,
+    c: &MissionConfig,
+    why: impl Into<Reason>,
+) -> Option<Transition> {
     match phase {
         MissionPhase::Preparing | MissionPhase::Countdown { .. } => Some(stop(s, why)),
-        MissionPhase::SpinUp { .. } => Some(cut(s, why)),
-        MissionPhase::TakeOff { left, .. } => (stands(left, s)).then(|| cut(s, why)),
+        MissionPhase::SpinUp { .. } => Some(cut(s, c, why)),
+        MissionPhase::TakeOff { left, .. } => (stands(left, s)).then(|| down(s, why)),
         MissionPhase::ClimbOut { since, at, yaw, .. } => {
             let stopped = MissionPhase::ClimbOut {
                 since,
@@ -126,7 +133,7 @@ pub(super) fn stopped(phase: MissionPhase, s: &Situation, why: impl Into<Reason>
     }
 }
 
-/// In a take-off the feet are on the deck still, by data without a gap: the thrust may be cut.
+/// In a take-off the feet are on the deck still, by a way up that was measured without a gap: the thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.risen_m < LIES_BELOW_M && is_measured(s)
 }
@@ -146,13 +153,30 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
     } else {
-        cut(s, why)
+        down(s, why)
     }
 }
-/// The same once the motors may have been started.
-fn cut(s: &Situation, why: impl Into<Reason>) -> Transition {
+/// The same once the motors may have been started: with the thrust cut where the drone stands. Where that is not shown its autopilot
+/// may have lifted it, for lack of set-points, and it climbs.
+fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> Transition {
+    if is_armed(s) && s.standing != Standing::Stands && !(s.standing == Standing::Unknown && stands(false, s))
+    {
+        climbing_out(s, c).enter(why)
+    } else {
+        down(s, why)
+    }
+}
+/// With the thrust cut, whatever is known.
+fn down(s: &Situation, why: impl Into<Reason>) -> Transition {
     let why = why.into();
     standing_down(s, why).enter(why)
+}
+/// Its rotors turn, and nobody else has it.
+fn is_armed(s: &Situation) -> bool {
+    matches!(
+        s.flight,
+        ControlState::OnGround | ControlState::Ours | ControlState::Lapsed
+    )
 }
 /// On the deck with the thrust cut. The rotors of a drone that is not reported armed may turn: its autopilot may just have been
 /// commanded to arm.
@@ -192,8 +216,9 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let grounded = (!s.on_ground).then(|| NotOnDeck.into());
     let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);
     let low = || {
-        // One that is not reported is none.
-        let b = s.battery.unwrap_or(0.0);
+        let Some(b) = s.battery else {
+            return Some(BatteryUnknown.into());
+        };
         (b < s.battery_for_take_off).then(|| Reason::new(TakeOffBattery, b, s.battery_for_take_off))
     };
     grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
@@ -249,7 +274,7 @@ pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> T
     .enter(CountedDown)
 }
 
-/// Spin up: until the autopilot has armed, its motors idle and the moment has come.
+/// Spin up: until the autopilot has armed, its rotors turn by its own report and the moment has come.
 pub(super) fn spin_up(
     since: DroneTime,
     armed: Option<DroneTime>,
@@ -261,37 +286,44 @@ pub(super) fn spin_up(
         // By a person, or by itself.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
-        (ControlState::Lapsed, _) => return cut(s, NotFlying),
+        (ControlState::Lapsed, _) => return cut(s, c, NotFlying),
         (ControlState::Disarmed | ControlState::Unknown, armed) => armed,
         (ControlState::OnGround | ControlState::Ours, armed) => armed.or(Some(s.now)),
     };
     if let Some(why) = unfit(s, c) {
-        return cut(s, why);
+        return cut(s, c, why);
+    }
+    // It has risen by itself.
+    if armed.is_some() && s.standing == Standing::Flies {
+        return climbing_out(s, c).enter(MayFly);
     }
     let Some(at) = armed else {
         let waited_s = (s.now - since).secs();
         return match exceeds(ArmingRejected, waited_s, ARMING_S) {
-            Some(why) => cut(s, why),
+            Some(why) => cut(s, c, why),
             None => stays(None, Reason::new(Arming, waited_s, ARMING_S)),
         };
     };
-    let spun_s = (s.now - at).secs();
-    if s.motors_stopped && spun_s > MOMENT_S {
-        return cut(s, Reason::new(NoMoment, spun_s, MOMENT_S));
-    }
-    if spun_s < SPIN_UP_S || s.motors_stopped {
-        return stays(armed, Reason::new(SpinningUp, spun_s, SPIN_UP_S));
+    let turn_s = s.rotors_turn_s;
+    if turn_s < IDLES_S || s.motors_stopped {
+        let spun_s = (s.now - at).secs();
+        let why = Reason::new(SpinningUp, spun_s, MOMENT_S);
+        return if spun_s > MOMENT_S {
+            cut(s, c, why)
+        } else {
+            stays(armed, why)
+        };
     }
     let Some(moments) = &s.lift_off else {
-        return cut(s, s.no_deck());
+        return cut(s, c, s.no_deck());
     };
     match moments.not_now(c) {
         None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
         // The better one comes too late.
-        Some(why) if spun_s > MOMENT_S && why.code == BetterMoment => {
+        Some(why) if turn_s > MOMENT_S && why.code == BetterMoment => {
             rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
-        Some(_) if spun_s > MOMENT_S => cut(s, Reason::new(NoMoment, spun_s, MOMENT_S)),
+        Some(_) if turn_s > MOMENT_S => cut(s, c, Reason::new(NoMoment, turn_s, MOMENT_S)),
         Some(why) => stays(armed, why),
     }
 }
@@ -312,9 +344,12 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        let stuck = (lasted_s > LEAVES_WITHIN_S).then_some(Reason::new(DoesNotRise, rose, LEFT_M));
+        // Rotors that do not give what lifts it are waited for.
+        let lifts_s = s.lifts_s.unwrap_or(lasted_s);
+        let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
+        let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
         return match tips.or(lost).or(stuck) {
-            Some(why) if is_measured(s) => cut(s, why),
+            Some(why) if is_measured(s) => down(s, why),
             // It may be in the air.
             Some(_) => climbing_out(s, c).enter(old_data(s).unwrap_or(OdometryStale.into())),
             None => leaving,
@@ -380,51 +415,38 @@ pub(super) fn climb_out(
             yaw,
             stopped,
         }
-        .stay(Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M)),
+        .stay(if lapsed {
+            NotFlying.into()
+        } else {
+            Reason::new(OffHeight, error, HEIGHT_TOLERANCE_M)
+        }),
     }
 }
 
 /// Stand down: until the drone is disarmed, or was not armed at all. One whose autopilot holds for lack of set-points comes back
-/// to those of this state.
-pub(super) fn stand_down(since: DroneTime, unarmed: Option<Reason>, s: &Situation) -> Transition {
+/// to those of this state. One that is not witnessed to stand may be in the air, and climbs.
+pub(super) fn stand_down(
+    since: DroneTime,
+    unarmed: Option<Reason>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
     let lasted_s = (s.now - since).secs();
     let stays = |unarmed, why| MissionPhase::StandDown { since, unarmed }.stay(why);
+    let unwitnessed = s.standing == Standing::Flies || s.unwitnessed_s > WITNESSED_WITHIN_S;
     match (s.flight, unarmed) {
         (ControlState::Disarmed, None) => MissionPhase::Idle.enter(Disarmed),
         (ControlState::Disarmed, Some(why)) if lasted_s > ARMING_SHOWS_S => MissionPhase::Idle.enter(why),
         (ControlState::OtherControl(_), _) => MissionPhase::Idle.enter(NotFlying),
         (ControlState::Disarmed, Some(_)) => stays(unarmed, Reason::new(Arming, lasted_s, ARMING_SHOWS_S)),
         (ControlState::Unknown, _) => stays(unarmed, Reason::new(StillArmed, lasted_s, 0.0)),
+        (ControlState::OnGround | ControlState::Ours | ControlState::Lapsed, _)
+            if unwitnessed && s.odometry_age_s <= s.odometry_limit_s =>
+        {
+            climbing_out(s, c).enter(MayFly)
+        }
         (ControlState::OnGround | ControlState::Ours | ControlState::Lapsed, _) => {
             stays(None, Reason::new(StillArmed, lasted_s, 0.0))
         }
-    }
-}
-
-impl Mission {
-    /// What a take-off is judged by: how likely it succeeds while the drone stands on the deck, how far it has risen since.
-    pub(super) fn judge_take_off(&mut self, now: DroneTime, s: &mut Situation) {
-        if let (true, Some(forecast)) = (
-            self.phase.stands() && s.fresh_deck().is_some(),
-            self.forecast.get(),
-        ) {
-            let jump = Jump {
-                forecast,
-                wind: &self.wind,
-                drone: &self.drone_geometry,
-            };
-            s.lift_off = jump.moments(now);
-        }
-        if !matches!(self.phase, MissionPhase::TakeOff { .. }) {
-            self.rise = Rise::begun(now);
-        } else if let Some(d) = self.drone.get() {
-            let deck = self
-                .forecast
-                .get()
-                .and_then(|f| f.at(d.header.at.max(f.header.at)));
-            self.rise
-                .update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
-        }
-        s.risen_m = self.rise.risen_m();
     }
 }

@@ -1,10 +1,10 @@
 //! A take-off's states: what lets it go on, what stops it, and where it ends.
 
 use alight_shared::msg::ReasonCode::{
-    Arming, ArmingRejected, BatteryLow, ClearOfDeck, CountedDown, Counting, DeckGrantStale, DeckReserved,
-    Disarmed, DoesNotRise, ForecastStale, GoodMoment, HelmTurns, NoMoment, NotCleared, NotOnDeck, Operator,
-    OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery, TakeOffCommanded, TakeOffOff,
-    TakeOffTilted, TakenOff, TipsOver, VesselTurns,
+    Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting, DeckGrantStale,
+    DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, HelmTurns, MayFly, NoMoment, NotCleared,
+    NotOnDeck, Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery,
+    TakeOffCommanded, TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
 };
 use alight_shared::msg::{AutopilotMode, Course, DeckGrant, LandingMode};
 use nalgebra::Vector3;
@@ -41,14 +41,15 @@ fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// The same with the motors started for so long, s.
-fn spun(s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
+/// The same with rotors that have turned for so long, s, by the autopilot's report and by two witnesses on the deck.
+fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
-        since: at(10.0 - s),
-        armed: Some(at(10.0 - s)),
+        since: at(10.0 - turn_s),
+        armed: Some(at(10.0 - turn_s)),
     };
     let situation = standing(|s| {
         s.flight = ControlState::OnGround;
+        (s.rotors_turn_s, s.standing) = (turn_s, Standing::Stands);
         change(s);
     });
     (phase, situation)
@@ -118,7 +119,7 @@ fn checks_before_the_countdown() {
         (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
         (ForecastStale, |s| s.forecast_age_s = 0.4),
         (TakeOffBattery, |s| s.battery = Some(0.29)),
-        (TakeOffBattery, |s| s.battery = None),
+        (BatteryUnknown, |s| s.battery = None),
         (VesselTurns, |s| s.course = Course::Turning),
         (HelmTurns, |s| {
             s.course = Course::Turning;
@@ -195,6 +196,15 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
     assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
+    // Motors that stand still after arming are waited for, however long ago that was, as long as the autopilot stays armed.
+    let still: fn(&mut Situation) = |s| s.rotors_turn_s = 0.0;
+    for (armed_s, expected) in [
+        (1.6, State::SpinUp),
+        (8.4, State::SpinUp),
+        (8.6, State::StandDown),
+    ] {
+        assert_eq!(at_moment(armed_s, still), (expected, SpinningUp));
+    }
     assert_eq!(
         at_moment(1.6, |s| s.motors_stopped = true),
         (State::SpinUp, SpinningUp)
@@ -204,7 +214,7 @@ fn moment_of_the_take_off() {
     assert_eq!(at_moment(8.6, steep), (State::StandDown, NoMoment));
     assert_eq!(
         at_moment(8.6, |s| s.motors_stopped = true),
-        (State::StandDown, NoMoment)
+        (State::StandDown, SpinningUp)
     );
     // A better one is waited for while the autopilot lets the drone stand there.
     let better: fn(&mut Situation) = |s| {
@@ -282,6 +292,43 @@ fn set_points_that_cease_in_a_take_off() {
     assert_eq!(d.phase, MissionPhase::Idle);
 }
 
+/// Set-points cease on the deck: the thrust is cut where two witnesses show that it stands, and nowhere else.
+#[test]
+fn set_points_that_cease_while_it_stands() {
+    let cut = |change: fn(&mut Situation)| {
+        let (phase, mut s) = spun(2.0, |s| s.flight = ControlState::Lapsed);
+        change(&mut s);
+        follows(phase, None, &s)
+    };
+    assert_eq!(cut(|_| {}), (State::StandDown, ReasonCode::NotFlying));
+    assert_eq!(
+        cut(|s| s.standing = Standing::Flies),
+        (State::ClimbOut, ReasonCode::NotFlying)
+    );
+    assert_eq!(
+        cut(|s| (s.standing, s.rise_measured) = (Standing::Unknown, false)),
+        (State::ClimbOut, ReasonCode::NotFlying)
+    );
+    let down = |change: fn(&mut Situation)| {
+        let (_, mut s) = spun(2.0, |_| {});
+        change(&mut s);
+        let phase = MissionPhase::StandDown {
+            since: at(9.0),
+            unarmed: None,
+        };
+        follows(phase, None, &s)
+    };
+    assert_eq!(down(|_| {}), (State::StandDown, StillArmed));
+    assert_eq!(down(|s| s.unwitnessed_s = 0.6), (State::StandDown, StillArmed));
+    for change in [
+        (|s: &mut Situation| s.unwitnessed_s = 0.8) as fn(&mut Situation),
+        |s| s.standing = Standing::Flies,
+        |s| (s.standing, s.flight) = (Standing::Flies, ControlState::Lapsed),
+    ] {
+        assert_eq!(down(change), (State::ClimbOut, MayFly));
+    }
+}
+
 /// A climb over the deck goes on; clear of the vessel an order, a low battery or old data end it, and the time anywhere.
 #[test]
 fn climb_that_ends_sooner() {
@@ -335,6 +382,14 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
     assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
+    // Rotors that do not give what lifts it yet are waited for, and those that give it have to.
+    let lifted = |since_s: f64, lifts_s: f64| {
+        let s = with(|s| (s.risen_m, s.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
+        follows(rising(since_s, false), None, &s)
+    };
+    assert_eq!(lifted(3.0, 0.0).0, State::TakeOff);
+    assert_eq!(lifted(3.0, 1.1), (State::StandDown, DoesNotRise));
+    assert_eq!(lifted(6.1, 0.0), (State::StandDown, DoesNotRise));
     // Once they have left, the thrust is cut no more.
     assert_eq!(leaves(0.9, 0.4, 0.3, false).0, State::TakeOff);
     assert_eq!(leaves(1.5, 3.1, 0.0, true), (State::ClimbOut, ClearOfDeck));

@@ -109,6 +109,10 @@ pub(super) fn fair() -> Situation {
         lift_off: None,
         risen_m: 0.0,
         rise_measured: true,
+        standing: Standing::Unknown,
+        unwitnessed_s: 0.0,
+        rotors_turn_s: 10.0,
+        lifts_s: None,
         tips_rad: 0.0,
         dark: None,
     }

@@ -384,7 +384,7 @@ fn commanded(
             progress.deck_declined |= progress.is_urgent();
             progress.ordered_below = None;
             if phase.stands() || phase.takes_off() {
-                return take_off::stopped(phase, s, ReasonCode::Operator);
+                return take_off::stopped(phase, s, c, ReasonCode::Operator);
             }
             if !can_stop(phase, s) || completes || aborts && gives_up {
                 return None;
@@ -449,6 +449,8 @@ fn not_ours(
         }
         // Low over the deck: up, as soon as it follows set-points again.
         ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
+        // It goes on to hold there, or on its way up, once set-points are followed again.
+        ControlState::Lapsed if phase.rests() => None,
         ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown if phase.needs_data() => {
             Some(without_data(progress, s, c).enter(ReasonCode::NotFlying))

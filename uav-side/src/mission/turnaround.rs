@@ -3,8 +3,8 @@
 
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
-    self, ForecastStale, HandOverRefused, HandsOver, HelmTurns, Infeasible, NoVessel, NotReady, SortieBegins,
-    SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
+    self, BatteryUnknown, ForecastStale, HandOverRefused, HandsOver, HelmTurns, Infeasible, NoVessel,
+    NotReady, SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
 };
 
 use super::limits::ORDER_WAITS_S;
@@ -31,14 +31,19 @@ pub(super) fn stands(
         cycles.end(why);
         return phase.stay(why);
     }
-    let charge = s.battery.unwrap_or(0.0);
-    let (charged, lasted_s) = lasting(charge >= c.battery_ready, cycles.charged, s.now);
+    let (charged, lasted_s) = lasting(
+        s.battery.is_some_and(|b| b >= c.battery_ready),
+        cycles.charged,
+        s.now,
+    );
     cycles.charged = charged;
     let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
     // Who waits in the air needs the deck more than this one its last per cents.
-    let gives_way = s.deck_wanted && charge >= s.battery_for_take_off;
+    let gives_way = s.deck_wanted && s.battery.is_some_and(|b| b >= s.battery_for_take_off);
     if !(cycles.ready || is_charged || gives_way) {
-        return phase.stay(Reason::new(NotReady, charge, c.battery_ready));
+        let unknown = BatteryUnknown.into();
+        let why = (s.battery).map_or(unknown, |b| Reason::new(NotReady, b, c.battery_ready));
+        return phase.stay(why);
     }
     if let Some(why) = s.not_cleared {
         return phase.stay(why);
@@ -65,6 +70,7 @@ const fn passes(why: ReasonCode) -> bool {
             | NoVessel
             | ForecastStale
             | TakeOffBattery
+            | BatteryUnknown
     )
 }
 

@@ -350,10 +350,11 @@ impl Pilot {
     /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
-        let last = self
-            .mission
-            .get()
-            .filter(|m| m.state.phase() != Phase::None || m.state == State::TakeOff);
+        let goes_on = |m: &&MissionState| {
+            let leaves = matches!(m.state, State::SpinUp | State::TakeOff | State::StandDown);
+            leaves || m.state.phase() != Phase::None
+        };
+        let last = self.mission.get().filter(goes_on);
         last.filter(|_| self.mission.age_s(now) <= limit).copied()
     }
 

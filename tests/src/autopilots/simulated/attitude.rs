@@ -64,7 +64,8 @@ pub(super) struct RateLoop {
     side: f64,
     moment_per_force: f64,
     rotor_max: f64,
-    frame: Frame,
+    /// Its rotors.
+    pub(super) frame: Frame,
     integral: Vector3<f64>,
     /// Whose mixer.
     pub(super) mixer: Mixer,

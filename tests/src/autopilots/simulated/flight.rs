@@ -15,6 +15,7 @@ use super::mixer::Mixer;
 use super::modes::{mode_number, own_mission};
 use super::own_mission::OwnFlight;
 use super::shaping::InputShaping;
+use super::spool::{PULSE_OFF_US, Spool};
 use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, PlantState};
 
 /// PX4 wants set-points no further apart than this before OFFBOARD ...
@@ -136,6 +137,8 @@ pub(super) struct Flight {
     in_force: AttitudeTarget,
     /// ArduCopter's.
     shaping: InputShaping,
+    /// ArduCopter's motors after arming.
+    spool: Spool,
     /// Its own mission.
     pub(super) own: OwnFlight,
 }
@@ -196,6 +199,7 @@ impl Flight {
             delayed: VecDeque::new(),
             in_force: target,
             shaping: InputShaping::at(estimate.attitude),
+            spool: Spool::RUNNING,
             own: OwnFlight::default(),
         }
     }
@@ -215,9 +219,25 @@ impl Flight {
     pub(super) fn landed(&self) -> LandedState {
         self.landed
     }
-    /// Collective commanded now.
+    /// Collective commanded now: none before ArduCopter's motors have spun up.
     pub(super) fn thrust(&self) -> f64 {
-        if self.armed { self.target.thrust } else { 0.0 }
+        if self.armed && self.spool.gives_thrust() {
+            self.target.thrust
+        } else {
+            0.0
+        }
+    }
+    /// Its rotors.
+    pub(super) fn frame(&self) -> Frame {
+        self.rate_loop.frame
+    }
+    /// Mean pulse of the motors' outputs, us.
+    pub(super) fn pulse_us(&self) -> f64 {
+        if self.armed {
+            self.spool.pulse_us(self.thrust())
+        } else {
+            PULSE_OFF_US
+        }
     }
     /// ArduCopter reports what was asked for before it compensated the tilt.
     pub(super) fn reported_thrust(&self) -> f64 {
@@ -264,6 +284,9 @@ impl Flight {
             // Its motors begin at idle.
             self.target.thrust = 0.0;
             self.in_force = self.target;
+            if self.firmware() == Firmware::ArduCopter {
+                self.spool = Spool::begun();
+            }
         }
         self.armed = armed;
         if !armed {
@@ -288,6 +311,7 @@ impl Flight {
         if let Reference::Attitude(target) = newest
             && alone
             && self.kind() == AutopilotMode::Offboard
+            && self.spool.gives_thrust()
         {
             self.follow_attitude(&target, estimate);
         }
@@ -358,6 +382,10 @@ impl Flight {
             Firmware::ArduCopter => parameter("GUID_TIMEOUT"),
         };
         let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
+        if self.firmware() == Firmware::ArduCopter && self.spool_up(received.map(|r| r.newest), estimate, dt)
+        {
+            return;
+        }
         self.lose_set_points(received.is_some(), parameter("COM_OBL_RC_ACT"), estimate);
         self.estimate_hover(estimate, dt);
         let offboard = self.kind() == AutopilotMode::Offboard;
@@ -375,6 +403,29 @@ impl Flight {
             }
         }
         self.detect_landing(estimate, dt);
+    }
+
+    /// ArduCopter's motors on the ground: they stand still, spin up once a set-point asks for thrust, and idle without one.
+    /// True while none of its loops has the rotors.
+    fn spool_up(&mut self, newest: Option<Reference>, estimate: &Estimate, dt: f64) -> bool {
+        let stands = self.landed == LandedState::OnGround;
+        let wants = match (self.kind(), newest) {
+            (AutopilotMode::Offboard, Some(Reference::Attitude(target))) => target.thrust > 0.0,
+            // `is_disarmed_or_landed`: no set-point of position makes it leave the ground.
+            (AutopilotMode::Offboard, Some(Reference::Track(_)) | None) => !stands,
+            (AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return, _) => !stands,
+            (AutopilotMode::Other, _) => true,
+        };
+        self.spool.step(wants, dt);
+        // `make_safe_ground_handling`.
+        let idles = stands && !wants || !self.spool.gives_thrust();
+        if idles {
+            self.hold_here(estimate);
+            self.target.thrust = 0.0;
+            self.rate_loop.reset();
+            self.integral = Vector3::zeros();
+        }
+        idles
     }
 
     /// What the control mode makes of a set-point: where position control does not know that it ends, it and the set-points
@@ -554,7 +605,11 @@ impl Flight {
             && e.velocity.xy().norm() < 0.5
             && e.rates.norm() < 0.35;
         self.still_s = if quiet { self.still_s + dt } else { 0.0 };
-        self.landed = if self.still_s >= 1.0 {
+        // ArduCopter stands until the throttle is above half of hover (`get_non_takeoff_throttle`).
+        let stays = self.firmware() == Firmware::ArduCopter
+            && self.landed == LandedState::OnGround
+            && self.target.thrust <= 0.5 * self.hover_thrust;
+        self.landed = if stays || self.still_s >= 1.0 {
             LandedState::OnGround
         } else {
             LandedState::InAir
@@ -580,6 +635,10 @@ impl Flight {
             return None;
         }
         let target = self.acting(truth.at);
+        if !self.spool.gives_thrust() {
+            self.shaping = InputShaping::at(is);
+            return self.spool.turns().then_some([0.0; MAX_ROTORS]);
+        }
         let c = &self.config;
         let wanted = match self.firmware() {
             // PX4 drops the rates.

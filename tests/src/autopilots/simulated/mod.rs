@@ -4,7 +4,7 @@
 //!
 //! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
 //! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
-//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
+//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`spool`] the motors after arming, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
 
 mod alignment;
 mod arming;
@@ -16,6 +16,7 @@ mod modes;
 mod own_mission;
 mod protocol;
 mod shaping;
+mod spool;
 
 #[cfg(test)]
 mod tests;

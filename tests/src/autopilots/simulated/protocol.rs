@@ -8,7 +8,7 @@ use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
     ARDUPILOT, ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport,
-    Heartbeat, ImuReport, LandingTarget, Message, OdometryReport, PX4, PositionReport, RC_RECEIVER,
+    Heartbeat, ImuReport, LandingTarget, Message, OUTPUTS, OdometryReport, PX4, PositionReport, RC_RECEIVER,
     RcChannels, TargetFrame, VelocityFrame, command, id, severity,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
@@ -97,6 +97,7 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("ATC_THR_MIX_MIN", 0.1),
             ("FS_THR_ENABLE", 1.0),
             ("FS_GCS_ENABLE", 0.0),
+            ("BATT_MONITOR", 4.0),
             ("BATT_FS_LOW_ACT", 0.0),
             ("BATT_FS_CRT_ACT", 1.0),
             ("BATT_CRT_VOLT", 13.2),
@@ -525,6 +526,13 @@ impl SimulatedAutopilot {
             id::EKF_STATUS_REPORT => Message::EkfStatus {
                 flags: flags(self.firmware(), self.is_aligned()),
             },
+            id::SERVO_OUTPUT_RAW => {
+                let mut pulses_us = [0; OUTPUTS];
+                let motors = self.flight.frame().count();
+                let pulse_us = self.flight.pulse_us().round() as u16;
+                pulses_us.iter_mut().take(motors).for_each(|p| *p = pulse_us);
+                Message::Outputs { port: 0, pulses_us }
+            }
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },

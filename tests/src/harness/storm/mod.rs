@@ -23,7 +23,7 @@ use crate::studies::aborts::drive;
 pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
 pub use flight::{Flown, fly, fly_mutant};
-pub use kinds::{Kind, Spec};
+pub use kinds::{Effect, Kind, Spec, Takes};
 pub use shrink::shrink;
 pub use watch::Ending;
 

@@ -88,6 +88,19 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             voltage_v: volts(&d.voltages),
             current_a: (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01),
         },
+        M::SERVO_OUTPUT_RAW(d) => Message::Outputs {
+            port: d.port,
+            pulses_us: [
+                d.servo1_raw,
+                d.servo2_raw,
+                d.servo3_raw,
+                d.servo4_raw,
+                d.servo5_raw,
+                d.servo6_raw,
+                d.servo7_raw,
+                d.servo8_raw,
+            ],
+        },
         M::ATTITUDE_TARGET(d) => Message::AttitudeTargetThrust {
             thrust: d.thrust.into(),
         },

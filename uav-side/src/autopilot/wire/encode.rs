@@ -112,6 +112,21 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             battery_remaining: remaining.map_or(-1, |r| (r * 100.0).round() as i8),
             ..m::BATTERY_STATUS_DATA::DEFAULT
         }),
+        Message::Outputs { port, pulses_us } => {
+            let mut d = m::SERVO_OUTPUT_RAW_DATA::DEFAULT;
+            d.port = *port;
+            [
+                d.servo1_raw,
+                d.servo2_raw,
+                d.servo3_raw,
+                d.servo4_raw,
+                d.servo5_raw,
+                d.servo6_raw,
+                d.servo7_raw,
+                d.servo8_raw,
+            ] = *pulses_us;
+            M::SERVO_OUTPUT_RAW(d)
+        }
         Message::AttitudeTargetThrust { thrust } => M::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
             thrust: *thrust as f32,
             ..m::ATTITUDE_TARGET_DATA::DEFAULT

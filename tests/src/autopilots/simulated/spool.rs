@@ -1,0 +1,89 @@
+//! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for ARMING_DELAY_SEC, a constant of its
+//! build, then spin up to their idle speed within MOT_SPOOL_TIME once thrust is asked for, and give thrust from then on.
+//!
+//! Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us in 0.5 s, then what was asked for within one
+//! report; `ATTITUDE_TARGET` has no thrust until then, and the state "on ground" ends there. PX4's follow at once.
+
+/// ARMING_DELAY_SEC, s.
+const ARMING_DELAY_S: f64 = 2.0;
+/// MOT_SPOOL_TIME, s.
+const SPOOL_S: f64 = 0.5;
+/// Pulses of a motor that is off, at its idle speed, and at full thrust, us.
+pub(super) const PULSE_OFF_US: f64 = 1000.0;
+const PULSE_IDLE_US: f64 = 20.0;
+const PULSE_RANGE_US: f64 = 1000.0;
+
+/// How far the motors are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spool {
+    /// Armed for so long, s.
+    armed_s: f64,
+    /// Fraction of the idle speed.
+    ratio: f64,
+}
+
+impl Spool {
+    /// Motors that follow.
+    pub(super) const RUNNING: Spool = Spool {
+        armed_s: f64::INFINITY,
+        ratio: 1.0,
+    };
+    /// Just armed.
+    pub(super) const fn begun() -> Spool {
+        Spool {
+            armed_s: 0.0,
+            ratio: 0.0,
+        }
+    }
+    /// After `dt` (s) in which thrust was asked for, or not.
+    pub(super) fn step(&mut self, wants: bool, dt: f64) {
+        self.armed_s += dt;
+        if wants && self.armed_s > ARMING_DELAY_S {
+            self.ratio = (self.ratio + dt / SPOOL_S).min(1.0);
+        }
+    }
+    /// They turn.
+    pub(super) fn turns(&self) -> bool {
+        self.ratio > 0.0
+    }
+    /// They give what is asked for.
+    pub(super) fn gives_thrust(&self) -> bool {
+        self.ratio >= 1.0
+    }
+    /// Pulse of an output that is asked for this thrust, 0 to 1, us.
+    pub(super) fn pulse_us(&self, thrust: f64) -> f64 {
+        let thrust = if self.gives_thrust() { thrust } else { 0.0 };
+        PULSE_OFF_US + (PULSE_IDLE_US * self.ratio).max(PULSE_RANGE_US * thrust)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As ArduCopter's log of a take-off has it.
+    #[test]
+    fn motors_after_arming() {
+        let mut spool = Spool::begun();
+        for k in 1..=300 {
+            spool.step(true, 0.01);
+            let t = 0.01 * f64::from(k);
+            let pulse_us = spool.pulse_us(0.1);
+            match t {
+                t if t < 1.99 => assert!(!spool.turns() && pulse_us == 1000.0, "{t}"),
+                t if t > 2.02 && t < 2.49 => {
+                    assert!(spool.turns() && !spool.gives_thrust());
+                    assert!(
+                        (pulse_us - 1000.0 - 40.0 * (t - 2.0)).abs() < 1.0,
+                        "{pulse_us} at {t}"
+                    );
+                }
+                t if t > 2.52 => assert!(spool.gives_thrust() && (pulse_us - 1100.0).abs() < 1e-9),
+                _ => {}
+            }
+        }
+        let mut waits = Spool::begun();
+        waits.step(false, 5.0);
+        assert!(!waits.turns(), "nobody asks for thrust");
+    }
+}

@@ -1,0 +1,120 @@
+//! Rotors after arming: whether they follow what the autopilot reports to ask of them, by its outputs (`SERVO_OUTPUT_RAW`).
+//!
+//! ArduCopter's stand still for ARMING_DELAY_SEC after arming and then spin up for MOT_SPOOL_TIME, whatever is asked of them
+//! meanwhile; PX4's follow at once. Outputs are compared with themselves: as they were while the autopilot was disarmed, and a
+//! moment ago, so that neither their protocol nor their order matters.
+
+use alight_shared::time::Span;
+
+use super::DroneTime;
+use super::message::OUTPUTS;
+
+/// Sets of outputs that are watched.
+const PORTS: usize = 2;
+/// No multirotor has fewer rotors; what else moves at arming are fewer servos.
+const ROTORS: usize = 3;
+/// Outputs that rise by less have not risen, us or steps of a digital protocol.
+const RISEN: f64 = 5.0;
+/// Outputs that grow by no more than this factor within [`SETTLES`] do not spin up any more: ArduCopter's ramp from its rest doubles.
+const GROWS: f64 = 1.5;
+const SETTLES: Span = Span::from_millis(200);
+/// A report counts for so long.
+const STALE: Span = Span::from_millis(500);
+/// Outputs that have not risen so long after arming are not those of the motors.
+const OTHERS: Span = Span::from_millis(5000);
+
+/// The outputs since the autopilot was armed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct RotorOutputs {
+    /// As they were before.
+    at_rest: [Option<[u16; OUTPUTS]>; PORTS],
+    armed_at: Option<DroneTime>,
+    newest: Option<DroneTime>,
+    /// How far they had risen, and when that was.
+    before: Option<(DroneTime, f64)>,
+    follow: bool,
+}
+
+impl RotorOutputs {
+    /// A report of the outputs of a set.
+    pub(crate) fn outputs(&mut self, now: DroneTime, armed: bool, port: u8, pulses: &[u16; OUTPUTS]) {
+        let Some(at_rest) = self.at_rest.get_mut(usize::from(port)) else {
+            return;
+        };
+        if !armed {
+            *at_rest = Some(*pulses);
+            (self.armed_at, self.before, self.follow) = (None, None, false);
+            return;
+        }
+        // What they were before is not known to a link that begins with an armed autopilot.
+        let Some(at_rest) = at_rest else { return };
+        (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
+        let mut rises = [0.0; OUTPUTS];
+        for ((rise, rest), pulse) in rises.iter_mut().zip(at_rest).zip(pulses) {
+            if *rest == 0 {
+                // No pulses until it was armed.
+                *rest = *pulse;
+            }
+            *rise = f64::from(*pulse) - f64::from(*rest);
+        }
+        rises.sort_by(|a, b| b.total_cmp(a));
+        let rise = rises.get(ROTORS - 1).copied().unwrap_or_default();
+        let (at, before) = *self.before.get_or_insert((now, rise));
+        if now - at >= SETTLES {
+            self.follow |= before > RISEN && rise > RISEN && rise <= GROWS * before;
+            self.before = Some((now, rise));
+        }
+    }
+    /// They stand still, or spin up: what is asked of them is not given.
+    pub(crate) fn wait(&self, now: DroneTime) -> bool {
+        let reported = self.newest.is_some_and(|at| now - at <= STALE);
+        let recent = self.armed_at.is_some_and(|at| now - at <= OTHERS);
+        reported && recent && !self.follow
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::time::Time;
+
+    /// When outputs of `pulse_us` at each time after arming (s), 20 a second, show that the rotors follow.
+    fn follow_s(at_rest: u16, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
+        let mut rotors = RotorOutputs::default();
+        let mut outputs = |t: f64, armed, pulse: f64| {
+            let mut all = [0; OUTPUTS];
+            // Rotors that also turn the drone, and a servo.
+            for (k, p) in all.iter_mut().take(4).enumerate() {
+                *p = (pulse + if pulse > 1050.0 { 4.0 * k as f64 } else { 0.0 }) as u16;
+            }
+            all[6] = 1500;
+            rotors.outputs(Time::from_secs(t), armed, 0, &all);
+            rotors.wait(Time::from_secs(t))
+        };
+        assert!(!outputs(9.9, false, f64::from(at_rest)));
+        (0..200)
+            .map(|k| 0.05 * f64::from(k))
+            .find(|t| !outputs(10.0 + t, true, pulse_us(*t)))
+    }
+
+    #[test]
+    fn outputs_of_motors_that_spin_up() {
+        // As ArduCopter 4.7-dev has logged them.
+        let arducopter = |t: f64| match t {
+            t if t < 2.0 => 1000.0,
+            t if t < 2.5 => 1000.0 + 40.0 * (t - 2.0),
+            _ => 1110.0,
+        };
+        for at_rest in [1000, 0] {
+            let s = follow_s(at_rest, arducopter).unwrap();
+            assert!((2.6..3.0).contains(&s), "{s}");
+        }
+        // PX4's, and those of a digital protocol.
+        for (at_rest, turns) in [(900, 1200.0), (54, 400.0)] {
+            assert!(follow_s(at_rest, |_| turns).unwrap() < 0.3);
+        }
+        // None of the motors': they show nothing, and hide nothing for ever.
+        let s = follow_s(1000, |_| 1000.0).unwrap();
+        assert!((5.0..5.2).contains(&s), "{s}");
+    }
+}
