@@ -91,7 +91,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 24;
+pub const MESSAGE_VERSION: u16 = 25;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

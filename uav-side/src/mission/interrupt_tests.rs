@@ -43,7 +43,7 @@ fn hold_by_an_operator() {
     goes(&d, State::Hold, Operator);
     waits(&run(&d, &fair(), 20.0), State::Hold, Operator);
     let d = commanded(&d, CommandKind::Land, &fair());
-    goes(&run(&d, &fair(), 1.0), State::Tracking, Recovered);
+    goes(&run(&d, &fair(), 1.0), State::Tracking, Commanded);
 }
 
 #[test]
@@ -384,7 +384,7 @@ fn low_battery_without_a_deck() {
     let d = step(MissionPhase::APPROACH, &reserved);
     let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
-    goes(&run(&d, &low, 1.0), State::Tracking, Recovered);
+    goes(&run(&d, &low, 1.0), State::Tracking, Commanded);
 }
 
 #[test]

@@ -675,5 +675,8 @@ fn held(
             from: [own.position.x, own.position.y],
         }
     };
-    next.enter(Reason::new(Recovered, lasted, RECOVER_S))
+    next.enter(match cause {
+        HoldCause::Operator => Commanded.into(),
+        HoldCause::Data | HoldCause::Station(_) => Reason::new(Recovered, lasted, RECOVER_S),
+    })
 }

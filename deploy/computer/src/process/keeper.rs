@@ -342,7 +342,7 @@ mod tests {
                 if path.exists() == exists {
                     return true;
                 }
-                thread::sleep(std::time::Duration::from_millis(10));
+                crate::process::supervisor::pause(std::time::Duration::from_millis(10));
             }
             false
         };

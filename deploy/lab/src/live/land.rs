@@ -117,7 +117,8 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    let _session = scheduling::raise_session();
+    // A firmware outside flies in another session, which has to keep up.
+    let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;

@@ -540,6 +540,7 @@ fn scratch(name: &str) -> PathBuf {
 fn check(config: &Path) -> Exit {
     run(&CheckArgs {
         config: Some(config.into()),
+        instance: None,
         form: Form {
             json: true,
             ..Form::default()
