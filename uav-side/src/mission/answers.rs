@@ -2,9 +2,8 @@
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
-use super::phase::{MissionPhase, Progress};
+use super::phase::{Decision, MissionPhase, Progress};
 use super::situation::{ControlState, Situation};
-use super::transition::Decision;
 
 /// Why an order, given in `phase` with the progress `before`, is not carried out by a decision; None: it is, or what it asks for
 /// is already so.

@@ -384,7 +384,7 @@ fn low_battery_without_a_deck() {
     let d = step(MissionPhase::APPROACH, &reserved);
     let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
-    goes(&run(&d, &low, 1.0), State::Tracking, Commanded);
+    goes(&run(&d, &low, 1.0), State::Tracking, Recovered);
 }
 
 #[test]

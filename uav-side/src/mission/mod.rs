@@ -83,7 +83,7 @@ use leaving::LeavingMonitor;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
 use outlook::Outlook;
 pub use phase::MAX_VESSEL_DISTANCE_M;
-use phase::{MissionPhase, Progress, gave_up};
+use phase::{Decision, MissionPhase, Progress, gave_up};
 use place::Place;
 use situation::{
     ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, several, stated_course,
@@ -92,7 +92,7 @@ use situation::{
 use states::{RADIO_BLIND_S, blind_limit};
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
-use transition::{Decision, decide};
+use transition::decide;
 use waiting::Waiting;
 use wind::WindMonitor;
 

@@ -352,6 +352,19 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
     (Some(since), (now - since).secs())
 }
 
+/// What a step decided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// The phase from now on.
+    pub phase: MissionPhase,
+    /// What is remembered with it.
+    pub progress: Progress,
+    /// Why the state changed; None when it did not.
+    pub entered: Option<Reason>,
+    /// Why the next state is not entered yet.
+    pub waiting: Reason,
+}
+
 /// Height of a hold over the deck, m: with a waiting place that one's, since between deck and place there may be others.
 pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
     s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))

@@ -10,7 +10,7 @@ use super::answers::not_done;
 use super::checkpoint::ends_softer;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, exceeds};
 use super::phase::{
-    HoldCause, MissionPhase, Progress, RejectedOrder, Transition, gave_up, holding, old_data,
+    Decision, HoldCause, MissionPhase, Progress, RejectedOrder, Transition, gave_up, holding, old_data,
 };
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
@@ -18,19 +18,6 @@ use super::station;
 use super::take_off;
 use crate::contingency::HARD_MPS;
 use crate::mission_config::MissionConfig;
-
-/// What a step decided.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decision {
-    /// The phase from now on.
-    pub phase: MissionPhase,
-    /// What is remembered with it.
-    pub progress: Progress,
-    /// Why the state changed; None when it did not.
-    pub entered: Option<Reason>,
-    /// Why the next state is not entered yet.
-    pub waiting: Reason,
-}
 
 /// One step of the mission.
 pub fn decide(

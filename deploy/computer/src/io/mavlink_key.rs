@@ -8,7 +8,7 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use sha2::{Digest, Sha256};
 
 use crate::exit::{CliError, Doing};
-use crate::process::wall::wall_ns;
+use crate::io::wall::wall_ns;
 
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1024;

@@ -8,4 +8,5 @@ pub mod link_end;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
+pub mod wall;
 pub mod web_socket;

@@ -22,4 +22,3 @@ pub mod snapshot;
 pub mod supervision;
 pub mod supervisor;
 mod tables;
-pub mod wall;

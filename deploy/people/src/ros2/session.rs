@@ -4,7 +4,7 @@
 use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 
-use alight_computer::process::wall::wall_ns;
+use alight_computer::io::wall::wall_ns;
 use alight_shared::msg::CommandKind;
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;

@@ -10,10 +10,10 @@ use std::time::Duration;
 
 use alight_computer::config::DroneComputer;
 use alight_computer::exit::{CliError, Exit};
+use alight_computer::io::wall::wall_ns;
 use alight_computer::process::instance::{EDITED_FILE, said};
 use alight_computer::process::observer::{Observer, Rejoined};
 use alight_computer::process::supervisor::pause;
-use alight_computer::process::wall::wall_ns;
 use alight_computer::situation::{Known, Situation};
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;

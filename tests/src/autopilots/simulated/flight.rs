@@ -384,6 +384,10 @@ impl Flight {
         let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
         if self.firmware() == Firmware::ArduCopter && self.spool_up(received.map(|r| r.newest), estimate, dt)
         {
+            // Its own landing ends on the ground, where its rotors idle.
+            if self.spool.gives_thrust() {
+                self.detect_landing(estimate, dt);
+            }
             return;
         }
         self.lose_set_points(received.is_some(), parameter("COM_OBL_RC_ACT"), estimate);
