@@ -100,6 +100,7 @@ fn fly_in(scenario: &Scenario, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) 
 }
 
 #[test]
+#[ignore = "some 70 flights: CI flies them by name"]
 fn link_killed_around_the_contact() {
     let mut wrong = Vec::new();
     for firmware in BOTH {

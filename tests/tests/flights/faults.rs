@@ -237,6 +237,7 @@ const MOMENTS: [Moment; 4] = [
 
 /// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots.
 #[test]
+#[ignore = "66 flights: CI flies them by name"]
 fn faults_at_every_moment_over_both_autopilots() {
     let parts = [Part::Predictor, Part::Mission, Part::Pilot, Part::Link];
     let mut all = Vec::new();

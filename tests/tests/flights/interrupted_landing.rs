@@ -31,12 +31,14 @@ fn unsafe_flights(
 }
 
 #[test]
+#[ignore = "12 flights: CI flies them by name"]
 fn plans_lost_near_a_deck_at_7_mps() {
     let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..64);
     assert!(wrong.is_empty(), "{} of 12:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 #[test]
+#[ignore = "12 flights: CI flies them by name"]
 fn abort_and_hold_near_a_deck_at_7_mps() {
     for interruption in [Interruption::Abort, Interruption::Hold] {
         let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..64);

@@ -50,6 +50,7 @@ fn landed(all: &[Outcome]) -> usize {
 }
 
 #[test]
+#[ignore = "20 flights: CI flies them by name"]
 fn landings_by_night_on_lit_tags() {
     let all = pooled(0..20, lit());
     let failed = all.iter().filter(|o| o.is_unsafe()).count();
