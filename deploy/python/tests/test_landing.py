@@ -49,9 +49,10 @@ class Landing(unittest.TestCase):
         self.assertEqual(run.series["/deck/forecast/path"]["position_m"].ndim, 3)
 
     def test_value_that_is_not_known_is_nan(self):
-        # The simulated autopilot measures no battery; what it has is not NaN.
+        # The simulated autopilot measures the battery's voltage and no current.
         autopilot = landing()[0].series["/drone/autopilot"]
-        self.assertTrue(np.isnan(autopilot["battery_v"]).all())
+        self.assertTrue(np.isnan(autopilot["battery_a"]).all())
+        self.assertFalse(np.isnan(autopilot["battery_v"][-1]))
         self.assertFalse(np.isnan(autopilot["hover_thrust"]).any())
 
     def test_truth_and_transforms_agree(self):
