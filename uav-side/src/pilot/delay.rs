@@ -17,7 +17,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
 use super::config::DelayConfig;
-use crate::contingency::Body;
+use crate::contingency::{Body, DeckBelow, NEAR_DECK_M};
 use crate::tracking::FlightEstimator;
 
 /// Commands kept: those of 0.8 s at 100 Hz, more than the longest dead time and the oldest odometry.
@@ -34,6 +34,8 @@ const MEMORY_S: f64 = 10.0;
 const RESIDUAL: f64 = 1.0;
 /// Spread of the dead time about the odometry's own way before anything is learnt, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
+/// The deck's height by its forecast errs by this where a drone stands on it, m.
+const ERRS_M: f64 = 0.3;
 
 /// Attitude (NED from body) and collective thrust (0 to 1) that were commanded; None: the autopilot closed the
 /// loop.
@@ -300,10 +302,12 @@ impl Pilot {
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
         let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
-        // The model knows of no deck, which carries the drone from the contact on.
+        // The model knows of no deck, which carries the drone from the contact on: one that is over it now, not one that has
+        // left it over its edge.
+        let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
         if let Some(b) = self
             .below(self.thrusts_at(now), &thrust)
-            .filter(|b| b.clearance < 0.0 && b.is_near(&thrust, 0.0, &self.geometry))
+            .filter(|b| over && b.clearance < 0.0)
         {
             let up = b.stage.normal();
             thrust.position -= up * b.clearance;
@@ -325,6 +329,12 @@ impl Pilot {
         let drone = self.drone.get()?;
         self.delay.ahead(now, lead_s, drone, &self.estimate, &dynamics, c)
     }
+}
+
+/// Whether the deck is beneath this drone: within its reach, and not above the feet by more than the forecast errs by.
+fn is_over(b: &DeckBelow, body: &Body) -> bool {
+    let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
+    aside < NEAR_DECK_M && b.clearance > -ERRS_M
 }
 
 #[cfg(test)]

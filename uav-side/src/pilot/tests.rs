@@ -247,6 +247,25 @@ fn attitude_beyond_the_tilt_limit() {
     }
 }
 
+/// A drone that slid over the deck's edge sinks beside the vessel, lower than its deck: no deck carries it.
+#[test]
+fn hold_beneath_a_deck_that_is_beside() {
+    let geometry = DroneGeometry::default();
+    let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
+    for (aside_m, height_m, least) in [
+        (3.3, -0.6, 1.2),
+        (1.0, -0.6, 1.2),
+        (3.3, 0.05, 1.2),
+        (9.0, -0.1, 1.2),
+    ] {
+        let s = after(State::Idle, height_m, 1.0, |i| {
+            let d = i.drone.as_mut().unwrap();
+            (d.position[0], d.velocity[2]) = (aside_m, 0.6);
+        });
+        assert!(s.thrust > least * hover, "{aside_m} m aside, {height_m} m: {s:?}");
+    }
+}
+
 #[test]
 fn withdrawn_landing_with_plans_that_go_on() {
     // Withdrawn at 6 s; the planner has published for the last time at `until`.
