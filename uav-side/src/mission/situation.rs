@@ -598,4 +598,8 @@ impl Situation {
             None
         }
     }
+    /// The feet above that deck, m; 0 where it is not known.
+    pub fn clearance_m(&self) -> f64 {
+        self.fresh_deck().map_or(0.0, |d| d.clearance_m)
+    }
 }
