@@ -8,8 +8,9 @@
 
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// The thrust of a drone that something else carries, as a fraction of hover, and of one that the rotors may carry.
-const LOW_OF_HOVER: f64 = 0.7;
+/// The thrust of a drone that something else carries, as a fraction of hover, and of one that the rotors may carry. A thrust
+/// that hovers is known no better than to a third before the first flight: this much gives less than [`CARRIED_G`] even then.
+const LOW_OF_HOVER: f64 = 0.5;
 const LIFTS_OF_HOVER: f64 = 0.9;
 /// The specific force of a drone that something carries, as a fraction of gravity, and of one that falls.
 const CARRIED_G: f64 = 0.75;
@@ -117,6 +118,8 @@ mod tests {
             // of one that hovers next to the deck.
             (None, None, [yes, yes, yes], Unknown),
             (Some(0.8), Some(1.0), [yes, yes, yes], Unknown),
+            // It hovers by a thrust that hovers, which was taken to be a fifth higher.
+            (Some(0.65), Some(0.8), [yes, None, None], Unknown),
             (Some(0.3), Some(1.0), [None, None, None], Unknown),
             (None, None, [yes, None, None], Unknown),
             (Some(0.3), None, [None, yes, None], Unknown),

@@ -113,10 +113,10 @@ pub(super) fn interrupted(
     })
 }
 
-/// Its feet are on this deck, by the forecast.
+/// Its feet are on this deck, by the forecast, and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
-    rests && s.outside_m <= LOST_OUTSIDE_M
+    rests && s.slides().is_none()
 }
 /// A drone that rises from the deck faster than this has left it, m/s: several times what odometry and forecast err by.
 const RISES_MPS: f64 = 0.5;

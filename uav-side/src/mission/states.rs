@@ -599,6 +599,13 @@ fn landed(
     c: &MissionConfig,
 ) -> Transition {
     progress.landing = false;
+    // The pilot no longer stands by the touchdown that it found.
+    if let Some(why) = s
+        .slides()
+        .filter(|_| !disarmed && !s.motors_stopped && s.flight != ControlState::Disarmed)
+    {
+        return gave_up(s, c).enter(why);
+    }
     let risen = s.false_touchdown().filter(|_| !disarmed);
     let (airborne, lasted) = lasting(risen.is_some(), airborne, s.now);
     if let Some(why) = risen.filter(|_| lasted >= AIRBORNE_S) {

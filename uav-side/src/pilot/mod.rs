@@ -114,6 +114,8 @@ pub struct Pilot {
 
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
 const MAX_STEP_S: f64 = 0.05;
+/// An autopilot without set-points for so long flies by itself, s: PX4's shortest (COM_OF_LOSS_T), less what is under way.
+const LAPSES_S: f64 = 0.3;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
 /// A drone that stands has its feet no further from the ground than this by the rangefinder, m; and without one it is no higher
@@ -224,11 +226,21 @@ impl Pilot {
     }
 
     /// Whether the motors, once stopped, stay so. They are released only after the autopilot was disarmed and the mission is
-    /// idle again, or when the mission that took notice of the stop climbs all the same: the touchdown was false.
-    fn stays_stopped(&mut self, mission: Option<&MissionState>) -> bool {
+    /// idle again, when the mission that took notice of the stop climbs all the same (the touchdown was false), or when the
+    /// autopilot has flown by itself meanwhile, as after a step that came so late: the touchdown has to be found again.
+    fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
         };
+        // Its own landing ends on the deck.
+        let own = |a: &AutopilotState| {
+            a.header.at > at && !matches!(a.mode, AutopilotMode::Offboard | AutopilotMode::Land)
+        };
+        let flown = self.armed(now).is_some_and(own);
+        if !self.disarmed_since_stop && (flown || late_s > LAPSES_S) {
+            self.release();
+            return false;
+        }
         let since = mission.filter(|m| m.header.at > at);
         self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
         let anew = since.is_some_and(|m| m.state == State::Idle || m.state.stands_for_take_off());
@@ -236,10 +248,15 @@ impl Pilot {
         if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
             return true;
         }
+        self.release();
+        false
+    }
+
+    /// The motors run again, and no touchdown was found.
+    fn release(&mut self) {
         self.stopped_at = None;
         self.disarmed_since_stop = false;
         self.detector.clear();
-        false
     }
 
     /// The flight ends: the motors stop.
@@ -452,14 +469,12 @@ impl Node for Pilot {
     type Out = PilotOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PilotIn) -> PilotOut {
-        let dt = self
-            .last_step
-            .map_or(0.01, |t| (now - t).secs())
-            .clamp(0.0, MAX_STEP_S);
+        let late_s = self.last_step.map_or(0.01, |t| (now - t).secs());
+        let dt = late_s.clamp(0.0, MAX_STEP_S);
         self.last_step = Some(now);
         let new = self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
-        if self.stays_stopped(mission.as_ref()) {
+        if self.stays_stopped(now, mission.as_ref(), late_s) {
             return PilotOut::of(self.stop(now));
         }
         let Some(drone) = self.drone.fresh(now, topics::DRONE_STATE.stale_after).copied() else {
