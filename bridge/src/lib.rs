@@ -10,6 +10,8 @@ pub mod config;
 pub mod link;
 pub mod node;
 pub mod order;
+#[cfg(test)]
+mod tests;
 
 pub use config::{BridgeConfig, ClockConfig};
 pub use node::{Bridge, BridgeIn, BridgeOut, Packet, PacketKind};

@@ -1,4 +1,5 @@
-//! Stories and rates in the simulated world, one file a subject, one program: it is built and linked once.
+//! Stories and rates in the simulated world, and the link to its autopilots: one file a subject, one program, which is built and
+//! linked once.
 
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -19,6 +20,7 @@ mod interrupted_landing;
 mod keep_out;
 mod ladder;
 mod landing;
+mod link;
 mod night;
 mod orders;
 mod places;

@@ -83,7 +83,7 @@ config! {
         /// Rate of TIMESYNC requests, Hz.
         pub timesync_hz: f64 = 5.0, in 0.5..=50.0;
         /// TIMESYNC answers with a longer round trip are not used, s.
-        /// Chosen: 0.06 s each way is still flown (tests/tests/autopilot/landings.rs).
+        /// Chosen: 0.06 s each way is still flown (tests/tests/flights/link/landings.rs).
         pub timesync_limit_s: f64 = 0.25, in 0.002..=1.0;
         /// Body rates go with attitude set-points. PX4 drops them; ArduCopter 4.6 and 4.7 turn them by the
         /// attitude once too often, so that at a heading of 180 deg they work against it.

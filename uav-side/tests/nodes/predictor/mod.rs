@@ -1,8 +1,6 @@
 //! The predictor against a deck made of sinusoids: given a motion, messages as vessel and camera
 //! would send them, then its forecast for now and for a second ahead.
 
-#![allow(clippy::unwrap_used)] // Helpers of a test may.
-
 mod arbitrary;
 mod frames;
 mod kernels;

@@ -9,7 +9,7 @@ use alight_shared::node::Node;
 use alight_uav::predictor::PredictorIn;
 use proptest::prelude::*;
 
-use crate::world::{Setup, Vessel, run, time};
+use super::world::{Setup, Vessel, run, time};
 
 /// Any number, absurd ones included.
 fn any_number() -> impl Strategy<Value = f64> {

@@ -8,7 +8,7 @@ use alight_shared::node::Node;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::world::time;
+use super::world::time;
 
 /// A vessel at anchor and a drone that hovers 3 m above her deck and 2 m south of it, beside the date line.
 struct Bench {

@@ -5,8 +5,8 @@ use alight_sim::autopilots::simulated::own_mission_mode;
 use alight_uav::autopilot::message::{Address, Heartbeat, Message, command};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
-use crate::rig::{LinkRig, STEP, hover, stop};
-use crate::{BOTH, config};
+use super::rig::{LinkRig, STEP, hover, stop};
+use super::{BOTH, config};
 
 /// A pilot that stands on the deck.
 fn stand(_: &DroneState) -> SetPoint {

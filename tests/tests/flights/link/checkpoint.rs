@@ -4,8 +4,8 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::rig::{LinkRig, lead};
-use crate::{BOTH, config};
+use super::rig::{LinkRig, lead};
+use super::{BOTH, config};
 
 /// A restart takes so long, s.
 const AWAY_S: f64 = 0.2;

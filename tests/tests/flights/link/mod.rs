@@ -1,6 +1,5 @@
 //! The link to an autopilot against the simulated one with the characters of PX4 and ArduCopter: every mode,
 //! denial, loss, takeover and disarm; and whole landings over it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod arbitrary;
 mod checkpoint;
@@ -13,6 +12,7 @@ mod rig;
 mod silence;
 mod takeoff;
 
+use super::BOTH;
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
 use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
@@ -22,8 +22,6 @@ use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message,
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
 use rig::{LinkRig, hold, hover, lead, press};
-
-const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
 /// On a link that is not signed, and takes orders nevertheless.
 fn config() -> AutopilotLinkConfig {

@@ -4,8 +4,8 @@ use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::rig::LinkRig;
-use crate::{BOTH, config};
+use super::rig::LinkRig;
+use super::{BOTH, config};
 
 /// BATTERY_STATUS stops at 57 %: that is no charge of now, and people learn it.
 #[test]

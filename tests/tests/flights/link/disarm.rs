@@ -5,8 +5,8 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{CommandResult, command, id};
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::rig::{LinkRig, press, stop};
-use crate::{BOTH, config};
+use super::rig::{LinkRig, press, stop};
+use super::{BOTH, config};
 
 /// Pressed on the deck by the pilot until it would detect a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {

@@ -5,8 +5,8 @@ use alight_shared::msg::State;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::command;
 
-use crate::rig::{LinkRig, hold, lead};
-use crate::{BOTH, config};
+use super::rig::{LinkRig, hold, lead};
+use super::{BOTH, config};
 
 #[test]
 fn home_on_the_deck() {

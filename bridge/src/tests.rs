@@ -1,8 +1,6 @@
 //! The bridge on one clock with a vessel made here: admission, rejection, uncertainty of its clock.
 
-#![allow(clippy::unwrap_used)] // Helpers of a test may.
-
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
+use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
 use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;

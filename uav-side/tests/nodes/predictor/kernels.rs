@@ -11,7 +11,7 @@ use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::world::{self, Vessel, header};
+use super::world::{self, Vessel, header};
 
 #[test]
 fn axis_in_one_long_and_many_short_steps() {
