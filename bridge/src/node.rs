@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use alight_shared::admission::command::counts_despite;
 use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
+use alight_shared::bus::wiring;
 use alight_shared::msg::{
     Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
     VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
@@ -80,6 +81,24 @@ pub struct BridgeOut {
     pub link: Option<LinkState>,
     /// A question for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
+}
+
+wiring! {
+    /// What the bridge writes; it reads the radio alone.
+    BridgePorts of Bridge: BridgeIn => BridgeOut {
+        reads {}
+        edge { packets }
+        writes {
+            estimate: VesselEstimate<DroneClock>,
+            wave: WaveModel<DroneClock>,
+            prediction: VesselPrediction<DroneClock>,
+            deck: DeckGrant<DroneClock>,
+            surroundings: VesselSurroundings<DroneClock>,
+            commands: Command,
+            link: LinkState,
+        }
+        wakes {}
+    }
 }
 
 /// Requests that may still be answered.

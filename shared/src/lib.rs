@@ -6,6 +6,7 @@
 pub mod admission;
 pub mod apparent_slope;
 pub mod autopilot_parameters;
+pub mod bus;
 pub mod checkpoint;
 pub mod config;
 pub mod estimation;

@@ -22,7 +22,9 @@ pub use crate::instance::Instance;
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::statistics::InputStatistics;
 use crate::{Doing, TransportError};
+use alight_shared::bus::{self, Bus};
 use alight_shared::plain::{self, Plain};
+use alight_shared::process::InputState;
 use alight_shared::topics::Topic;
 
 /// Publishers of one topic: each process of a computer may publish its state, and one that was
@@ -298,6 +300,44 @@ impl<T: Plain> Subscriber<T> {
     /// What was read so far.
     pub fn statistics(&self) -> &InputStatistics {
         &self.statistics
+    }
+}
+
+impl Bus for Memory {
+    type Error = TransportError;
+    type Reader<M: Plain> = Subscriber<M>;
+    type Writer<M: Plain> = Publisher<M>;
+    type Wake = Listener;
+
+    fn reader<M: Plain>(&self) -> Result<Subscriber<M>, TransportError> {
+        self.subscriber()
+    }
+    fn writer<M: Plain>(&self) -> Result<Publisher<M>, TransportError> {
+        self.publisher()
+    }
+    fn wake<M: Plain>(&self) -> Result<Listener, TransportError> {
+        self.listener::<M>()
+    }
+}
+
+impl<M: Plain> bus::Reader<M> for Subscriber<M> {
+    fn newest(&mut self, now_ns: i64) -> Option<M> {
+        Subscriber::newest(self, now_ns)
+    }
+    fn all(&mut self, now_ns: i64) -> Vec<M> {
+        Subscriber::all(self, now_ns)
+    }
+    fn state(&self, now_ns: i64) -> InputState {
+        self.statistics.state(now_ns)
+    }
+}
+
+impl<M: Plain> bus::Writer<M> for Publisher<M> {
+    fn send(&mut self, message: &M) {
+        Publisher::send(self, message);
+    }
+    fn unsent(&self) -> u64 {
+        self.unsent
     }
 }
 

@@ -57,7 +57,8 @@ mod take_off_tests;
 mod tests;
 
 pub use crate::mission_config::MissionConfig;
-pub use alight_shared::checkpoint::CheckpointRejection;
+pub use alight_shared::bus::wiring;
+use alight_shared::checkpoint::CheckpointRejection;
 
 use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geodesy::Datum;
@@ -132,6 +133,27 @@ pub struct MissionOut {
     pub checkpoint: Option<MissionCheckpoint>,
     /// Once, at the beginning: why the predecessor's checkpoint does not count.
     pub rejected: Option<CheckpointRejection>,
+}
+
+wiring! {
+    /// What the mission reads and writes.
+    MissionPorts of Mission: MissionIn => MissionOut {
+        reads {
+            newest forecast: DeckForecast,
+            newest drone: DroneState,
+            newest autopilot: AutopilotState,
+            newest plan: Plan,
+            newest set_point: SetPoint,
+            all commands: Command,
+            newest settings: SettingsOrder,
+            newest deck: DeckGrant<DroneClock>,
+            all ranges: RangeSample,
+            newest light: CameraLight,
+        }
+        writes { state: MissionState }
+        wakes { DroneState, DeckForecast, Command }
+        saves { checkpoint: MissionCheckpoint }
+    }
 }
 
 /// Time between outputs.

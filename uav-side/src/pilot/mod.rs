@@ -21,6 +21,7 @@ pub use config::{Output, PilotConfig};
 pub use touchdown::{Contact, Touchdown};
 
 use alight_shared::admission::Latest;
+use alight_shared::bus::wiring;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase, Plan,
@@ -65,6 +66,22 @@ pub struct PilotOut {
     pub set_point: Option<SetPoint>,
     /// Once, when touchdown is confirmed.
     pub touchdown: Option<Touchdown>,
+}
+
+wiring! {
+    /// What the pilot reads and writes.
+    PilotPorts of Pilot: PilotIn => PilotOut {
+        reads {
+            newest plan: Plan,
+            newest mission: MissionState,
+            newest forecast: DeckForecast,
+            newest drone: DroneState,
+            newest autopilot: AutopilotState,
+            all ranges: RangeSample,
+        }
+        writes { set_point: SetPoint }
+        wakes { DroneState }
+    }
 }
 
 impl PilotOut {

@@ -31,6 +31,7 @@ mod start_tests;
 mod tests;
 
 use alight_shared::admission::Latest;
+use alight_shared::bus::wiring;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
@@ -68,6 +69,19 @@ pub struct PlannerIn {
 pub struct PlannerOut {
     /// A new plan, starting now.
     pub plan: Option<Plan>,
+}
+
+wiring! {
+    /// What the planner reads and writes.
+    PlannerPorts of Planner: PlannerIn => PlannerOut {
+        reads {
+            newest forecast: DeckForecast,
+            newest mission: MissionState,
+            newest drone: DroneState,
+        }
+        writes { plan: Plan }
+        wakes { DeckForecast, MissionState }
+    }
 }
 
 /// The node.

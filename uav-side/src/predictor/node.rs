@@ -1,6 +1,7 @@
 //! The predictor as a node.
 
 use alight_shared::admission::{Periodic, RejectionReason, Rejections};
+use alight_shared::bus::wiring;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
@@ -71,6 +72,28 @@ pub struct PredictorOut {
     pub forecast: Option<DeckForecast>,
     /// For a successor, with each forecast once the camera has seen the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
+}
+
+wiring! {
+    /// What the predictor reads and writes.
+    PredictorPorts of Predictor: PredictorIn => PredictorOut {
+        reads {
+            newest estimate: VesselEstimate<DroneClock>,
+            newest wave: WaveModel<DroneClock>,
+            newest prediction: VesselPrediction<DroneClock>,
+            newest surroundings: VesselSurroundings<DroneClock>,
+            newest link: LinkState,
+            newest drone: DroneState,
+            newest autopilot: AutopilotState,
+            all beacons: DeckBeacon,
+            all tags: TagPose,
+            all uvdar: UvdarFix,
+            all ranges: RangeSample,
+        }
+        writes { forecast: DeckForecast }
+        wakes { DroneState }
+        saves { checkpoint: PredictorCheckpoint }
+    }
 }
 
 /// A message may be this much ahead of now: jitter between processes.

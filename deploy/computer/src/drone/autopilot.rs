@@ -9,6 +9,7 @@ use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use alight_shared::bus::Saved;
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::metrics::MetricName;
@@ -35,7 +36,6 @@ use crate::io::byte_link::ByteLink;
 use crate::io::peer::Speaks;
 use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
-use crate::process::keeper::OwnCheckpoint;
 use crate::process::life::Process;
 
 /// A step is due after this long without input.
@@ -155,7 +155,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut set_points = memory.subscriber::<SetPoint>()?;
     let mut missions = memory.subscriber::<MissionState>()?;
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
-    let mut checkpoint: OwnCheckpoint<LinkCheckpoint> = OwnCheckpoint::join(&memory)?;
+    let mut checkpoint = Saved::<Memory, LinkCheckpoint>::join(&memory)?;
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
@@ -220,7 +220,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 signing: times,
                 ..own
             });
-            checkpoint.publish(kept.as_ref());
+            checkpoint.write(kept.as_ref());
             commands.send_any(out.command.as_ref());
             settings.send_any(out.settings.as_ref());
             beacons.send_any(out.beacon.as_ref());

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{Rejections, Sender};
+use alight_shared::bus::{Ports, Wired};
 use alight_shared::metrics::{Metric, MetricName, Metrics};
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, Seq};
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -52,13 +53,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         Bridge::new(&computer.bridge, boot)
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
-    let mut estimate = memory.publisher()?;
-    let mut wave = memory.publisher()?;
-    let mut prediction = memory.publisher()?;
-    let mut grant = memory.publisher()?;
-    let mut surroundings = memory.publisher()?;
-    let mut command = memory.publisher()?;
-    let mut link = memory.publisher()?;
+    let mut ports = <Bridge as Wired>::Ports::join(&memory)?;
     let mut state: Publisher<ProcessState> = memory.publisher()?;
     let mut mission = memory.subscriber::<MissionState>()?;
     let mut odometry = memory.subscriber::<DroneState>()?;
@@ -116,18 +111,15 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             .into_iter()
             .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
             .collect();
-        let out = process.step(now, &BridgeIn { packets }, |out| out.estimate.is_some());
+        let input = BridgeIn { packets };
+        let out = process.step(now, &input, |out| {
+            ports.write(out);
+            out.estimate.is_some()
+        });
         // Before the clocks agree an answer could not be dated.
         if process.node().offset(now).is_some() {
             radio.ask();
         }
-        estimate.send_any(out.estimate.as_ref());
-        wave.send_any(out.wave.as_ref());
-        prediction.send_any(out.prediction.as_ref());
-        grant.send_any(out.deck.as_ref());
-        surroundings.send_any(out.surroundings.as_ref());
-        out.commands.iter().for_each(|c| command.send(c));
-        link.send_any(out.link.as_ref());
         age_s = out.link.map_or(age_s, |l| l.age_s);
         if let Some(link) = out.link.filter(|l| l.second_sender != second_sender) {
             second_sender = link.second_sender;

@@ -2,34 +2,17 @@
 //! set-point. Its metrics: age of the vessel's newest measurement and of the odometry behind the set-point.
 
 use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, MissionState, Plan, RangeSample, SetPoint,
-};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time};
-use alight_transport::TransportError;
-use alight_transport::memory::{Listener, Memory, Publisher};
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
 
 use crate::config::DroneComputer;
-use crate::process::shell::{Shell, reads};
+use crate::process::shell::Shell;
 
-reads! {
-    /// What the pilot reads.
-    Inputs => PilotIn {
-        newest plan: Plan,
-        newest mission: MissionState,
-        newest forecast: DeckForecast,
-        newest drone: DroneState,
-        newest autopilot: AutopilotState,
-        all ranges: RangeSample,
-    }
-}
-
-/// Publishers of the pilot, and the ages of its inputs.
+/// The pilot's process, and the ages of its inputs.
+#[derive(Default)]
 pub struct PilotShell {
-    set_point: Publisher<SetPoint>,
     /// Newest forecast's time, and the age of the vessel's measurement at that time, s.
     newest: Option<(Time<DroneClock>, f64)>,
     from_vessel: Quantiles,
@@ -38,30 +21,11 @@ pub struct PilotShell {
 
 impl Shell for PilotShell {
     type Node = Pilot;
-    type Reads = Inputs;
     const KIND: ProcessKind = ProcessKind::Pilot;
 
     fn node(computer: &DroneComputer, boot: u32) -> Pilot {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
         Pilot::new(&drone.pilot, &drone.airframe, id, boot)
-    }
-    fn join(memory: &Memory) -> Result<Self, TransportError> {
-        Ok(PilotShell {
-            set_point: memory.publisher()?,
-            newest: None,
-            from_vessel: Quantiles::default(),
-            from_odometry: Quantiles::default(),
-        })
-    }
-    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
-        Ok(vec![memory.listener::<DroneState>()?])
-    }
-    fn send(&mut self, out: &PilotOut) -> bool {
-        self.set_point.send_any(out.set_point.as_ref());
-        out.set_point.is_some()
-    }
-    fn unsent(&self) -> u64 {
-        self.set_point.unsent()
     }
     fn metrics(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));

@@ -13,7 +13,6 @@ use alight_shared::checkpoint::{Checkpoint, Keeper};
 use alight_shared::msg::{LinkCheckpoint, MissionCheckpoint, PredictorCheckpoint};
 use alight_shared::plain::Plain;
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_transport::TransportError;
 use alight_transport::memory::{Memory, Publisher, Subscriber};
 use tracing::{info, warn};
 
@@ -276,38 +275,6 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let new = path.with_extension("new");
     fs::write(&new, bytes)?;
     fs::rename(&new, path)
-}
-
-/// A node's own end: the checkpoint of a crashed predecessor, and its own for a successor.
-pub struct OwnCheckpoint<M: Plain> {
-    published: Publisher<M>,
-    /// None: this node has published, and would receive its own.
-    predecessor: Option<Subscriber<M>>,
-}
-
-impl<M: Plain> OwnCheckpoint<M> {
-    /// Looks for a predecessor's.
-    pub fn join(memory: &Memory) -> Result<OwnCheckpoint<M>, TransportError> {
-        Ok(OwnCheckpoint {
-            published: memory.publisher()?,
-            predecessor: Some(memory.subscriber()?),
-        })
-    }
-    /// The predecessor's, until this one publishes; `t` is the drone's clock, ns.
-    pub fn predecessor(&mut self, t: i64) -> Option<M> {
-        self.predecessor.as_mut().and_then(|p| p.newest(t))
-    }
-    /// Publishes its own, where it is due.
-    pub fn publish(&mut self, m: Option<&M>) {
-        if m.is_some() {
-            self.predecessor = None;
-        }
-        self.published.send_any(m);
-    }
-    /// Messages that could not be published.
-    pub fn unsent(&self) -> u64 {
-        self.published.unsent()
-    }
 }
 
 #[cfg(test)]

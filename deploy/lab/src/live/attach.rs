@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use alight_computer::config::DroneComputer;
 use alight_computer::drone::bridge;
-use alight_computer::drone::planner::{Inputs, PlannerShell};
+use alight_computer::drone::planner::PlannerShell;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::args::ProcessArgs;
 use alight_computer::process::shell::{self, Shell};
@@ -15,10 +15,9 @@ use alight_shared::config;
 use alight_shared::process::ProcessKind;
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
-use alight_transport::TransportError;
-use alight_transport::memory::{Instance, Listener, Memory};
+use alight_transport::memory::{Instance, Memory};
 use alight_transport::observe::receive_through;
-use alight_uav::planner::{Planner, PlannerOut};
+use alight_uav::planner::Planner;
 use clap::{Args, ValueEnum};
 
 use super::config::Attachments;
@@ -83,11 +82,11 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
 static BASELINE: OnceLock<Baseline> = OnceLock::new();
 
 /// The planner's process with a baseline in the drone's planner's place.
-struct BaselineShell(PlannerShell);
+#[derive(Default)]
+struct BaselineShell;
 
 impl Shell for BaselineShell {
     type Node = Planner;
-    type Reads = Inputs;
     const KIND: ProcessKind = ProcessKind::Planner;
 
     fn node(computer: &DroneComputer, boot: u32) -> Planner {
@@ -100,17 +99,5 @@ impl Shell for BaselineShell {
             None => PlannerShell::node(computer, boot),
             Some(b) => Planner::with_law(b.law(planner, airframe), planner, airframe, deck, boot),
         }
-    }
-    fn join(memory: &Memory) -> Result<Self, TransportError> {
-        PlannerShell::join(memory).map(BaselineShell)
-    }
-    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
-        PlannerShell::wakes(memory)
-    }
-    fn send(&mut self, out: &PlannerOut) -> bool {
-        self.0.send(out)
-    }
-    fn unsent(&self) -> u64 {
-        self.0.unsent()
     }
 }

@@ -1,0 +1,327 @@
+//! The bus between the rows of a computer, and how a node is wired to it.
+//!
+//! A node's wiring is data beside the node, declared once by [`wiring!`]: the topics that it reads (the newest message, or all),
+//! those that it writes, those that wake it, and the checkpoint that outlives its process. What carries the topics is another
+//! crate's [`Bus`].
+
+use crate::node::Node;
+use crate::plain::Plain;
+use crate::process::InputState;
+
+/// Carries topics.
+pub trait Bus {
+    /// Why a port cannot be opened.
+    type Error;
+    /// Reads messages `M`.
+    type Reader<M: Plain>: Reader<M>;
+    /// Writes messages `M`.
+    type Writer<M: Plain>: Writer<M>;
+    /// Wakes a row.
+    type Wake;
+
+    /// Opens a reader of the topic of `M`.
+    fn reader<M: Plain>(&self) -> Result<Self::Reader<M>, Self::Error>;
+    /// Opens a writer of the topic of `M`.
+    fn writer<M: Plain>(&self) -> Result<Self::Writer<M>, Self::Error>;
+    /// Opens what wakes a row with each message `M`.
+    fn wake<M: Plain>(&self) -> Result<Self::Wake, Self::Error>;
+}
+
+/// Reads messages `M` in the order in which they were sent.
+pub trait Reader<M> {
+    /// The newest message since the last reading, if any came; `now_ns` is the clock of its stamps.
+    fn newest(&mut self, now_ns: i64) -> Option<M>;
+    /// All messages since the last reading, as many as the topic's buffer holds.
+    fn all(&mut self, now_ns: i64) -> Vec<M>;
+    /// What was read and missed so far.
+    fn state(&self, now_ns: i64) -> InputState;
+}
+
+/// Writes messages `M`; never waits for who reads.
+pub trait Writer<M> {
+    /// Sends it to all readers.
+    fn send(&mut self, message: &M);
+    /// Messages that could not be sent.
+    fn unsent(&self) -> u64;
+
+    /// Sends what there is, an `Option` or a `Vec`; whether there was anything.
+    fn send_each<'a>(&mut self, messages: impl IntoIterator<Item = &'a M>) -> bool
+    where
+        M: 'a,
+    {
+        messages.into_iter().inspect(|m| self.send(m)).count() > 0
+    }
+}
+
+/// A node whose wiring is declared.
+pub trait Wired: Node + Sized {
+    /// Its ports on a bus.
+    type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
+}
+
+/// The ports of a node on one bus.
+pub trait Ports<B: Bus>: Sized {
+    /// The node's input.
+    type In;
+    /// The node's output.
+    type Out;
+
+    /// Opens all.
+    fn join(bus: &B) -> Result<Self, B::Error>;
+    /// Opens what wakes the node.
+    fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error>;
+    /// What came since the last reading; `now_ns` is the computer's clock.
+    fn read(&mut self, now_ns: i64) -> Self::In;
+    /// Writes an output, its checkpoint first; whether there was anything beside the checkpoint.
+    fn write(&mut self, out: &Self::Out) -> bool;
+    /// What was read of each topic.
+    fn states(&self, now_ns: i64) -> Vec<InputState>;
+    /// Messages that could not be sent.
+    fn unsent(&self) -> u64;
+}
+
+/// A node's checkpoint: that of the node before it, until this one writes its own, which it would read.
+pub struct Saved<B: Bus, M: Plain> {
+    own: B::Writer<M>,
+    predecessor: Option<B::Reader<M>>,
+}
+
+impl<B: Bus, M: Plain> Saved<B, M> {
+    /// Looks for a predecessor's.
+    pub fn join(bus: &B) -> Result<Saved<B, M>, B::Error> {
+        Ok(Saved {
+            own: bus.writer()?,
+            predecessor: Some(bus.reader()?),
+        })
+    }
+    /// The predecessor's; `now_ns` is the computer's clock.
+    pub fn predecessor(&mut self, now_ns: i64) -> Option<M> {
+        self.predecessor.as_mut()?.newest(now_ns)
+    }
+    /// Writes its own, where it is due.
+    pub fn write(&mut self, own: Option<&M>) {
+        if self.own.send_each(own) {
+            self.predecessor = None;
+        }
+    }
+    /// Messages that could not be sent.
+    pub fn unsent(&self) -> u64 {
+        self.own.unsent()
+    }
+}
+
+/// Declares the wiring of a node, with the names of the fields of its input and of its output:
+///
+/// ```ignore
+/// wiring! {
+///     /// What the planner reads and writes.
+///     PlannerPorts of Planner: PlannerIn => PlannerOut {
+///         reads { newest forecast: DeckForecast, all commands: Command }
+///         edge { packets }
+///         writes { plan: Plan }
+///         wakes { DeckForecast }
+///         saves { checkpoint: PlannerCheckpoint }
+///     }
+/// }
+/// ```
+///
+/// What comes by an edge (packets, frames of a link) is left empty for who holds the edge. `edge` and `saves` may be left out; a
+/// field of the input that is named nowhere does not compile.
+#[macro_export]
+macro_rules! wiring {
+    ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
+        reads { $($how:ident $in:ident: $read:ty),* $(,)? }
+        $(edge { $($edge:ident),* $(,)? })?
+        writes { $($out:ident: $written:ty),* $(,)? }
+        wakes { $($wake:ty),* $(,)? }
+        $(saves { $saved:ident: $checkpoint:ty })?
+    }) => {
+        $(#[$doc])*
+        pub struct $ports<B: $crate::bus::Bus> {
+            $($in: B::Reader<$read>,)*
+            $($out: B::Writer<$written>,)*
+            $($saved: $crate::bus::Saved<B, $checkpoint>,)?
+        }
+        impl<B: $crate::bus::Bus> $crate::bus::Ports<B> for $ports<B> {
+            type In = $input;
+            type Out = $output;
+            fn join(bus: &B) -> Result<Self, B::Error> {
+                Ok($ports {
+                    $($in: bus.reader()?,)*
+                    $($out: bus.writer()?,)*
+                    $($saved: $crate::bus::Saved::join(bus)?,)?
+                })
+            }
+            fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error> {
+                Ok(vec![$(bus.wake::<$wake>()?),*])
+            }
+            fn read(&mut self, now_ns: i64) -> $input {
+                #[allow(unused_imports, reason = "a node may read nothing")]
+                use $crate::bus::Reader as _;
+                $input {
+                    $($in: self.$in.$how(now_ns),)*
+                    $($saved: self.$saved.predecessor(now_ns),)?
+                    $($($edge: Default::default(),)*)?
+                }
+            }
+            fn write(&mut self, out: &$output) -> bool {
+                use $crate::bus::Writer as _;
+                $(self.$saved.write(out.$saved.as_ref());)?
+                let sent = [$(self.$out.send_each(&out.$out)),*];
+                sent.contains(&true)
+            }
+            fn states(&self, now_ns: i64) -> Vec<$crate::process::InputState> {
+                #[allow(unused_imports, reason = "a node may read nothing")]
+                use $crate::bus::Reader as _;
+                vec![$(self.$in.state(now_ns)),*]
+            }
+            fn unsent(&self) -> u64 {
+                use $crate::bus::Writer as _;
+                0 $(+ self.$out.unsent())* $(+ self.$saved.unsent())?
+            }
+        }
+        impl $crate::bus::Wired for $node {
+            type Ports<B: $crate::bus::Bus> = $ports<B>;
+        }
+    };
+}
+pub use crate::wiring;
+
+#[cfg(test)]
+mod tests {
+    use core::any::Any;
+    use core::cell::RefCell;
+    use core::convert::Infallible;
+    use core::marker::PhantomData;
+    use std::rc::Rc;
+
+    use super::*;
+    use crate::msg::{MissionCheckpoint, MissionState, Plan, RangeSample};
+    use crate::time::{DroneClock, Time};
+
+    /// All that was sent, in order.
+    #[derive(Default)]
+    struct Wire(Rc<RefCell<Vec<Box<dyn Any>>>>);
+    struct Port<M>(Rc<RefCell<Vec<Box<dyn Any>>>>, usize, PhantomData<M>);
+
+    impl Wire {
+        fn port<M>(&self) -> Port<M> {
+            Port(self.0.clone(), 0, PhantomData)
+        }
+        fn sent<M: 'static>(&self, place: usize) -> bool {
+            self.0.borrow().get(place).is_some_and(|m| m.is::<M>())
+        }
+    }
+    impl Bus for Wire {
+        type Error = Infallible;
+        type Reader<M: Plain> = Port<M>;
+        type Writer<M: Plain> = Port<M>;
+        type Wake = &'static str;
+        fn reader<M: Plain>(&self) -> Result<Port<M>, Infallible> {
+            Ok(self.port())
+        }
+        fn writer<M: Plain>(&self) -> Result<Port<M>, Infallible> {
+            Ok(self.port())
+        }
+        fn wake<M: Plain>(&self) -> Result<&'static str, Infallible> {
+            Ok(M::TOPIC.name)
+        }
+    }
+    impl<M: Plain> Reader<M> for Port<M> {
+        fn newest(&mut self, now_ns: i64) -> Option<M> {
+            self.all(now_ns).pop()
+        }
+        fn all(&mut self, _now_ns: i64) -> Vec<M> {
+            let sent = self.0.borrow();
+            let new = sent.iter().skip(core::mem::replace(&mut self.1, sent.len()));
+            new.filter_map(|m| m.downcast_ref().copied()).collect()
+        }
+        fn state(&self, _now_ns: i64) -> InputState {
+            InputState::default()
+        }
+    }
+    impl<M: Plain> Writer<M> for Port<M> {
+        fn send(&mut self, message: &M) {
+            self.0.borrow_mut().push(Box::new(*message));
+        }
+        fn unsent(&self) -> u64 {
+            1
+        }
+    }
+
+    struct Echo;
+    struct In {
+        plan_in: Option<Plan>,
+        ranges: Vec<RangeSample>,
+        frames: Vec<u8>,
+        kept: Option<MissionCheckpoint>,
+    }
+    #[derive(Default)]
+    struct Out {
+        states: Vec<MissionState>,
+        plan: Option<Plan>,
+        kept: Option<MissionCheckpoint>,
+    }
+    impl Node for Echo {
+        type Clock = DroneClock;
+        type In = In;
+        type Out = Out;
+        fn step(&mut self, _now: Time<DroneClock>, _input: &In) -> Out {
+            Out::default()
+        }
+    }
+    wiring! {
+        EchoPorts of Echo: In => Out {
+            reads { newest plan_in: Plan, all ranges: RangeSample }
+            edge { frames }
+            writes { states: MissionState, plan: Plan }
+            wakes { RangeSample, Plan }
+            saves { kept: MissionCheckpoint }
+        }
+    }
+
+    #[test]
+    fn wiring_of_a_node() {
+        let wire = Wire::default();
+        let mut ports = <Echo as Wired>::Ports::join(&wire).unwrap();
+        let mut others = (
+            wire.port::<RangeSample>(),
+            wire.port::<Plan>(),
+            wire.port::<MissionCheckpoint>(),
+        );
+        others.0.send(&RangeSample::default());
+        others.0.send(&RangeSample::default());
+        others.1.send(&Plan::default());
+        others.2.send(&MissionCheckpoint::default());
+        let read = ports.read(0);
+        assert_eq!(
+            (read.plan_in.is_some(), read.ranges.len(), read.frames.len()),
+            (true, 2, 0)
+        );
+        assert!(read.kept.is_some());
+        let again = ports.read(0);
+        assert!(again.plan_in.is_none() && again.ranges.is_empty());
+
+        // The checkpoint first; and from then on it is its own.
+        assert!(!ports.write(&Out {
+            kept: Some(MissionCheckpoint::default()),
+            ..Out::default()
+        }));
+        let states = vec![MissionState::default(); 2];
+        assert!(ports.write(&Out {
+            states,
+            kept: Some(MissionCheckpoint::default()),
+            plan: None
+        }));
+        assert!(
+            wire.sent::<MissionCheckpoint>(5) && wire.sent::<MissionState>(6) && wire.sent::<MissionState>(7)
+        );
+        assert!(ports.read(0).kept.is_none());
+
+        assert_eq!((ports.states(0).len(), ports.unsent()), (2, 3));
+        assert_eq!(
+            EchoPorts::wakes(&wire),
+            Ok(vec![crate::topics::RANGE.name, crate::topics::PLAN.name])
+        );
+    }
+}
