@@ -118,7 +118,7 @@ const EXCUSED_S: f64 = 1.5;
 /// An order has been acted on within this time, s: the way up and out of a take-off.
 const ACTS_S: f64 = 35.0;
 /// A contact so long after a gap is a landing's own, and hard from this speed on, m/s: `alight trials` counts those above 1 m/s.
-const OWN_S: f64 = 5.0;
+const OWN_S: f64 = 3.0;
 const HARD_MPS: f64 = 2.0;
 /// A drone that slid off a deck under way while nobody but its autopilot had the command, and is in the water within this time
 /// after, was lost before, s.
