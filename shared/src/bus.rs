@@ -249,15 +249,15 @@ mod tests {
         }
     }
 
-    struct Echo;
-    struct In {
+    pub struct Echo;
+    pub struct In {
         plan_in: Option<Plan>,
         ranges: Vec<RangeSample>,
         frames: Vec<u8>,
         kept: Option<MissionCheckpoint>,
     }
     #[derive(Default)]
-    struct Out {
+    pub struct Out {
         states: Vec<MissionState>,
         plan: Option<Plan>,
         kept: Option<MissionCheckpoint>,

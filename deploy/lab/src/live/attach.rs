@@ -15,7 +15,7 @@ use alight_shared::config;
 use alight_shared::process::ProcessKind;
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
-use alight_transport::memory::{Instance, Memory};
+use alight_transport::memory::Instance;
 use alight_transport::observe::receive_through;
 use alight_uav::planner::Planner;
 use clap::{Args, ValueEnum};
