@@ -30,6 +30,8 @@ const CLEAR_M: f64 = 1.0;
 const BELOW_FEET_M: f64 = 0.10;
 /// With the rangefinder below this, or where it would be by the forecast, the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
+/// Two receivers err in height by this, m.
+const RECEIVERS_ERR_M: f64 = 3.0;
 /// Between two commands to arm or to divert.
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// A mission counts a charge after this time at the latest, s: the longest `battery_lasts_s`.
@@ -95,8 +97,11 @@ impl AutopilotLink {
         let height = self
             .relative_to_deck(now)
             .map(|(h, _, _)| h + self.feet_range_m());
-        let near = [range, height].into_iter().flatten().any(|r| r < NEAR_M);
-        let unknown = state.is_none() && range.is_none() && height.is_none();
+        // While the mission waits the drone may stand on a deck that is known by the receivers alone.
+        let waits = state.is_none_or(|s| s == State::Idle);
+        let near_m = if waits { RECEIVERS_ERR_M } else { NEAR_M };
+        let near = [range, height].into_iter().flatten().any(|r| r < near_m);
+        let unknown = waits && range.is_none() && height.is_none();
         stands || near || unknown
     }
 
