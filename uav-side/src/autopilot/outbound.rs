@@ -28,7 +28,7 @@ const PRESS_OF_HOVER: f64 = 0.5;
 const CLEAR_M: f64 = 1.0;
 /// No deck is nearer to the rangefinder than the feet by more than this, m.
 const BELOW_FEET_M: f64 = 0.10;
-/// With the rangefinder below this, or where it would be by the forecast, the deck may carry the drone, m.
+/// With the rangefinder below this the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Two receivers err in height by this, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
@@ -94,13 +94,10 @@ impl AutopilotLink {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
         let range = self.fresh_range(now);
-        let height = self
-            .relative_to_deck(now)
-            .map(|(h, _, _)| h + self.feet_range_m());
         // While the mission waits the drone may stand on a deck that is known by the receivers alone.
         let waits = state.is_none_or(|s| s == State::Idle);
-        let near_m = if waits { RECEIVERS_ERR_M } else { NEAR_M };
-        let near = [range, height].into_iter().flatten().any(|r| r < near_m);
+        let height = self.relative_to_deck(now).map(|(h, _, _)| h).filter(|_| waits);
+        let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
         let unknown = waits && range.is_none() && height.is_none();
         stands || near || unknown
     }
