@@ -98,7 +98,9 @@ impl AutopilotLink {
         let waits = state.is_none_or(|s| s == State::Idle);
         let height = self.relative_to_deck(now).map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
-        let unknown = waits && range.is_none() && height.is_none();
+        // A successor goes on with what was learned before it.
+        let began = state.is_none() || waits && self.recovery.checkpoint().is_some();
+        let unknown = began && range.is_none() && height.is_none();
         stands || near || unknown
     }
 
