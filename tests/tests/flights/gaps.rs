@@ -117,12 +117,6 @@ const RESUME_S: f64 = 5.0;
 const EXCUSED_S: f64 = 1.5;
 /// An order has been acted on within this time, s: the way up and out of a take-off.
 const ACTS_S: f64 = 35.0;
-/// A contact so long after a gap is a landing's own, and hard from this speed on, m/s: `alight trials` counts those above 1 m/s.
-const OWN_S: f64 = 3.0;
-const HARD_MPS: f64 = 2.0;
-/// A drone that slid off a deck under way while nobody but its autopilot had the command, and is in the water within this time
-/// after, was lost before, s.
-const LOST_S: f64 = 0.5;
 /// Feet higher than this are not on the deck, m.
 const AIR_M: f64 = 0.25;
 
@@ -249,7 +243,7 @@ impl Cell {
                 }
             }
             watch.look(self, rig, t_s - over_s);
-            watch.end.bad.is_some() || watch.end.water || watch.rests(rig)
+            watch.end.bad.is_some() || watch.rests(rig)
         });
         watch.judge(self, &rig);
         watch.end
@@ -271,12 +265,7 @@ impl Watched {
         let stops = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
         let height_m = o.feet_height_m();
         let excused = cell.gone.spec().takes == Takes::Command && since_s < EXCUSED_S;
-        let hard_mps = if since_s > OWN_S {
-            HARD_MPS
-        } else {
-            MAX_CONTACT_MPS
-        };
-        let strikes = |normal_mps: f64, foot: bool| normal_mps > hard_mps || !foot;
+        let strikes = |normal_mps: f64, foot: bool| normal_mps > MAX_CONTACT_MPS || !foot;
         let hit = o
             .contacts
             .iter()
@@ -286,9 +275,8 @@ impl Watched {
         let restarted = matches!(cell.gone, Kind::MissionKilled | Kind::ComputerKilled);
         self.end.water |= o.in_water;
         self.end.disarmed_in_air |= stops && height_m > AIR_M;
-        let alone = cell.gone.spec().takes == Takes::Command && since_s < LOST_S;
         let bad = if o.in_water {
-            (!alone).then(|| "in the water".to_owned())
+            Some("in the water".to_owned())
         } else if stops && height_m > AIR_M {
             Some(format!("stopped {height_m:.2} m above the deck"))
         } else if let Some(mps) = hit.filter(|_| !excused) {
@@ -322,7 +310,7 @@ impl Watched {
         let height_m = o.feet_height_m();
         self.end.state = state;
         self.end.stands = !armed(rig, 0) && height_m.abs() < AIR_M && !o.in_water;
-        if self.end.bad.is_some() || self.end.water {
+        if self.end.bad.is_some() {
             return;
         }
         let held = matches!(state, State::Hold | State::GaveUp);
@@ -350,11 +338,7 @@ impl Watched {
 /// Flies them; the bad ones.
 fn bad(cells: &[Cell]) -> Vec<String> {
     let fly = |cell: &Cell| {
-        let end = cell.fly();
-        if end.water && end.bad.is_none() {
-            println!("{cell:?}: slid into the water while only its autopilot had the command");
-        }
-        let bad = end.bad.filter(|b| !b.starts_with(NEVER))?;
+        let bad = cell.fly().bad?;
         println!("{cell:?}: {bad}");
         Some(format!("{cell:?}: {bad}"))
     };
