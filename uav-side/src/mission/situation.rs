@@ -515,8 +515,7 @@ const ABOVE_DECK_M: f64 = 0.5;
 /// A drone whose feet are by more than this outside the deck's edges does not rest on it, m: the forecast's error where no
 /// camera sees the deck.
 const BESIDE_DECK_M: f64 = 0.6;
-/// A drone that rests on a deck moves no faster relative to it by odometry and forecast, m/s; one that moves slides for so long, s.
-const RESTS_MPS: f64 = 0.3;
+/// A drone that moves relative to the deck slides for so long, s.
 const SLIDES_S: f64 = 1.0;
 /// Rotors that give this much of hover's thrust carry the drone, or most of it.
 const CARRYING_OF_HOVER: f64 = 0.7;
@@ -558,14 +557,7 @@ impl Situation {
     }
     /// Where a drone with its feet on the deck is beyond its edge, or will be before it can be disarmed and has come to rest.
     pub fn slides(&self) -> Option<Reason> {
-        let deck = self.fresh_deck()?;
-        let moves = deck.relative_speed_mps > RESTS_MPS;
-        let outside_m = self.outside_m
-            + if moves {
-                SLIDES_S * deck.relative_speed_mps
-            } else {
-                0.0
-            };
+        let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
     }
     /// Whether a drone that reported its touchdown may fly for all that is known.

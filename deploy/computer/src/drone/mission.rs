@@ -21,7 +21,7 @@ impl Shell for MissionShell {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
         Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot).as_successor()
     }
-    fn metrics(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
+    fn after_step(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
         if let Some(why) = out.rejected {
             warn!(
                 "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \

@@ -27,7 +27,7 @@ impl Shell for PilotShell {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
         Pilot::new(&drone.pilot, &drone.airframe, id, boot)
     }
-    fn metrics(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
+    fn after_step(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);
         if let (Some((at, radio_age_s)), true) = (self.newest, out.set_point.is_some())

@@ -31,8 +31,8 @@ pub trait Shell: Default {
 
     /// The node of this computer, for a start with this boot id.
     fn node(computer: &DroneComputer, boot: u32) -> Self::Node;
-    /// Metrics of its own after a step whose output was sent at `sent`, and what people are told.
-    fn metrics(
+    /// Tells people what a step means whose output was sent at `sent`; metrics of its own.
+    fn after_step(
         &mut self,
         _input: &<Self::Node as Node>::In,
         _out: &<Self::Node as Node>::Out,
@@ -63,7 +63,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
         let t = now.nanos();
         let out = process.step(now, &input, |out| ports.write(out));
         let sent = process.now();
-        process.life.metrics = Seq::filled(shell.metrics(&input, &out, sent));
+        process.life.metrics = Seq::filled(shell.after_step(&input, &out, sent));
         let report = process.state(|| ports.states(t), ports.unsent());
         state.send_any(report.as_ref());
         !process.ended()
