@@ -7,6 +7,8 @@
 use crate::node::Node;
 use crate::plain::Plain;
 use crate::process::InputState;
+use crate::time::Time;
+use crate::topics::{self, Topic};
 
 /// Carries topics.
 pub trait Bus {
@@ -109,6 +111,134 @@ impl<B: Bus, M: Plain> Saved<B, M> {
         self.own.unsent()
     }
 }
+
+/// A node with its ports: what one process runs.
+pub struct Row<N: Wired, B: Bus> {
+    /// The node.
+    pub node: N,
+    /// Its ports.
+    pub ports: N::Ports<B>,
+}
+
+impl<N: Wired, B: Bus> Row<N, B> {
+    /// Joins the bus.
+    pub fn join(bus: &B, node: N) -> Result<Row<N, B>, B::Error> {
+        let ports = N::Ports::join(bus)?;
+        Ok(Row { node, ports })
+    }
+    /// One step at `now`. `edge` adds to the input what came from outside; `look` is shown input and output before that is
+    /// written, and may take from the output what goes outside.
+    pub fn step(
+        &mut self,
+        now: Time<N::Clock>,
+        edge: impl FnOnce(&mut N::In),
+        look: impl FnOnce(&N::In, &mut N::Out),
+    ) -> N::Out {
+        let mut input = self.ports.read(now.nanos());
+        edge(&mut input);
+        let mut out = self.node.step(now, &input);
+        look(&input, &mut out);
+        self.ports.write(&out);
+        out
+    }
+}
+
+/// What was read of one topic, by the messages' own numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Received {
+    topic: &'static Topic,
+    received: u64,
+    missed: u64,
+    order: Option<(u32, u32)>,
+    newest_ns: Option<i64>,
+}
+
+impl Received {
+    /// Nothing yet.
+    pub const fn of(topic: &'static Topic) -> Received {
+        Received {
+            topic,
+            received: 0,
+            missed: 0,
+            order: None,
+            newest_ns: None,
+        }
+    }
+    /// A message was read.
+    pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64) {
+        self.received += 1;
+        if let (Some((boot, sequence)), Some((old_boot, old))) = (order, self.order)
+            && boot == old_boot
+        {
+            let step = sequence.wrapping_sub(old);
+            // Backwards is a reordered or repeated message, not a gap of four thousand million.
+            if (2..1 << 31).contains(&step) {
+                self.missed += u64::from(step) - 1;
+            }
+        }
+        self.order = order;
+        self.newest_ns = Some(at_ns);
+    }
+    /// The same for a report; `now_ns` is the clock of the messages' stamps.
+    pub fn state(&self, now_ns: i64) -> InputState {
+        let index = topics::ALL.iter().position(|t| t.name == self.topic.name);
+        InputState {
+            topic: index.map_or(u32::MAX, |i| i as u32),
+            received: self.received,
+            missed: self.missed,
+            age_s: self
+                .newest_ns
+                .map_or(f64::INFINITY, |at| now_ns.saturating_sub(at) as f64 * 1e-9),
+            ..InputState::default()
+        }
+    }
+}
+
+/// Sees every row of a computer.
+pub trait RowVisitor {
+    /// What ends it early.
+    type Error;
+    /// One, by its name.
+    fn row<N: Wired>(&mut self, name: &'static str) -> Result<(), Self::Error>;
+}
+
+/// Declares a computer: its rows in the order in which data flow, each a node whose wiring is declared.
+///
+/// ```ignore
+/// computer! {
+///     /// The drone's computer.
+///     DroneRows {
+///         /// The deck's forecast.
+///         predictor: Predictor,
+///     }
+/// }
+/// ```
+#[macro_export]
+macro_rules! computer {
+    ($(#[$doc:meta])* $computer:ident { $($(#[$about:meta])* $row:ident: $node:ty),* $(,)? }) => {
+        $(#[$doc])*
+        pub struct $computer<B: $crate::bus::Bus> {
+            $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
+        }
+        impl<B: $crate::bus::Bus> Default for $computer<B> {
+            /// With none running.
+            fn default() -> Self {
+                $computer { $($row: None,)* }
+            }
+        }
+        impl<B: $crate::bus::Bus> $computer<B> {
+            /// The names of its rows.
+            pub const NAMES: &'static [&'static str] = &[$(stringify!($row)),*];
+
+            /// Shows all, in their order.
+            pub fn visit<V: $crate::bus::RowVisitor>(visitor: &mut V) -> Result<(), V::Error> {
+                $(visitor.row::<$node>(stringify!($row))?;)*
+                Ok(())
+            }
+        }
+    };
+}
+pub use crate::computer;
 
 /// Declares the wiring of a node, with the names of the fields of its input and of its output:
 ///

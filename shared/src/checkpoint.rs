@@ -7,7 +7,9 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::admission::Latest;
+use crate::bus::{Bus, Reader as _, Writer as _};
 use crate::msg::{LinkCheckpoint, MESSAGE_VERSION, Message, MissionCheckpoint, PredictorCheckpoint};
+use crate::plain::Plain;
 use crate::time::{DroneClock, Span, Time};
 use crate::topics;
 use crate::wire::{self, WireError};
@@ -206,6 +208,72 @@ impl Keeper {
         }
         self.take_all(now, &wire::decode_record(&file.checkpoints).map_err(damaged)?);
         Ok(())
+    }
+}
+
+/// The supervisor's place on the bus: a [`Keeper`] that takes the newest checkpoint of each node and publishes it on the same topic,
+/// where a node that begins looks for one of another boot; while there is none it publishes that.
+pub struct Republisher<B: Bus> {
+    keeper: Keeper,
+    predictor: Republished<B, PredictorCheckpoint>,
+    mission: Republished<B, MissionCheckpoint>,
+    link: Republished<B, LinkCheckpoint>,
+}
+
+impl<B: Bus> Republisher<B> {
+    /// Begins with what `keeper` holds.
+    pub fn join(bus: &B, keeper: Keeper) -> Result<Republisher<B>, B::Error> {
+        Ok(Republisher {
+            keeper,
+            predictor: Republished::join(bus)?,
+            mission: Republished::join(bus)?,
+            link: Republished::join(bus)?,
+        })
+    }
+    /// Takes what was published; whether something is new.
+    pub fn take(&mut self, now: Time<DroneClock>) -> bool {
+        let new = [
+            self.predictor.take(now, &mut self.keeper),
+            self.mission.take(now, &mut self.keeper),
+            self.link.take(now, &mut self.keeper),
+        ];
+        new.contains(&true)
+    }
+    /// The same, and publishes the newest of each.
+    pub fn poll(&mut self, now: Time<DroneClock>) -> bool {
+        let new = self.take(now);
+        self.predictor.own.send(&self.keeper.newest());
+        self.mission.own.send(&self.keeper.newest());
+        self.link.own.send(&self.keeper.newest());
+        new
+    }
+    /// What it holds.
+    pub const fn keeper(&self) -> &Keeper {
+        &self.keeper
+    }
+    /// The same, to be changed.
+    pub const fn keeper_mut(&mut self) -> &mut Keeper {
+        &mut self.keeper
+    }
+}
+
+/// One node's.
+struct Republished<B: Bus, M: Plain> {
+    nodes: B::Reader<M>,
+    own: B::Writer<M>,
+}
+
+impl<B: Bus, M: Plain + Checkpoint> Republished<B, M> {
+    fn join(bus: &B) -> Result<Self, B::Error> {
+        Ok(Republished {
+            nodes: bus.reader()?,
+            own: bus.writer()?,
+        })
+    }
+    /// Whether there is a new one. It receives its own publications, which are no newer.
+    fn take(&mut self, now: Time<DroneClock>, keeper: &mut Keeper) -> bool {
+        let taken = |new, m| keeper.take(now, Some(&m)) | new;
+        self.nodes.all(now.nanos()).into_iter().fold(false, taken)
     }
 }
 

@@ -2,6 +2,7 @@
 pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
+pub mod computer;
 pub mod contingency;
 mod deck_height;
 #[cfg(test)]

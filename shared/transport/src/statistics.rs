@@ -2,17 +2,14 @@
 
 use hdrhistogram::Histogram;
 
+use alight_shared::bus::Received;
 use alight_shared::process::InputState;
 use alight_shared::topics::Topic;
 
 /// Statistics of one topic as one process reads it.
 #[derive(Clone, Debug)]
 pub struct InputStatistics {
-    topic: &'static Topic,
-    received: u64,
-    missed: u64,
-    order: Option<(u32, u32)>,
-    newest_ns: Option<i64>,
+    received: Received,
     ages: Quantiles,
 }
 
@@ -20,44 +17,21 @@ impl InputStatistics {
     /// Nothing read yet.
     pub fn new(topic: &'static Topic) -> InputStatistics {
         InputStatistics {
-            topic,
-            received: 0,
-            missed: 0,
-            order: None,
-            newest_ns: None,
+            received: Received::of(topic),
             ages: Quantiles::default(),
         }
     }
     /// A message was read.
     pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64, now_ns: i64) {
-        self.received += 1;
-        if let (Some((boot, sequence)), Some((old_boot, old))) = (order, self.order)
-            && boot == old_boot
-        {
-            let step = sequence.wrapping_sub(old);
-            // Backwards is a reordered or repeated message, not a gap of four thousand million.
-            if (2..1 << 31).contains(&step) {
-                self.missed += u64::from(step) - 1;
-            }
-        }
-        self.order = order;
-        self.newest_ns = Some(at_ns);
+        self.received.count(order, at_ns);
         self.ages.add(now_ns.saturating_sub(at_ns) as f64 * 1e-9);
     }
     /// The statistics now.
     pub fn state(&self, now_ns: i64) -> InputState {
-        let index = alight_shared::topics::ALL
-            .iter()
-            .position(|t| t.name == self.topic.name);
         InputState {
-            topic: index.map_or(u32::MAX, |i| i as u32),
-            received: self.received,
-            missed: self.missed,
-            age_s: self
-                .newest_ns
-                .map_or(f64::INFINITY, |at| now_ns.saturating_sub(at) as f64 * 1e-9),
             read_age_p50_s: self.ages.quantile(0.5),
             read_age_p99_s: self.ages.quantile(0.99),
+            ..self.received.state(now_ns)
         }
     }
 }

@@ -1,16 +1,11 @@
-//! The drone's cameras in lock-step: images rendered, delivered late, looked at by the drone's camera nodes.
+//! The drone's cameras in lock-step: images rendered and delivered late, the edge of its rows.
 
-use alight_shared::node::Node;
-use alight_shared::tags::Tags;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::camera::{CameraIn, CameraNode, CameraSettings, Frame, GreyImage};
+use alight_uav::camera::{CameraIn, CameraSettings, Frame, GreyImage};
 
 use crate::harness::scenario::Scenario;
 use crate::physics::streams::Streams;
-use crate::sensors::DroneReadings;
 use crate::sensors::camera::CameraMount;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::night::NightConfig;
@@ -105,42 +100,17 @@ impl NightExposure {
     }
 }
 
-/// The belly camera with its way and its node.
+/// The belly camera with its way.
 struct Belly {
     renderer: Renderer,
     delay: ImageDelay,
-    node: CameraNode,
     night: Option<NightExposure>,
 }
 
-impl Belly {
-    fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, readings: &mut DroneReadings) {
-        let Belly {
-            renderer,
-            delay,
-            node,
-            night,
-        } = self;
-        let render = |shot: &Shot| renderer.image(shot);
-        let mut input = match night {
-            None => delay.frames(t, &readings.shots, render),
-            Some(night) => delay.frames(t, &night.set(&readings.shots), render),
-        };
-        input.exposed = night.as_ref().map(NightExposure::exposed);
-        let found = node.step(now, &input);
-        readings.tags.extend(found.tags);
-        readings.light = found.light;
-        if let Some(night) = night {
-            night.meter(input.frames.len(), &node.light());
-        }
-    }
-}
-
-/// The belly camera and the ultraviolet one, each with its way and its node, where images take the place of
-/// the measurement models.
+/// The belly camera and the ultraviolet one, each with its way, where images take the place of the measurement models.
 pub struct SimulatedCameras {
     belly: Option<Belly>,
-    ultraviolet: Option<(Ultraviolet, ImageDelay, UvdarNode)>,
+    ultraviolet: Option<(Ultraviolet, ImageDelay)>,
 }
 
 impl SimulatedCameras {
@@ -148,8 +118,6 @@ impl SimulatedCameras {
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
-        tags: &Tags,
-        names: CameraIdentity,
         streams: &Streams,
     ) -> Option<SimulatedCameras> {
         let sensors = &scenario.sensors;
@@ -163,7 +131,6 @@ impl SimulatedCameras {
                     )
                     .at_night(sensors.night.as_ref()),
                 delay: ImageDelay::new(sensors.tag.latency_s),
-                node: CameraNode::new(settings, tags, names),
                 night: (sensors.night.as_ref())
                     .map(|night| NightExposure::new(night, sensors.tag.exposure_s)),
             }),
@@ -171,19 +138,33 @@ impl SimulatedCameras {
                 (
                     Ultraviolet::new(&settings.uvdar, render.glints as usize, streams),
                     ImageDelay::new(sensors.uvdar.latency_s),
-                    UvdarNode::new(&settings.uvdar, names),
                 )
             }),
         })
     }
-    /// Adds to `readings` the nodes' output on the images that have arrived by `t`.
-    pub fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, readings: &mut DroneReadings) {
-        if let Some(belly) = &mut self.belly {
-            belly.step(t, now, readings);
+    /// The belly camera's images that have arrived by `t`, of which these were begun now.
+    pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
+        let Some(belly) = &mut self.belly else {
+            return CameraIn::default();
+        };
+        let render = |shot: &Shot| belly.renderer.image(shot);
+        let input = match &mut belly.night {
+            None => belly.delay.frames(t, shots, render),
+            Some(night) => belly.delay.frames(t, &night.set(shots), render),
+        };
+        let exposed = belly.night.as_ref().map(NightExposure::exposed);
+        CameraIn { exposed, ..input }
+    }
+    /// So many of them were looked at, and the newest shows this light.
+    pub fn metered(&mut self, images: usize, light: &Light) {
+        if let Some(night) = self.belly.as_mut().and_then(|b| b.night.as_mut()) {
+            night.meter(images, light);
         }
-        if let Some((camera, delay, node)) = &mut self.ultraviolet {
-            let input = delay.frames(t, &readings.uv_shots, |shot| camera.image(shot));
-            readings.uvdar.extend(node.step(now, &input).fixes);
-        }
+    }
+    /// The same of the ultraviolet camera.
+    pub fn ultraviolet(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
+        (self.ultraviolet.as_mut()).map_or_else(CameraIn::default, |(camera, delay)| {
+            delay.frames(t, shots, |shot| camera.image(shot))
+        })
     }
 }

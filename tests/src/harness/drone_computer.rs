@@ -1,40 +1,38 @@
-//! A drone's computer in lock-step: its end of the radio, its nodes in the order data flow, the wire to its autopilot.
+//! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in their order,
+//! and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
 
+use super::bus::{LockStep, Receiver, Sender};
 use super::cameras::SimulatedCameras;
 use super::failing::Failing;
+use super::fault::Part;
 use super::foresight::{Foresight, OdometryError};
-use super::inbox::Inbox;
-use super::link::Checkpoints;
-use super::link::{LinkedAutopilot, MakeLink};
+use super::link::{Checkpoints, LinkedAutopilot};
 use super::mutant::Mutated;
-use super::physics::{DRONE_ID, Physics, VESSEL_ID};
+use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
 use super::tap::Tap;
 use crate::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use crate::radio::{ChannelCounts, Session};
-use crate::sensors::DroneReadings;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
-use alight_shared::checkpoint::Keeper;
+use alight_bridge::{Bridge, BridgeConfig, Packet, PacketKind};
+use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
+use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, DeckForecast, DroneState, DroneStatus, Header, MissionState,
-    Plan, SetPoint, TimeRequest, VesselEstimate,
+    AutopilotMode, AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState,
+    DroneStatus, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
+    VesselEstimate,
 };
-use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, still_armed_s};
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
-use alight_uav::pilot::{Output, Pilot, PilotIn};
-use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
-use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
+use alight_uav::autopilot::message::Frame;
+use alight_uav::autopilot::{AutopilotLink, still_armed_s};
+use alight_uav::computer::{DroneNodes, DroneRows, Installed};
+use alight_uav::mission::MissionConfig;
 use nalgebra::Vector3;
-use std::rc::Rc;
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
@@ -52,56 +50,99 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
+/// What is sent on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
+/// for cameras, a rangefinder, a beacon, and what a defect makes up.
+struct Outside {
+    commands: Sender<Command>,
+    plans: Sender<Plan>,
+    tags: Sender<TagPose>,
+    uvdar: Sender<UvdarFix>,
+    ranges: Sender<RangeSample>,
+    beacons: Sender<DeckBeacon>,
+    light: Sender<CameraLight>,
+    forecasts: Sender<DeckForecast>,
+    missions: Sender<MissionState>,
+}
+
+impl Outside {
+    fn join(bus: &LockStep) -> Outside {
+        Outside {
+            commands: bus.sender(),
+            plans: bus.sender(),
+            tags: bus.sender(),
+            uvdar: bus.sender(),
+            ranges: bus.sender(),
+            beacons: bus.sender(),
+            light: bus.sender(),
+            forecasts: bus.sender(),
+            missions: bus.sender(),
+        }
+    }
+}
+
+/// What is seen of the bus from outside.
+struct Observer {
+    odometry: Receiver<DroneState>,
+    autopilot: Receiver<AutopilotState>,
+    forecast: Receiver<DeckForecast>,
+    mission: Receiver<MissionState>,
+    set_point: Receiver<SetPoint>,
+}
+
+impl Observer {
+    fn join(bus: &LockStep) -> Observer {
+        Observer {
+            odometry: bus.receiver(),
+            autopilot: bus.receiver(),
+            forecast: bus.receiver(),
+            mission: bus.receiver(),
+            set_point: bus.receiver(),
+        }
+    }
+}
+
 /// A drone's end of the radio, its computer and what it flies.
 pub struct DroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
     pub(super) radio: Session<Packet, Uplink>,
-    /// None: its process is dead.
-    pub(super) bridge: Option<Bridge>,
-    pub(super) bridge_config: BridgeConfig,
+    bus: LockStep,
+    /// Its processes; None: one is dead.
+    pub(super) rows: DroneRows<LockStep>,
+    nodes: DroneNodes,
+    /// Processes that stand still.
+    pub(super) frozen: Vec<Part>,
     /// Packets that wait for a bridge that stands still.
     pub(super) waiting: Vec<Packet>,
-    pub(super) cameras: Option<SimulatedCameras>,
-    pub(super) make_link: MakeLink,
-    /// The autopilot and the link to it; None before the drone has appeared.
+    cameras: Option<SimulatedCameras>,
+    /// The autopilot and the wire to it; None before the drone has appeared.
     pub(super) linked: Option<LinkedAutopilot>,
     /// Its steady clock is so far ahead of what it was drawn as.
     pub(super) ahead: Span,
     /// A person has given it the mode once.
     pub(super) handed_over: bool,
-    /// None: its process is dead.
-    pub(super) predictor: Option<Predictor>,
-    pub(super) predictor_inbox: Inbox<PredictorIn>,
-    /// None: its process is dead.
-    pub(super) mission: Option<Mission>,
-    pub(super) mission_inbox: Inbox<MissionIn>,
     /// The supervisor's.
-    pub(super) keeper: Keeper,
+    kept: Republisher<LockStep>,
     /// All of its processes are dead.
     pub(super) is_dead: bool,
     /// The computer stood still until then.
-    pub(super) stood_still_until: Time<TrueTime>,
-    /// None: its process is dead.
-    pub(super) planner: Option<Planner>,
-    /// None: its process is dead.
-    pub(super) pilot: Option<Pilot>,
-    pub(super) pilot_inbox: Inbox<PilotIn>,
-    pub(super) plans: DelayLine<Plan>,
-    pub(super) solve_delay: Span,
-    pub(super) commands: Vec<Command>,
+    stood_still_until: Time<TrueTime>,
+    plans: DelayLine<Plan>,
+    solve_delay: Span,
+    outside: Outside,
+    observer: Observer,
     /// What a mutant remembers.
-    pub(super) mutated: Mutated,
+    mutated: Mutated,
     /// A test's set-point in place of the pilot's.
     pub(super) external: Option<SetPoint>,
     /// The range that a stuck rangefinder repeats, m.
-    pub(super) repeated_m: Option<f64>,
+    repeated_m: Option<f64>,
     /// Fault: images are stamped so late.
     pub(super) images_late: Span,
     /// Fault: the deck seen is so far from the vessel's, NED, m.
     pub(super) sees_beside: Vector3<f64>,
     /// When the next status is due.
-    pub(super) status_due: Time<TrueTime>,
+    status_due: Time<TrueTime>,
     /// When the pilot stands still.
     pub(super) pilot_outage_window: Option<[Time<TrueTime>; 2]>,
     /// The newest odometry, as the bridge's process reads it.
@@ -110,7 +151,7 @@ pub struct DroneComputer {
     pub mission_state: MissionState,
     /// The newest forecast.
     pub forecast: Option<DeckForecast>,
-    pub(super) autopilot_state: AutopilotState,
+    autopilot_state: AutopilotState,
     /// The newest set-point.
     pub last_set_point: Option<SetPoint>,
 }
@@ -134,20 +175,28 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
 /// A forced descent begins within this time of being steady, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
-/// The mission's configuration in this scenario.
-pub(super) fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
-    let mission = nodes.settings().mission();
-    MissionConfig {
-        reservation_required: mission.reservation_required || scenario.drones > 1,
-        ..mission
+/// What the nodes of drone `k` are made of in this scenario.
+fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes {
+    let mut drone = nodes.settings();
+    let reserved = drone.mission.reservation_required || scenario.drones > 1;
+    drone.mission = MissionConfig {
+        reservation_required: reserved,
+        ..drone.mission
+    };
+    DroneNodes {
+        bridge: BridgeConfig {
+            drone_id: DRONE_ID + k as u32,
+            ..nodes.bridge.clone()
+        },
+        autopilot: nodes.autopilot.clone(),
+        drone,
     }
 }
 
-/// Makes the link of a drone's computer.
-fn make_link(nodes: &NodeConfigs, id: u32) -> MakeLink {
-    let (config, drone) = (nodes.autopilot.clone(), nodes.drone.clone());
-    let attitudes = drone.pilot.output == Output::Attitude;
-    Rc::new(move |boot| AutopilotLink::new(&config, &drone.odometry, &drone.airframe, attitudes, id, boot))
+/// A process that runs `node`.
+fn row<N: Wired>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
+    let Ok(row) = Row::join(bus, node);
+    Some(row)
 }
 
 impl DroneComputer {
@@ -158,47 +207,51 @@ impl DroneComputer {
         physics: &Physics,
         boot: u32,
     ) -> Self {
-        let (drone, id) = (&nodes.settings(), DRONE_ID + k as u32);
-        let streams = physics.streams().of_drone(k);
-        let bridge = BridgeConfig {
-            drone_id: id,
-            ..nodes.bridge.clone()
-        };
-        let mission = mission_config(scenario, nodes);
+        let (bus, streams) = (LockStep::default(), physics.streams().of_drone(k));
+        let made = drone_nodes(k, scenario, nodes);
         let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
         let forced = scenario.begin_anyway.then(moment);
-        let identity = CameraIdentity {
-            vessel: VESSEL_ID,
-            drone: id,
-            boot,
+        let render = &scenario.sensors.render;
+        let Ok(kept) = Republisher::join(&bus, Keeper::default());
+        let rows = DroneRows {
+            bridge: row(&bus, Bridge::installed(&made, boot)),
+            autopilot: None,
+            camera: if render.on {
+                row(&bus, Installed::installed(&made, boot))
+            } else {
+                None
+            },
+            uvdar: if render.markers {
+                row(&bus, Installed::installed(&made, boot))
+            } else {
+                None
+            },
+            predictor: row(&bus, Installed::installed(&made, boot)),
+            // It has run since before this flight.
+            mission: row(&bus, made.mission(boot).forced_descent(forced)),
+            planner: row(&bus, nodes.planner(boot)),
+            pilot: row(&bus, Installed::installed(&made, boot)),
         };
         DroneComputer {
             k,
             boot,
             radio: Session::new(&scenario.radio, &streams),
-            bridge: Some(Bridge::new(&bridge, boot)),
-            bridge_config: bridge,
+            rows,
+            frozen: Vec::new(),
             waiting: Vec::new(),
-            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.tags(), identity, &streams),
-            make_link: make_link(nodes, id),
+            cameras: SimulatedCameras::new(scenario, &made.drone.camera, &streams),
+            nodes: made,
             linked: None,
             ahead: Span::ZERO,
             handed_over: false,
-            predictor: Some(Predictor::new(&drone.predictor(), boot)),
-            predictor_inbox: Inbox::default(),
-            mission: Some(
-                Mission::new(&mission, &drone.airframe, &drone.deck, id, boot).forced_descent(forced),
-            ),
-            mission_inbox: Inbox::default(),
-            keeper: Keeper::default(),
+            kept,
             is_dead: false,
             stood_still_until: Time::EPOCH,
-            planner: Some(nodes.planner(boot)),
-            pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
-            pilot_inbox: Inbox::default(),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
-            commands: Vec::new(),
+            outside: Outside::join(&bus),
+            observer: Observer::join(&bus),
+            bus,
             mutated: Mutated::default(),
             external: None,
             repeated_m: None,
@@ -214,21 +267,79 @@ impl DroneComputer {
         }
     }
 
-    /// The boot of a process that starts anew, with or without the checkpoints of the ones before.
-    pub(super) fn next_boot(&mut self, checkpoints: Checkpoints) -> u32 {
-        if checkpoints == Checkpoints::Lost {
-            self.keeper = Keeper::default();
+    /// A process dies; the others live on.
+    pub(super) fn kill(&mut self, part: Part) {
+        match part {
+            Part::Bridge => (self.rows.bridge, self.waiting) = (None, Vec::new()),
+            Part::Predictor => self.rows.predictor = None,
+            Part::Mission => self.rows.mission = None,
+            Part::Planner => self.rows.planner = None,
+            Part::Pilot => self.rows.pilot = None,
+            Part::Link => self.rows.autopilot = None,
+            Part::Cable => {}
+            Part::Supervisor => (self.is_dead, self.rows) = (true, DroneRows::default()),
         }
-        self.boot += 1;
-        self.boot
+        self.frozen.retain(|p| *p != part);
     }
+    /// It starts anew, with or without the checkpoint of the one before it; a computer whose supervisor died as a whole.
+    pub(super) fn start(
+        &mut self,
+        part: Part,
+        checkpoints: Checkpoints,
+        (scenario, nodes, physics): (&Scenario, &NodeConfigs, &Physics),
+    ) {
+        if self.is_dead && part != Part::Supervisor {
+            // Its supervisor starts it.
+            return;
+        }
+        self.kept.take(physics.drone_now(self.k) + self.ahead);
+        self.boot += 1;
+        if part == Part::Supervisor {
+            let new = DroneComputer::new(self.k, scenario, nodes, physics, self.boot);
+            self.succeed(new);
+        }
+        if checkpoints == Checkpoints::Lost {
+            *self.kept.keeper_mut() = Keeper::default();
+        }
+        let (bus, made, boot) = (&self.bus, &self.nodes, self.boot);
+        match part {
+            Part::Bridge => self.rows.bridge = row(bus, Installed::installed(made, boot)),
+            Part::Predictor => self.rows.predictor = row(bus, Installed::installed(made, boot)),
+            Part::Mission => self.rows.mission = row(bus, Installed::installed(made, boot)),
+            Part::Planner => self.rows.planner = row(bus, nodes.planner(boot)),
+            Part::Pilot => self.rows.pilot = row(bus, Installed::installed(made, boot)),
+            Part::Link | Part::Supervisor => self.rows.autopilot = row(bus, Installed::installed(made, boot)),
+            Part::Cable => {}
+        }
+    }
+    /// A new computer in the place of this one, on the same drone.
+    fn succeed(&mut self, new: DroneComputer) {
+        let before = core::mem::replace(self, new);
+        *self.kept.keeper_mut() = before.kept.keeper().clone();
+        (self.radio, self.linked, self.handed_over) = (before.radio, before.linked, before.handed_over);
+        (self.images_late, self.sees_beside) = (before.images_late, before.sees_beside);
+        (self.ahead, self.repeated_m, self.mutated) = (before.ahead, before.repeated_m, before.mutated);
+    }
+    /// Its steady clock begins again, and of its checkpoints there is what lies on the disk.
+    pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
+        self.kept.take(now);
+        self.ahead = ahead;
+        *self.kept.keeper_mut() = self.kept.keeper().lasting();
+    }
+    /// An operator gives its mission a command.
+    pub(super) fn command(&mut self, kind: CommandKind, physics: &mut Physics) {
+        let header = self.header(physics);
+        self.outside.commands.send(&Command { header, kind });
+    }
+
     /// The drone appears in the air, flown by a person.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
-        let (streams, make) = (physics.streams().of_drone(self.k), Rc::clone(&self.make_link));
+        let streams = physics.streams().of_drone(self.k);
         self.linked = physics
             .autopilot(self.k)
-            .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot, make, self.boot));
+            .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot));
+        self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
             self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
             // Nobody gives it the mode.
@@ -248,8 +359,12 @@ impl DroneComputer {
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
+    /// A process runs.
+    fn runs(&self, part: Part) -> bool {
+        !self.frozen.contains(&part)
+    }
 
-    /// The nodes in data-flow order; the set-point at last to who flies.
+    /// Its rows in their order, each one step; the link's a second one, with the pilot's set-point.
     pub(super) fn tick(
         &mut self,
         physics: &mut Physics,
@@ -258,197 +373,283 @@ impl DroneComputer {
         failing: &Failing,
         tap: &mut impl Tap,
     ) {
-        let (k, t) = (self.k, physics.now());
-        let clock = physics.drone_clock(k).ahead(self.ahead);
-        let now = clock.read(t);
+        let t = physics.now();
+        let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
         if failing.frozen.computer {
             // What comes by radio and wire waits, and bears the time of its reading.
             self.stood_still_until = t;
-            let _lost = physics.drone_readings(k);
+            let _lost = physics.drone_readings(self.k);
             return;
         }
-
-        // The radio, then the bridge.
-        let read_from = self.stood_still_until;
-        let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
-        let packets: Vec<_> = self.radio.at_drone(t).into_iter().map(stamped).collect();
+        let packets = self.packets(physics);
         if self.is_dead {
             // What arrives is lost.
-            let _lost = physics.drone_readings(k);
-            let _lost = self.linked.as_mut().map(|linked| linked.receive(t, now));
+            let _lost = physics.drone_readings(self.k);
+            let _lost = self.linked.as_mut().map(|linked| linked.received(t));
             return;
         }
-        let received = self.bridge(t, now, packets, failing, tap);
-        if let Some(request) = received.time_request {
-            self.radio
-                .send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
+        self.kept.poll(now);
+        self.step_bridge((t, now), packets, failing, tap);
+        if self.linked.is_some() {
+            self.receive_from_autopilot((t, now), physics, failing);
+            self.sense((t, now), physics, failing);
+            self.step_predictor((t, now), physics, foresight, failing, tap);
+            self.plans
+                .arrived(t)
+                .iter()
+                .for_each(|plan| self.outside.plans.send(plan));
+            self.step_mission((t, now), failing, tap);
+            if reports_status && self.rows.bridge.is_some() && self.runs(Part::Bridge) {
+                self.report_status((t, now), physics);
+            }
+            self.step_planner((t, now), failing, tap);
+            self.step_pilot((t, now), failing, tap);
+            self.step_link((t, now), Vec::new(), failing);
         }
+        self.look(now);
+    }
 
-        // The autopilot over its link, cameras, rangefinder -> predictor.
-        let (Some(mut readings), Some(linked)) = (physics.drone_readings(k), &mut self.linked) else {
+    /// What has come by radio, on the drone's clock.
+    fn packets(&mut self, physics: &Physics) -> Vec<Stamped<DroneClock, Packet>> {
+        let clock = physics.drone_clock(self.k).ahead(self.ahead);
+        let read_from = self.stood_still_until;
+        let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
+        self.radio
+            .at_drone(physics.now())
+            .into_iter()
+            .map(stamped)
+            .collect()
+    }
+    fn step_bridge(
+        &mut self,
+        (t, now): Moment,
+        mut packets: Vec<Stamped<DroneClock, Packet>>,
+        failing: &Failing,
+        tap: &mut impl Tap,
+    ) {
+        if failing.twin_m != 0.0 {
+            let twins: Vec<_> = packets.iter().filter_map(|p| twin(p, failing.twin_m)).collect();
+            packets.extend(twins);
+        }
+        let runs = self.runs(Part::Bridge);
+        let Some(bridge) = &mut self.rows.bridge else {
             return;
         };
-        readings.shift(self.ahead);
+        if !runs {
+            let room = MAX_WAITING.saturating_sub(self.waiting.len());
+            let waiting = packets.into_iter().take(room).map(|p| p.value);
+            self.waiting.extend(waiting);
+            return;
+        }
+        // What has waited bears the time of its reading.
+        let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
+        let packets = waited.chain(packets).collect();
+        let (drone, mutated) = (self.nodes.bridge.drone_id, &mut self.mutated);
+        let out = bridge.step(
+            now,
+            |input| input.packets = packets,
+            |input, out| {
+                tap.bridge(t, now, input, out);
+                if let Some(mutant) = failing.mutant {
+                    mutant.received(now, out, (drone, failing.apart), mutated);
+                }
+            },
+        );
+        if let Some(request) = out.time_request {
+            let request = Uplink::TimeRequest(request);
+            self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
+        }
+    }
+    /// The link with what the autopilot has sent.
+    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, failing: &Failing) {
+        let runs = self.runs(Part::Link);
+        let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
             // PX4 denies until set-points were streamed for long enough: the person tries again.
             let autopilot = &mut linked.autopilot;
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
-        linked.autopilot.steel_m = physics.deck_distance_m(k);
-        let flown = linked.receive(t, now);
-        let (mut odometry, mut autopilot) = (flown.odometry.last().copied(), flown.state);
-        if let Some(mutant) = failing.mutant {
-            odometry = odometry.map(|state| mutant.odometry(state));
-            autopilot = autopilot.map(|state| mutant.autopilot(state));
-        }
-        self.odometry = odometry.or(self.odometry);
-        self.commands.extend(flown.command);
-        readings.ranges.extend(flown.ranges);
-        self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
-        if let Some(cameras) = &mut self.cameras {
-            cameras.step(t, now, &mut readings);
-        }
-        self.mislead(physics, &mut readings);
-        failing.drone.spoil(&mut readings, &mut self.repeated_m);
-        let input = PredictorIn {
-            estimate: received.estimate,
-            wave: received.wave,
-            prediction: received.prediction,
-            surroundings: received.surroundings,
-            link: received.link,
-            drone: odometry,
-            autopilot,
-            beacons: readings.beacons,
-            tags: readings.tags,
-            uvdar: readings.uvdar,
-            ranges: readings.ranges.clone(),
-            checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
+        linked.autopilot.steel_m = physics.deck_distance_m(self.k);
+        // What a process that stands still does not read waits on the wire.
+        let frames = if runs { linked.received(t) } else { Vec::new() };
+        self.step_link((t, now), frames, failing);
+    }
+    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>, failing: &Failing) {
+        let runs = self.runs(Part::Link);
+        let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
+        else {
+            return;
         };
-        let mut predicted = PredictorOut::default();
-        if let Some(predictor) = &mut self.predictor
-            && let Some(input) = self.predictor_inbox.take(input)
-        {
-            predicted = predictor.step(now, &input);
-            let believed = odometry
-                .zip(physics.drone(k))
-                .map(|(d, truth)| OdometryError::of(&d, now, &truth));
-            if let (Some(foresight), Some(forecast)) = (foresight, &mut predicted.forecast) {
-                foresight.correct(forecast, &clock, &believed.unwrap_or_default());
+        let out = link.step(
+            now,
+            |input| input.received = frames,
+            |_, out| {
+                if let Some(mutant) = failing.mutant {
+                    out.odometry
+                        .iter_mut()
+                        .for_each(|state| *state = mutant.odometry(*state));
+                    out.state = out.state.map(|state| mutant.autopilot(state));
+                }
+            },
+        );
+        linked.send(t, &out);
+    }
+    /// The cameras with what they have exposed, or what models measure in their place.
+    fn sense(&mut self, (t, now): Moment, physics: &mut Physics, failing: &Failing) {
+        let Some(mut readings) = physics.drone_readings(self.k) else {
+            return;
+        };
+        readings.shift(self.ahead);
+        let beside: Vector3<f64> = physics.drone(self.k).map_or_else(Vector3::zeros, |truth| {
+            body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)
+        });
+        let (late, faults) = (self.images_late, &failing.drone);
+        let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside.iter()).for_each(|(p, by)| *p += by);
+        let tags = |tags: &mut Vec<TagPose>| {
+            for m in tags.iter_mut() {
+                m.header.at += late;
+                shown(&mut m.position);
             }
-            tap.predictor(t, now, &input, &predicted);
+            faults.spoil_tags(tags);
+        };
+        let fixes = |fixes: &mut Vec<UvdarFix>| {
+            for m in fixes.iter_mut() {
+                m.header.at += late;
+                shown(&mut m.position);
+            }
+            faults.spoil_fixes(fixes);
+        };
+        if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
+            let input = cameras.belly(t, &readings.shots);
+            let images = input.frames.len();
+            row.step(now, |i| *i = input, |_, out| tags(&mut out.tags));
+            cameras.metered(images, &row.node.light());
         }
-        self.keeper.take(now, predicted.checkpoint.as_ref());
-        let mut forecast = predicted.forecast;
-        if let Some(mutant) = failing.mutant {
-            forecast = mutant.forecast(now, forecast, self.forecast);
+        if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
+            let input = cameras.ultraviolet(t, &readings.uv_shots);
+            row.step(now, |i| *i = input, |_, out| fixes(&mut out.fixes));
         }
-        self.forecast = forecast.or(self.forecast);
-
-        // Mission -> planner.
-        self.commands.extend(received.commands);
-        if let Some(mutant) = failing.mutant {
-            mutant.commands(
+        tags(&mut readings.tags);
+        fixes(&mut readings.uvdar);
+        faults.spoil_ranges(&mut readings.ranges, &mut self.repeated_m);
+        self.outside.tags.send_each(&readings.tags);
+        self.outside.uvdar.send_each(&readings.uvdar);
+        self.outside.ranges.send_each(&readings.ranges);
+        self.outside.beacons.send_each(&readings.beacons);
+        self.outside.light.send_each(&readings.light);
+    }
+    fn step_predictor(
+        &mut self,
+        (t, now): Moment,
+        physics: &Physics,
+        foresight: Option<&Foresight>,
+        failing: &Failing,
+        tap: &mut impl Tap,
+    ) {
+        let (clock, truth) = (
+            physics.drone_clock(self.k).ahead(self.ahead),
+            physics.drone(self.k),
+        );
+        let (runs, mut forecast) = (self.runs(Part::Predictor), None);
+        if let Some(predictor) = self.rows.predictor.as_mut().filter(|_| runs) {
+            predictor.step(
                 now,
-                &mut self.commands,
-                self.mission_state.state,
-                &mut self.mutated.ordered,
+                |_| {},
+                |input, out| {
+                    let believed = input
+                        .drone
+                        .zip(truth)
+                        .map(|(d, truth)| OdometryError::of(&d, now, &truth));
+                    if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
+                        foresight.correct(forecast, &clock, &believed.unwrap_or_default());
+                    }
+                    tap.predictor(t, now, input, out);
+                    if failing.mutant.is_some() {
+                        forecast = out.forecast.take();
+                    }
+                },
             );
         }
-        let plan = self.plans.arrived(t).pop();
-        let input = MissionIn {
-            forecast,
-            drone: odometry,
-            autopilot,
-            plan,
-            set_point: self.last_set_point,
-            commands: self.commands.drain(..).collect(),
-            settings: flown.settings,
-            deck: received.deck,
-            ranges: readings.ranges.clone(),
-            light: readings.light,
-            checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
-        };
-        let input = match failing.mutant {
-            Some(mutant) => mutant.mission_in(now, input, &self.mutated),
-            None => input,
-        };
-        let mut decided = MissionOut::default();
-        if let Some(mission) = &mut self.mission
-            && let Some(input) = self.mission_inbox.take(input)
-        {
-            decided = mission.step(now, &input);
-            tap.mission(t, now, &input, &decided);
-        }
-        self.keeper.take(now, decided.checkpoint.as_ref());
-        let landing = decided.checkpoint.filter(|c| c.landing);
-        self.mutated.checkpoint = self.mutated.checkpoint.or(landing);
-        let mut mission = decided.state;
         if let Some(mutant) = failing.mutant {
-            mission = mutant.mission(now, mission, &self.mission_state);
+            let forecast = mutant.forecast(now, forecast, self.forecast);
+            self.outside.forecasts.send_each(&forecast);
         }
-        self.mission_state = mission.unwrap_or(self.mission_state);
-        // The bridge's process sends it.
-        let bridged = self.bridge.is_some() && !failing.frozen.bridge;
-        if reports_status && bridged && t >= self.status_due {
-            self.status_due = t + STATUS_PERIOD;
-            let (own, forecast) = (self.odometry.as_ref(), self.forecast.as_ref());
-            let distance = DroneStatus::deck_distance_m(now, own, forecast);
-            let status = self.status(self.header(physics), distance);
-            if let Ok(bytes) = wire::encode(&status) {
-                self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-            }
+        self.look(now);
+    }
+    fn step_mission(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
+        let (runs, mut state) = (self.runs(Part::Mission), None);
+        let (mutated, before) = (&mut self.mutated, self.mission_state.state);
+        if let Some(mission) = self.rows.mission.as_mut().filter(|_| runs) {
+            let out = mission.step(
+                now,
+                |input| {
+                    if let Some(mutant) = failing.mutant {
+                        mutant.commands(now, &mut input.commands, before, &mut mutated.ordered);
+                        mutant.mission_in(now, input, mutated);
+                    }
+                },
+                |input, out| {
+                    tap.mission(t, now, input, out);
+                    if failing.mutant.is_some() {
+                        state = out.state.take();
+                    }
+                },
+            );
+            let landing = out.checkpoint.filter(|c| c.landing);
+            self.mutated.checkpoint = self.mutated.checkpoint.or(landing);
         }
-
-        let input = PlannerIn {
-            forecast,
-            mission,
-            drone: odometry,
+        if let Some(mutant) = failing.mutant {
+            let state = mutant.mission(now, state, &self.mission_state);
+            self.outside.missions.send_each(&state);
+        }
+        self.look(now);
+    }
+    fn step_planner(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
+        let runs = self.runs(Part::Planner);
+        let Some(planner) = self.rows.planner.as_mut().filter(|_| runs) else {
+            return;
         };
-        let mut solved = PlannerOut::default();
-        if let Some(planner) = self.planner.as_mut().filter(|_| !failing.frozen.planner) {
-            solved = planner.step(now, &input);
-            tap.planner(t, now, &input, &solved);
+        let delay = self.solve_delay + Span::from_secs(failing.solve_s);
+        let plans = &mut self.plans;
+        planner.step(
+            now,
+            |_| {},
+            |input, out| {
+                tap.planner(t, now, input, out);
+                if let Some(plan) = out.plan.take() {
+                    // A full line means plans that nobody fetches: the oldest state is lost, no more.
+                    let _full = plans.push(t + delay, plan);
+                }
+            },
+        );
+    }
+    fn step_pilot(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
+        let away = |[from, until]: [Time<TrueTime>; 2]| from <= t && t < until;
+        let runs = self.runs(Part::Pilot) && !self.pilot_outage_window.is_some_and(away);
+        let (external, state) = (self.external, self.mission_state.state);
+        if let Some(pilot) = self.rows.pilot.as_mut().filter(|_| runs) {
+            pilot.step(
+                now,
+                |_| {},
+                |input, out| {
+                    tap.pilot(t, now, input, out);
+                    out.set_point = external.or(out.set_point);
+                    if let Some(mutant) = failing.mutant {
+                        out.set_point = out.set_point.map(|s| mutant.set_point(s, &input.ranges, state));
+                    }
+                },
+            );
         }
-        if let Some(plan) = solved.plan {
-            // A full line means plans that nobody fetches: the oldest state is lost, no more.
-            let delay = self.solve_delay + Span::from_secs(failing.solve_s);
-            let _full = self.plans.push(t + delay, plan);
-        }
-
-        // Pilot -> link to the autopilot.
-        let stands_still = self
-            .pilot_outage_window
-            .is_some_and(|[from, until]| from <= t && t < until);
-        let mut set_point = None;
-        let input = PilotIn {
-            plan,
-            mission,
-            forecast,
-            drone: odometry,
-            autopilot,
-            ranges: readings.ranges,
-        };
-        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still)
-            && let Some(input) = self.pilot_inbox.take(input)
-        {
-            let flown = pilot.step(now, &input);
-            tap.pilot(t, now, &input, &flown);
-            set_point = self.external.or(flown.set_point);
-            if let Some(mutant) = failing.mutant {
-                set_point = set_point.map(|s| mutant.set_point(s, &input.ranges, self.mission_state.state));
-            }
-            self.last_set_point = set_point.or(self.last_set_point);
-        }
-        let input = AutopilotIn {
-            set_point,
-            mission,
-            forecast,
-            ..AutopilotIn::default()
-        };
-        if let Some(linked) = &mut self.linked {
-            linked.send(t, now, input);
-        }
+    }
+    /// Takes note of the newest messages.
+    fn look(&mut self, now: Time<DroneClock>) {
+        let (t, o) = (now.nanos(), &mut self.observer);
+        self.odometry = o.odometry.newest(t).or(self.odometry);
+        self.autopilot_state = o.autopilot.newest(t).unwrap_or(self.autopilot_state);
+        self.forecast = o.forecast.newest(t).or(self.forecast);
+        self.mission_state = o.mission.newest(t).unwrap_or(self.mission_state);
+        self.last_set_point = o.set_point.newest(t).or(self.last_set_point);
     }
 
     /// The header of a message of this computer or its operator.
@@ -456,40 +657,6 @@ impl DroneComputer {
         let mut header = physics.header(self.k);
         header.at += self.ahead;
         header
-    }
-    /// What has come by radio, through the bridge.
-    fn bridge(
-        &mut self,
-        t: Time<TrueTime>,
-        now: Time<DroneClock>,
-        mut packets: Vec<Stamped<DroneClock, Packet>>,
-        failing: &Failing,
-        tap: &mut impl Tap,
-    ) -> BridgeOut {
-        if failing.twin_m != 0.0 {
-            let twins: Vec<_> = packets.iter().filter_map(|p| twin(p, failing.twin_m)).collect();
-            packets.extend(twins);
-        }
-        let Some(bridge) = &mut self.bridge else {
-            return BridgeOut::default();
-        };
-        if failing.frozen.bridge {
-            let room = MAX_WAITING.saturating_sub(self.waiting.len());
-            self.waiting
-                .extend(packets.into_iter().take(room).map(|p| p.value));
-            return BridgeOut::default();
-        }
-        // What has waited bears the time of its reading.
-        let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
-        let packets = waited.chain(packets).collect();
-        let input = BridgeIn { packets };
-        let mut received = bridge.step(now, &input);
-        tap.bridge(t, now, &input, &received);
-        if let Some(mutant) = failing.mutant {
-            let id = self.bridge_config.drone_id;
-            mutant.received(now, &mut received, (id, failing.apart), &mut self.mutated);
-        }
-        received
     }
     /// For so long the drone is armed on the deck without an order, as its status has it at `now`, s.
     fn still_armed_at(&self, now: Time<DroneClock>) -> Option<f64> {
@@ -500,29 +667,25 @@ impl DroneComputer {
     pub fn still_armed_s(&self) -> Option<f64> {
         self.still_armed_at(self.mission_state.header.at)
     }
-
-    /// What faults make of what the cameras saw.
-    fn mislead(&self, physics: &Physics, readings: &mut DroneReadings) {
-        let Some(truth) = physics.drone(self.k) else {
+    /// The bridge's process sends it.
+    fn report_status(&mut self, (t, now): Moment, physics: &mut Physics) {
+        if t < self.status_due {
             return;
-        };
-        let beside: [f64; 3] =
-            (body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)).into();
-        let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside).for_each(|(p, by)| *p += by);
-        for m in &mut readings.tags {
-            m.header.at += self.images_late;
-            shown(&mut m.position);
         }
-        for m in &mut readings.uvdar {
-            m.header.at += self.images_late;
-            shown(&mut m.position);
-        }
-    }
-    fn status(&self, header: Header<DroneClock>, deck_distance_m: Option<f32>) -> DroneStatus {
+        self.status_due = t + STATUS_PERIOD;
+        let (own, forecast) = (self.odometry.as_ref(), self.forecast.as_ref());
+        let distance = DroneStatus::deck_distance_m(now, own, forecast);
+        let header = self.header(physics);
         let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
-        DroneStatus {
+        let status = DroneStatus {
             still_armed_s: self.still_armed_at(header.at).map(|s| s as f32),
-            ..DroneStatus::of(header, mission, Some(autopilot), deck_distance_m)
+            ..DroneStatus::of(header, mission, Some(autopilot), distance)
+        };
+        if let Ok(bytes) = wire::encode(&status) {
+            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
         }
     }
 }
+
+/// The world's time and the computer's.
+type Moment = (Time<TrueTime>, Time<DroneClock>);

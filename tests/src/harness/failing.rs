@@ -1,7 +1,7 @@
 //! What fails of the world for as long as it does: processes that stand still, measurements that do not come or are wrong,
 //! a radio that loses, rotors that are weak. What happens once (a kill, a jump, an order) is a call of [`super::world::World`].
 
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, LandedState, RangeSample};
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix};
 use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
@@ -11,7 +11,6 @@ use super::fault::Part;
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
-use crate::sensors::DroneReadings;
 
 /// What fails of the first drone, the vessel and the radio between them; as made, nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,12 +46,8 @@ pub struct Failing {
 /// Processes that stand still ([`super::world::World::freeze`]), and computers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// Processes of the drone.
+    /// Processes of the drone: what reaches one meanwhile waits, as much as its topics hold.
     pub parts: Vec<Part>,
-    /// The planner's: what reaches it meanwhile is lost.
-    pub planner: bool,
-    /// The bridge's: packets wait.
-    pub bridge: bool,
     /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
     /// The vessel's: orders wait, measurements are lost.
@@ -178,17 +173,10 @@ pub struct DroneSensorFaults {
 }
 
 impl DroneSensorFaults {
-    /// What becomes of readings; `repeated_m` is the range that a stuck rangefinder repeats, m.
-    pub fn spoil(&self, readings: &mut DroneReadings, repeated_m: &mut Option<f64>) {
-        if self.blind {
-            readings.tags.clear();
-            readings.uvdar.clear();
-            readings.shots.clear();
-        }
-        readings
-            .tags
-            .retain(|m| by_chance(m.header.sequence, 0) >= self.lost);
-        for m in &mut readings.tags {
+    /// What becomes of detections of tags.
+    pub fn spoil_tags(&self, tags: &mut Vec<TagPose>) {
+        tags.retain(|m| !self.blind && by_chance(m.header.sequence, 0) >= self.lost);
+        for m in tags {
             let n = m.header.sequence;
             for (axis, p) in (1..).zip(&mut m.position) {
                 // Uniform with the standard deviation of 1.
@@ -198,13 +186,20 @@ impl DroneSensorFaults {
                 m.position[0] += self.false_tag_m;
             }
         }
+    }
+    /// Of fixes by markers.
+    pub fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
+        fixes.retain(|_| !self.blind);
+    }
+    /// Of ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
+    pub fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
-            readings.ranges.clear();
+            ranges.clear();
         }
         if !self.range_stuck {
             *repeated_m = None;
         }
-        for RangeSample { range_m, .. } in &mut readings.ranges {
+        for RangeSample { range_m, .. } in ranges {
             *range_m = (*range_m + self.range_off_m).max(0.0);
             if self.range_stuck {
                 *range_m = *repeated_m.get_or_insert(*range_m);

@@ -8,10 +8,14 @@ use crate::sensors::noise::Noise;
 /// What may fail of a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
+    /// The process of the bridge.
+    Bridge,
     /// The process of the predictor.
     Predictor,
     /// The process of the mission.
     Mission,
+    /// The process of the planner.
+    Planner,
     /// The process of the pilot.
     Pilot,
     /// The process that links to the autopilot.

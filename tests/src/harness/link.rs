@@ -1,22 +1,16 @@
-//! A drone's simulated autopilot, the computer's link to it, and the wire between them, byte by byte.
+//! A drone's simulated autopilot and the wire to the computer's link, byte by byte.
 
 use std::collections::VecDeque;
-use std::rc::Rc;
 
-use alight_shared::msg::{AutopilotState, Command, LinkCheckpoint, SettingsOrder};
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_uav::autopilot::AutopilotOut;
 use alight_uav::autopilot::message::{Address, Frame, Message, command};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, ControlAuthority};
 
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
-
-/// Makes the link's node for a boot.
-pub type MakeLink = Rc<dyn Fn(u32) -> AutopilotLink>;
 
 /// What a successor is given of its crashed predecessor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,82 +65,34 @@ impl Wire {
     }
 }
 
-/// Both ends of the wire.
+/// The autopilot and both ends of the wire.
 pub struct LinkedAutopilot {
     /// The autopilot.
     pub autopilot: SimulatedAutopilot,
-    /// The link's node; None: its process is dead.
-    link: Option<AutopilotLink>,
-    /// What its supervisor keeps of it.
-    pub kept: LinkCheckpoint,
     /// The cable is out.
     pub cut: bool,
-    /// The link's process stands still: what the autopilot sends waits on the wire.
-    pub frozen: bool,
     /// To the link.
     pub up: Wire,
     down: Wire,
     /// Set-points, modes and orders to arm or disarm that the link has sent.
     pub commanded: u32,
-    make: MakeLink,
-    boot: u32,
-    /// A state that was reported where only set-points were looked for.
-    state: Option<AutopilotState>,
-    /// The same of a command.
-    command: Option<Command>,
-    /// The same of the mission's settings.
-    settings: Option<SettingsOrder>,
 }
 
 impl LinkedAutopilot {
-    /// `make` makes the link of a boot; this is the first. The wire's delays come from the streams `link.up` and
-    /// `link.down`.
+    /// The wire's delays come from the streams `link.up` and `link.down`.
     pub fn new(
         config: &AutopilotConfig,
         streams: &Streams,
         autopilot: SimulatedAutopilot,
-        make: MakeLink,
-        boot: u32,
     ) -> LinkedAutopilot {
         LinkedAutopilot {
             autopilot,
-            link: Some(make(boot)),
-            kept: LinkCheckpoint::default(),
             cut: false,
-            frozen: false,
             up: Wire::new(config, streams, "link.up"),
             down: Wire::new(config, streams, "link.down"),
             commanded: 0,
-            make,
-            boot,
-            state: None,
-            command: None,
-            settings: None,
         }
     }
-    /// The link's process dies.
-    pub fn kill(&mut self) {
-        self.link = None;
-    }
-    /// Another takes its place, with or without what was kept of it.
-    pub fn start(&mut self, checkpoints: Checkpoints) {
-        if checkpoints == Checkpoints::Lost {
-            self.kept = LinkCheckpoint::default();
-        }
-        self.boot += 1;
-        self.link = Some((self.make)(self.boot));
-    }
-    /// The link's node; None: its process is dead.
-    pub fn node(&self) -> Option<&AutopilotLink> {
-        self.link.as_ref()
-    }
-    /// Who commands, as the link has it.
-    pub fn control_authority(&self) -> ControlAuthority {
-        self.link
-            .as_ref()
-            .map_or(ControlAuthority::Searching, AutopilotLink::control_authority)
-    }
-
     /// A turn of the autopilot: rotor commands for the drone's true state; None: motors off.
     pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let arrived = self.down.received(truth.at, self.cut);
@@ -157,45 +103,16 @@ impl LinkedAutopilot {
         }
         motors
     }
-    /// A step of the link with what has arrived from the autopilot: for the drone's other nodes.
-    pub fn receive(&mut self, t: Time<TrueTime>, now: Time<DroneClock>) -> AutopilotOut {
-        if self.frozen {
-            return AutopilotOut::default();
-        }
-        let received = self.up.received(t, self.cut);
-        let mut out = self.step(
-            t,
-            now,
-            AutopilotIn {
-                received,
-                ..AutopilotIn::default()
-            },
-        );
-        out.state = out.state.or(self.state.take());
-        out.command = out.command.or(self.command.take());
-        out.settings = out.settings.or(self.settings.take());
-        out
+    /// What has arrived at the link by `t`.
+    pub fn received(&mut self, t: Time<TrueTime>) -> Vec<Frame> {
+        self.up.received(t, self.cut)
     }
-    /// A step of the link with what those published. A state that it reports, and an order, is given with what is received
-    /// next.
-    pub fn send(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
-        let mut out = self.step(t, now, input);
-        (self.state, self.command) = (out.state.take(), out.command.take());
-        self.settings = out.settings.take();
-        out
-    }
-    fn step(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, input: AutopilotIn) -> AutopilotOut {
-        let Some(link) = self.link.as_mut().filter(|_| !self.frozen) else {
-            return AutopilotOut::default();
-        };
-        let checkpoint = Some(self.kept);
-        let out = link.step(now, &AutopilotIn { checkpoint, ..input });
-        self.kept = out.checkpoint.unwrap_or(self.kept);
+    /// What the link sends.
+    pub fn send(&mut self, t: Time<TrueTime>, out: &AutopilotOut) {
         for message in &out.messages {
             self.commanded += u32::from(commands(message));
             self.down.send(t, out.from, message);
         }
-        out
     }
 }
 

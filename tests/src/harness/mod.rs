@@ -1,12 +1,12 @@
 //! The world in lock-step with the nodes, one landing in it, its judge, and its observers.
 
 pub mod age;
+pub mod bus;
 pub mod cameras;
 mod drone_computer;
 pub mod failing;
 pub mod fault;
 mod foresight;
-mod inbox;
 pub mod link;
 pub mod mutant;
 pub mod outcome;

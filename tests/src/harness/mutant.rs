@@ -107,15 +107,11 @@ impl Mutant {
         }
     }
     /// What it makes of the mission's input.
-    pub fn mission_in(self, now: Time<DroneClock>, input: MissionIn, mutated: &Mutated) -> MissionIn {
+    pub fn mission_in(self, now: Time<DroneClock>, input: &mut MissionIn, mutated: &Mutated) {
         let answered = input.checkpoint.filter(|c| c.header.boot != 0);
-        let (Mutant::OldCheckpoint, Some(_), Some(mut old)) = (self, answered, mutated.checkpoint) else {
-            return input;
-        };
-        old.header.at = now;
-        MissionIn {
-            checkpoint: Some(old),
-            ..input
+        if let (Mutant::OldCheckpoint, Some(_), Some(mut old)) = (self, answered, mutated.checkpoint) {
+            old.header.at = now;
+            input.checkpoint = Some(old);
         }
     }
     /// What it makes of commands in this state.

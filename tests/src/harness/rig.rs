@@ -91,26 +91,17 @@ impl Rig {
 
     /// A part of the first drone fails.
     pub fn fail(&mut self, part: Part) {
-        match part {
-            Part::Predictor => self.world.kill_predictor(0),
-            Part::Mission => self.world.kill_mission(0),
-            Part::Pilot => self.world.kill_pilot(0),
-            Part::Link => self.world.kill_link(0),
-            Part::Cable => self.cut(true),
-            Part::Supervisor => self.world.kill_computer(0),
+        if part == Part::Cable {
+            self.cut(true);
         }
+        self.world.kill(0, part);
     }
     /// It is there again; a process with or without the checkpoint of the one before it.
     pub fn restore(&mut self, part: Part, checkpoints: Checkpoints) {
-        let (world, scenario, nodes) = (&mut self.world, &self.scenario, &self.nodes);
-        match part {
-            Part::Predictor => world.start_predictor(0, nodes, checkpoints),
-            Part::Mission => world.start_mission(0, scenario, nodes, checkpoints),
-            Part::Pilot => world.start_pilot(0, nodes),
-            Part::Link => world.start_link(0, checkpoints),
-            Part::Cable => self.cut(false),
-            Part::Supervisor => world.start_computer(0, scenario, nodes, checkpoints),
+        if part == Part::Cable {
+            self.cut(false);
         }
+        self.world.start(0, part, checkpoints);
     }
     /// The fault happens to a part of the first drone.
     pub fn begin(&mut self, part: Part, kind: FaultKind) {
@@ -131,11 +122,11 @@ impl Rig {
     }
     /// The vessel's computer starts anew, with what it kept.
     pub fn restart_vessel(&mut self) {
-        self.world.restart_vessel(&self.nodes);
+        self.world.restart_vessel();
     }
     /// A person takes a drone away and starts it anew.
     pub fn restart_drone(&mut self, k: usize) {
-        self.world.restart_drone(k, &self.scenario, &self.nodes);
+        self.world.restart_drone(k);
     }
 
     /// Time since the start, s.

@@ -5,11 +5,10 @@
 //! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
 
 pub use super::drone_computer::DroneComputer;
-use super::drone_computer::{Uplink, mission_config};
+use super::drone_computer::Uplink;
 use super::failing::{Failing, Held, shift};
 use super::fault::Part;
 use super::foresight::Foresight;
-use super::inbox::Inbox;
 pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
 use super::outcome::Observation;
@@ -20,17 +19,14 @@ use crate::autopilots::boat::BoatAutopilot;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
 use crate::sensors::delay::DelayLine;
-use alight_bridge::{Bridge, Packet, PacketKind};
+use alight_bridge::{Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{
-    Command, CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
+    CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
-use alight_uav::mission::Mission;
-use alight_uav::pilot::Pilot;
-use alight_uav::predictor::Predictor;
 use alight_usv::deck::DeckInputs;
 use alight_usv::sensors::Readings;
 use alight_usv::{ComputerIn, ComputerOut, VesselComputer};
@@ -50,6 +46,9 @@ const WAKE_S: f64 = 2.5;
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
+    /// What computers start anew with.
+    scenario: Scenario,
+    nodes: NodeConfigs,
     /// Where forecasts have the true motion.
     foresight: Option<Foresight>,
     // The vessel's computer.
@@ -107,6 +106,8 @@ impl World {
                 .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
             physics,
+            scenario: scenario.clone(),
+            nodes: nodes.clone(),
             failing: Failing::default(),
             held: Held::default(),
             late: DelayLine::new(MAX_LATE),
@@ -117,10 +118,8 @@ impl World {
     }
     /// So much fails from now on, of the first drone and the vessel.
     pub fn fail(&mut self, failing: Failing) {
-        for part in [Part::Predictor, Part::Mission, Part::Pilot, Part::Link] {
-            self.freeze(0, part, failing.frozen.parts.contains(&part));
-        }
         if let Some(drone) = self.drones.first_mut() {
+            drone.frozen.clone_from(&failing.frozen.parts);
             drone.radio.fail(failing.radio);
         }
         if let Some(linked) = self.drones.first_mut().and_then(|d| d.linked.as_mut()) {
@@ -167,9 +166,7 @@ impl World {
     }
     /// Gives one drone's mission a command.
     pub fn command_to(&mut self, k: usize, kind: CommandKind) {
-        let drone = &mut self.drones[k];
-        let header = drone.header(&mut self.physics);
-        drone.commands.push(Command { header, kind });
+        self.drones[k].command(kind, &mut self.physics);
     }
     /// The first drone has lost this fraction of its weight.
     pub fn lighten(&mut self, fraction: f64) {
@@ -199,14 +196,12 @@ impl World {
         self.given.deck_inputs = inputs;
     }
     /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
-    pub fn restart_drone(&mut self, k: usize, scenario: &Scenario, nodes: &NodeConfigs) {
+    pub fn restart_drone(&mut self, k: usize) {
         let before = &self.drones[k];
         let radio = before.radio.clone();
         let boot = before.boot + 1;
-        self.drones[k] = DroneComputer {
-            radio,
-            ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
-        };
+        self.drones[k] = DroneComputer::new(k, &self.scenario, &self.nodes, &self.physics, boot);
+        self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
     /// Something holds a foot of a drone on the deck with so much, N.
@@ -223,106 +218,19 @@ impl World {
         self.drones[k].linked.as_mut()
     }
 
-    /// A drone's mission process dies; the others live on.
-    pub fn kill_mission(&mut self, k: usize) {
-        (self.drones[k].mission, self.drones[k].mission_inbox) = (None, Inbox::default());
+    /// A process of a drone's computer dies; the others live on, but where it is their supervisor.
+    pub fn kill(&mut self, k: usize, part: Part) {
+        self.drones[k].kill(part);
     }
     /// It starts anew, with or without the checkpoint of the one before it.
-    pub fn start_mission(
-        &mut self,
-        k: usize,
-        scenario: &Scenario,
-        nodes: &NodeConfigs,
-        checkpoints: Checkpoints,
-    ) {
-        let (id, config) = (DRONE_ID + k as u32, mission_config(scenario, nodes));
-        let drone = &mut self.drones[k];
-        let boot = drone.next_boot(checkpoints);
-        let (airframe, deck) = (&nodes.drone.airframe, &nodes.drone.deck);
-        drone.mission = Some(Mission::new(&config, airframe, deck, id, boot).as_successor());
-    }
-    /// A drone's predictor process dies.
-    pub fn kill_predictor(&mut self, k: usize) {
-        (self.drones[k].predictor, self.drones[k].predictor_inbox) = (None, Inbox::default());
-    }
-    /// It starts anew, with or without the checkpoint of the one before it.
-    pub fn start_predictor(&mut self, k: usize, nodes: &NodeConfigs, checkpoints: Checkpoints) {
-        let drone = &mut self.drones[k];
-        let boot = drone.next_boot(checkpoints);
-        drone.predictor = Some(Predictor::new(&nodes.settings().predictor(), boot).as_successor());
-    }
-    /// All processes of a drone's computer die, as with their supervisor.
-    pub fn kill_computer(&mut self, k: usize) {
-        self.drones[k].is_dead = true;
-        self.kill_link(k);
-    }
-    /// They start anew, with or without the checkpoints of the ones before them.
-    pub fn start_computer(
-        &mut self,
-        k: usize,
-        scenario: &Scenario,
-        nodes: &NodeConfigs,
-        checkpoints: Checkpoints,
-    ) {
-        let before = &mut self.drones[k];
-        let boot = before.next_boot(checkpoints);
-        let new = DroneComputer::new(k, scenario, nodes, &self.physics, boot);
-        let before = core::mem::replace(before, new);
-        let drone = &mut self.drones[k];
-        (drone.radio, drone.linked, drone.keeper) = (before.radio, before.linked, before.keeper);
-        drone.handed_over = before.handed_over;
-        (drone.images_late, drone.sees_beside) = (before.images_late, before.sees_beside);
-        (drone.ahead, drone.repeated_m, drone.mutated) = (before.ahead, before.repeated_m, before.mutated);
-        drone.linked.iter_mut().for_each(|l| l.start(checkpoints));
-        drone.predictor = drone.predictor.take().map(Predictor::as_successor);
-        drone.mission = drone.mission.take().map(Mission::as_successor);
-    }
-    /// A drone's pilot process dies.
-    pub fn kill_pilot(&mut self, k: usize) {
-        (self.drones[k].pilot, self.drones[k].pilot_inbox) = (None, Inbox::default());
-    }
-    /// It starts anew.
-    pub fn start_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
-        let drone = &mut self.drones[k];
-        let (settings, boot) = (nodes.settings(), drone.next_boot(Checkpoints::Kept));
-        let pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
-        drone.pilot = Some(pilot);
-    }
-    /// A drone's link to its autopilot dies.
-    pub fn kill_link(&mut self, k: usize) {
-        self.drones[k].linked.iter_mut().for_each(LinkedAutopilot::kill);
-    }
-    /// It starts anew, with or without the checkpoint of the one before it.
-    pub fn start_link(&mut self, k: usize, checkpoints: Checkpoints) {
-        if self.drones[k].is_dead {
-            // Its supervisor starts it.
-            return;
-        }
-        self.drones[k]
-            .linked
-            .iter_mut()
-            .for_each(|l| l.start(checkpoints));
+    pub fn start(&mut self, k: usize, part: Part, checkpoints: Checkpoints) {
+        self.drones[k].start(part, checkpoints, (&self.scenario, &self.nodes, &self.physics));
     }
     /// A drone's process stands still, or goes on. A cable does not stand still, and a supervisor that does stops no other.
     pub fn freeze(&mut self, k: usize, part: Part, frozen: bool) {
-        let drone = &mut self.drones[k];
-        match part {
-            Part::Predictor => drone.predictor_inbox.frozen = frozen,
-            Part::Mission => drone.mission_inbox.frozen = frozen,
-            Part::Pilot => drone.pilot_inbox.frozen = frozen,
-            Part::Link => drone.linked.iter_mut().for_each(|l| l.frozen = frozen),
-            Part::Cable | Part::Supervisor => {}
-        }
-    }
-    /// A drone's bridge process dies.
-    pub fn kill_bridge(&mut self, k: usize) {
-        (self.drones[k].bridge, self.drones[k].waiting) = (None, Vec::new());
-    }
-    /// It starts anew.
-    pub fn start_bridge(&mut self, k: usize) {
-        let drone = &mut self.drones[k];
-        let boot = drone.next_boot(Checkpoints::Kept);
-        drone.bridge = Some(Bridge::new(&drone.bridge_config, boot));
+        let parts = &mut self.drones[k].frozen;
+        parts.retain(|p| *p != part);
+        parts.extend(frozen.then_some(part));
     }
     /// A steady clock goes ahead by this, as after a pause of the machine: the vessel's (None) or a drone's.
     pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
@@ -333,23 +241,9 @@ impl World {
     }
     /// A drone's steady clock begins again, as where its computer starts, and of its checkpoints there is what lies on the disk.
     pub fn restart_clock(&mut self, k: usize) {
-        let now = self.physics.drone_now(k);
-        let drone = &mut self.drones[k];
-        drone.ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
-        drone.keeper = drone.keeper.lasting();
-        if let Some(linked) = &mut drone.linked {
-            linked.kept = linked.kept.lasting().unwrap_or_default();
-        }
-    }
-    /// A drone's planner process dies.
-    pub fn kill_planner(&mut self, k: usize) {
-        self.drones[k].planner = None;
-    }
-    /// The planner's process starts again.
-    pub fn start_planner(&mut self, k: usize, nodes: &NodeConfigs) {
-        let drone = &mut self.drones[k];
-        let boot = drone.next_boot(Checkpoints::Kept);
-        drone.planner = Some(nodes.planner(boot));
+        let (now, drone) = (self.physics.drone_now(k), &mut self.drones[k]);
+        let ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
+        drone.restart_clock(now + drone.ahead, ahead);
     }
 
     /// A test flies a drone from now on: this set-point stands in place of the pilot's.
@@ -377,14 +271,15 @@ impl World {
         }
     }
     /// The vessel's computer starts anew, with what it kept.
-    pub fn restart_vessel(&mut self, nodes: &NodeConfigs) {
+    pub fn restart_vessel(&mut self) {
         self.vessel_boot += 1;
         self.given = ComputerIn {
             checkpoint: Some(self.vessel.checkpoint()),
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };
-        self.vessel = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.vessel_boot);
+        let (node, deck) = (&self.nodes.vessel, &self.nodes.deck);
+        self.vessel = VesselComputer::new(node, deck, VESSEL_ID, self.vessel_boot);
     }
 
     /// The turn or change of speed of the vessel's course that a first descent dates.

@@ -3,6 +3,7 @@
 
 use alight_shared::msg::{CommandKind, Phase};
 
+use crate::harness::fault::Part;
 use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
@@ -108,7 +109,7 @@ pub fn fly(
             match interruption {
                 Interruption::Abort => world.command(CommandKind::Abort),
                 Interruption::Hold => world.command(CommandKind::Hold),
-                Interruption::PlanLost => world.kill_planner(0),
+                Interruption::PlanLost => world.kill(0, Part::Planner),
             }
         }
         if t > end_s || report.water {

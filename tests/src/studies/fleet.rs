@@ -78,7 +78,6 @@ struct Watched {
 /// A trial under way.
 struct Flight {
     world: World,
-    scenario: Scenario,
     draw: Noise,
     drones: Vec<Watched>,
     /// Since when the deck is closed, and until when, s.
@@ -132,7 +131,7 @@ impl Flight {
 
     /// What is due: the crew opens the deck, a person takes a drone away that has landed. To open the deck is to say that
     /// no silent drone stands there, and the crew looks first.
-    fn attend(&mut self, t: f64, nodes: &NodeConfigs) {
+    fn attend(&mut self, t: f64) {
         let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
         let seen = self.drones.iter().any(silent);
         if self.closed.is_some_and(|[_, until]| t >= until) && !seen {
@@ -142,7 +141,7 @@ impl Flight {
         for k in 0..self.drones.len() {
             if self.drones[k].taken_at.is_some_and(|at| t >= at) {
                 self.drones[k] = Watched::default();
-                self.world.restart_drone(k, &self.scenario, nodes);
+                self.world.restart_drone(k);
             }
         }
     }
@@ -225,7 +224,6 @@ pub fn fly(
     world.warm_up(&mut NoTap);
     let mut flight = Flight {
         world,
-        scenario,
         draw,
         drones: vec![Watched::default(); drones as usize],
         closed: None,
@@ -248,7 +246,7 @@ pub fn fly(
             next = t + flight.between(3.0, 15.0);
             flight.happen(t);
         }
-        flight.attend(t, nodes);
+        flight.attend(t);
         flight.world.tick(&mut NoTap);
         flight.judge(t, nodes.drone.mission.approach_height_m);
     }

@@ -50,6 +50,7 @@ pub use disarm::{DisarmInhibit, still_armed_s};
 use std::collections::VecDeque;
 
 use alight_shared::admission::{Latest, Periodic};
+use alight_shared::bus::wiring;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
@@ -140,6 +141,28 @@ pub struct AutopilotOut {
     pub beacon: Option<DeckBeacon>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
+}
+
+wiring! {
+    /// What the link reads and writes. Odometry comes last, because it wakes the others.
+    AutopilotPorts of AutopilotLink: AutopilotIn => AutopilotOut {
+        reads {
+            newest set_point: SetPoint,
+            newest mission: MissionState,
+            newest forecast: DeckForecast,
+        }
+        edge { received }
+        writes {
+            command: Command,
+            settings: SettingsOrder,
+            beacon: DeckBeacon,
+            ranges: RangeSample,
+            state: AutopilotState,
+            odometry: DroneState,
+        }
+        wakes { SetPoint }
+        saves { checkpoint: LinkCheckpoint }
+    }
 }
 
 /// Metrics of the link.

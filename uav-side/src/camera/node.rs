@@ -1,5 +1,6 @@
 //! The camera node: image -> corners of the deck's tags -> pose of the deck with its covariance.
 
+use alight_shared::bus::wiring;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{CameraLight, Header, TagPose};
 use alight_shared::node::Node;
@@ -77,6 +78,16 @@ pub struct CameraOut {
     pub tags: Vec<TagPose>,
     /// The light in the newest image, twice a second.
     pub light: Option<CameraLight>,
+}
+
+wiring! {
+    /// What the belly camera's node writes; it reads images alone.
+    CameraPorts of CameraNode: CameraIn => CameraOut {
+        reads {}
+        edge { frames, exposed }
+        writes { tags: TagPose, light: CameraLight }
+        wakes {}
+    }
 }
 
 /// Time between two reports of the light.

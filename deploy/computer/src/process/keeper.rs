@@ -9,11 +9,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use alight_shared::admission::Periodic;
-use alight_shared::checkpoint::{Checkpoint, Keeper};
-use alight_shared::msg::{LinkCheckpoint, MissionCheckpoint, PredictorCheckpoint};
-use alight_shared::plain::Plain;
+use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_transport::memory::{Memory, Publisher, Subscriber};
+use alight_transport::memory::Memory;
 use tracing::{info, warn};
 
 use crate::exit::CliError;
@@ -29,10 +27,7 @@ const MAX_BYTES: u64 = 1 << 16;
 
 /// Keeps the checkpoints of predictor, mission and link.
 pub struct CheckpointKeeper {
-    keeper: Keeper,
-    predictor: Ports<PredictorCheckpoint>,
-    mission: Ports<MissionCheckpoint>,
-    link: Ports<LinkCheckpoint>,
+    kept: Republisher<Memory>,
     file: Option<CheckpointFile>,
     lasting: Option<LastingFile>,
 }
@@ -41,10 +36,7 @@ impl CheckpointKeeper {
     /// Keeps nothing yet.
     pub fn join(memory: &Memory) -> Result<CheckpointKeeper, CliError> {
         Ok(CheckpointKeeper {
-            keeper: Keeper::default(),
-            predictor: Ports::join(memory)?,
-            mission: Ports::join(memory)?,
-            link: Ports::join(memory)?,
+            kept: Republisher::join(memory, Keeper::default())?,
             file: None,
             lasting: None,
         })
@@ -52,7 +44,7 @@ impl CheckpointKeeper {
     /// Begins with what the flight was for that a reboot of the computer has interrupted, in the file at `path` on its disk.
     #[must_use]
     pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> CheckpointKeeper {
-        self.lasting = path.map(|path| LastingFile::open(path, now, &mut self.keeper));
+        self.lasting = path.map(|path| LastingFile::open(path, now, self.kept.keeper_mut()));
         self
     }
     /// Begins with what a crashed supervisor kept in the file at `path`, and keeps it there from now on.
@@ -60,7 +52,7 @@ impl CheckpointKeeper {
     pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> CheckpointKeeper {
         self.file = CheckpointFile::open(path);
         if let Some(file) = &self.file {
-            file.restore(now, &mut self.keeper);
+            file.restore(now, self.kept.keeper_mut());
         }
         self
     }
@@ -74,44 +66,15 @@ impl CheckpointKeeper {
             let _none = fs::remove_file(file.path);
         }
     }
-    /// Takes the newest of each and publishes it on the same topic, where a node that begins looks for one of another
-    /// boot; while there is none it publishes that.
+    /// Takes the newest of each and publishes it ([`Republisher`]).
     pub fn poll(&mut self, now: Time<DroneClock>) {
-        let new = [
-            self.predictor.poll(now, &mut self.keeper),
-            self.mission.poll(now, &mut self.keeper),
-            self.link.poll(now, &mut self.keeper),
-        ];
+        let new = self.kept.poll(now);
         if let Some(file) = &mut self.file {
-            file.poll(now, new.contains(&true), &self.keeper);
+            file.poll(now, new, self.kept.keeper());
         }
-        if let Some(file) = self.lasting.as_mut().filter(|_| new.contains(&true)) {
-            file.poll(&self.keeper);
+        if let Some(file) = self.lasting.as_mut().filter(|_| new) {
+            file.poll(self.kept.keeper());
         }
-    }
-}
-
-/// One node's.
-struct Ports<M: Plain> {
-    received: Subscriber<M>,
-    published: Publisher<M>,
-}
-
-impl<M: Plain + Checkpoint> Ports<M> {
-    fn join(memory: &Memory) -> Result<Ports<M>, CliError> {
-        Ok(Ports {
-            received: memory.subscriber()?,
-            published: memory.publisher()?,
-        })
-    }
-    /// Whether there is a new one. It receives its own publications, which are no newer.
-    fn poll(&mut self, now: Time<DroneClock>, keeper: &mut Keeper) -> bool {
-        let mut new = false;
-        for m in self.received.all(now.nanos()) {
-            new |= keeper.take(now, Some(&m));
-        }
-        self.published.send(&keeper.newest::<M>());
-        new
     }
 }
 

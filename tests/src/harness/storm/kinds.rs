@@ -156,7 +156,7 @@ kinds! {
         Events(|r, _| r.fail(Part::Mission), |r, size| r.restore(Part::Mission, kept(size)));
     /// The planner's.
     PlannerKilled, "planner-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| r.world.kill_planner(0), |r, _| r.world.start_planner(0, &r.nodes));
+        Events(|r, _| r.fail(Part::Planner), |r, _| r.restore(Part::Planner, Checkpoints::Kept));
     /// The pilot's.
     PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
         Events(|r, _| r.fail(Part::Pilot), |r, _| r.restore(Part::Pilot, Checkpoints::Kept));
@@ -168,7 +168,7 @@ kinds! {
         Events(|r, _| r.fail(Part::Supervisor), |r, size| r.restore(Part::Supervisor, kept(size)));
     /// The bridge's.
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| r.world.kill_bridge(0), |r, _| r.world.start_bridge(0));
+        Events(|r, _| r.fail(Part::Bridge), |r, _| r.restore(Part::Bridge, Checkpoints::Kept));
     /// The drone's computer loses its supply and starts again, with what its memory had lost, and what lies on its disk.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
         Events(|r, _| r.fail(Part::Supervisor), |r, _| {
@@ -183,7 +183,7 @@ kinds! {
         Lasting(|f, _| f.frozen.parts.push(Part::Mission));
     /// The planner does.
     PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.planner = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Planner));
     /// The pilot does.
     PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.parts.push(Part::Pilot));
@@ -192,7 +192,7 @@ kinds! {
         Lasting(|f, _| f.frozen.parts.push(Part::Link));
     /// The bridge does.
     BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.bridge = true);
+        Lasting(|f, _| f.frozen.parts.push(Part::Bridge));
     /// The processor is slow: plans come late.
     PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.solve_s = size.max(0.0));

@@ -76,8 +76,8 @@ fn link_successor_with_a_void_checkpoint() {
     for firmware in BOTH {
         for (what, away_s, change) in cases {
             let mut p = LinkRig::commanding(firmware, 5.0, &config());
-            assert!(p.linked.kept.datum == p.linked.autopilot.origin && p.linked.kept.commanding);
-            change(&mut p.linked.kept);
+            assert!(p.kept.datum == p.linked.autopilot.origin && p.kept.commanding);
+            change(&mut p.kept);
             p.restart_link(away_s);
             p.run(0.02);
             assert!(!p.authority().commands(), "{firmware:?}, {what}");

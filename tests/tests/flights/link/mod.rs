@@ -56,7 +56,7 @@ fn odometry_rate_and_time_of_validity() {
         let first = p.odometry.first().unwrap().1.header.at.secs();
         assert!(first >= began - 0.02);
         assert_eq!(
-            p.linked.node().unwrap().metrics(Time::from_secs(p.t_s)).rejected,
+            p.link.as_ref().unwrap().metrics(Time::from_secs(p.t_s)).rejected,
             0
         );
     }

@@ -1,19 +1,17 @@
 //! The link's node and the simulated autopilot on one clock, above a deck at rest, with what a pilot, a mission and a
 //! predictor send it.
 
-use std::rc::Rc;
-
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage, DroneState,
-    Header, MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq, SetPoint,
-    SetPointKind, SettingsOrder, State,
+    Header, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq,
+    SetPoint, SetPointKind, SettingsOrder, State,
 };
+use alight_shared::node::Node as _;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::harness::link::LinkedAutopilot;
-use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
@@ -28,6 +26,8 @@ use alight_uav::mission::MissionConfig;
 use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
+/// Of the first link.
+const BOOT: u32 = 7;
 /// A step of the link, of so many turns of the autopilot.
 pub const STEP: Span = Span::from_millis(5);
 const TURNS: u32 = 2;
@@ -53,6 +53,12 @@ pub type Pilot = fn(&DroneState) -> SetPoint;
 
 pub struct LinkRig {
     pub linked: LinkedAutopilot,
+    /// None: its process is dead.
+    pub link: Option<AutopilotLink>,
+    /// What its supervisor keeps of it.
+    pub kept: LinkCheckpoint,
+    make: Box<dyn Fn(u32) -> AutopilotLink>,
+    boot: u32,
     pub t_s: f64,
     drone: SimulatedDrone,
     /// A foot touches the deck.
@@ -179,7 +185,11 @@ impl LinkRig {
         let autopilot =
             SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
         LinkRig {
-            linked: LinkedAutopilot::new(&c.autopilot, &streams, autopilot, Rc::new(make), 7),
+            linked: LinkedAutopilot::new(&c.autopilot, &streams, autopilot),
+            link: Some(make(BOOT)),
+            kept: LinkCheckpoint::default(),
+            make: Box::new(make),
+            boot: BOOT,
             t_s,
             drone,
             on_deck: false,
@@ -239,9 +249,10 @@ impl LinkRig {
 
     /// The link's process is dead for so long, s; then a new one begins.
     pub fn restart_link(&mut self, away_s: f64) {
-        self.linked.kill();
+        self.link = None;
         self.run(away_s);
-        self.linked.start(Checkpoints::Kept);
+        self.boot += 1;
+        self.link = Some((self.make)(self.boot));
     }
     /// A person chooses the mode that takes set-points.
     pub fn give_the_mode(&mut self) {
@@ -263,7 +274,8 @@ impl LinkRig {
         self.drone.truth()
     }
     pub fn authority(&self) -> ControlAuthority {
-        self.linked.control_authority()
+        let link = self.link.as_ref();
+        link.map_or(ControlAuthority::Searching, AutopilotLink::control_authority)
     }
     #[track_caller]
     pub fn assert_commanding(&self) {
@@ -308,8 +320,14 @@ impl LinkRig {
             return;
         }
         let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s) - self.behind);
-        let out = self.linked.receive(t, now);
-        self.take(out);
+        let received = self.linked.received(t);
+        self.step_link(
+            (t, now),
+            AutopilotIn {
+                received,
+                ..AutopilotIn::default()
+            },
+        );
         let mut input = AutopilotIn::default();
         self.sequence += 1;
         let header = Header::new(1, 1, 1, self.sequence, now);
@@ -343,7 +361,14 @@ impl LinkRig {
             input.mission = (!self.mission_silent).then_some(mission);
             input.forecast = self.forecast.then(|| self.deck(header));
         }
-        let out = self.linked.send(t, now, input);
+        self.step_link((t, now), input);
+    }
+    fn step_link(&mut self, (t, now): (Time<TrueTime>, Time<DroneClock>), input: AutopilotIn) {
+        let Some(link) = &mut self.link else { return };
+        let checkpoint = Some(self.kept);
+        let out = link.step(now, &AutopilotIn { checkpoint, ..input });
+        self.kept = out.checkpoint.unwrap_or(self.kept);
+        self.linked.send(t, &out);
         self.take(out);
     }
 

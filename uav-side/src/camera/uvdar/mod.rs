@@ -9,6 +9,7 @@ pub mod blobs;
 pub mod fisheye;
 pub mod pose;
 
+use alight_shared::bus::wiring;
 use alight_shared::config;
 use alight_shared::msg::UvdarFix;
 use alight_shared::node::Node;
@@ -142,6 +143,16 @@ pub struct UvdarNode {
 pub struct UvdarOut {
     /// Positions of the deck.
     pub fixes: Vec<UvdarFix>,
+}
+
+wiring! {
+    /// What the ultraviolet camera's node writes; it reads images alone.
+    UvdarPorts of UvdarNode: CameraIn => UvdarOut {
+        reads {}
+        edge { frames, exposed }
+        writes { fixes: UvdarFix }
+        wakes {}
+    }
 }
 
 impl UvdarNode {

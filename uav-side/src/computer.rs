@@ -1,0 +1,119 @@
+//! The drone's computer: its nodes in the order in which data flow. Read this first: each row is a process, wired by the
+//! `wiring!` beside its node, over shared memory on a drone and in lock-step in the simulated world.
+
+use alight_bridge::{Bridge, BridgeConfig};
+use alight_shared::bus::{Wired, computer};
+use alight_shared::time::DroneClock;
+
+use crate::autopilot::{AutopilotLink, AutopilotLinkConfig};
+use crate::camera::CameraNode;
+use crate::camera::node::CameraIdentity;
+use crate::camera::uvdar::UvdarNode;
+use crate::mission::Mission;
+use crate::pilot::{Output, Pilot};
+use crate::planner::Planner;
+use crate::predictor::Predictor;
+use crate::settings::DroneSettings;
+
+computer! {
+    /// The rows of the drone's computer, in the order in which data flow. The link comes twice in a round: first with what the
+    /// autopilot has sent, at last with the pilot's set-point.
+    DroneRows {
+        /// The drone's end of the radio: the vessel's messages on the drone's clock.
+        bridge: Bridge,
+        /// The link to the autopilot.
+        autopilot: AutopilotLink,
+        /// The belly camera: poses of the deck by its tags.
+        camera: CameraNode,
+        /// The ultraviolet camera: fixes of the deck by its blinking markers.
+        uvdar: UvdarNode,
+        /// The deck's forecast.
+        predictor: Predictor,
+        /// The state machine.
+        mission: Mission,
+        /// The trajectory.
+        planner: Planner,
+        /// The set-points.
+        pilot: Pilot,
+    }
+}
+
+/// What the nodes of a drone's computer are made of.
+#[derive(Clone, Debug)]
+pub struct DroneNodes {
+    /// The bridge.
+    pub bridge: BridgeConfig,
+    /// The link to the autopilot.
+    pub autopilot: AutopilotLinkConfig,
+    /// All others.
+    pub drone: DroneSettings,
+}
+
+impl DroneNodes {
+    /// The mission, which no other was before.
+    pub fn mission(&self, boot: u32) -> Mission {
+        let drone = &self.drone;
+        let id = self.id();
+        Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
+    }
+    fn id(&self) -> u32 {
+        self.bridge.drone_id
+    }
+    fn camera(&self, boot: u32) -> CameraIdentity {
+        let (vessel, drone) = (self.bridge.vessel_id, self.id());
+        CameraIdentity { vessel, drone, boot }
+    }
+}
+
+/// A node of the drone's computer as it starts.
+pub trait Installed: Wired<Clock = DroneClock> {
+    /// For a start with this boot id. Where a node keeps a checkpoint, it begins as the successor of a crashed one.
+    fn installed(computer: &DroneNodes, boot: u32) -> Self;
+}
+
+impl Installed for Bridge {
+    fn installed(computer: &DroneNodes, boot: u32) -> Bridge {
+        Bridge::new(&computer.bridge, boot)
+    }
+}
+impl Installed for AutopilotLink {
+    fn installed(computer: &DroneNodes, boot: u32) -> AutopilotLink {
+        let drone = &computer.drone;
+        let attitudes = drone.pilot.output == Output::Attitude;
+        let (config, id) = (&computer.autopilot, computer.id());
+        AutopilotLink::new(config, &drone.odometry, &drone.airframe, attitudes, id, boot)
+    }
+}
+impl Installed for CameraNode {
+    fn installed(computer: &DroneNodes, boot: u32) -> CameraNode {
+        let drone = &computer.drone;
+        CameraNode::new(&drone.camera, &drone.tags(), computer.camera(boot))
+    }
+}
+impl Installed for UvdarNode {
+    fn installed(computer: &DroneNodes, boot: u32) -> UvdarNode {
+        UvdarNode::new(&computer.drone.camera.uvdar, computer.camera(boot))
+    }
+}
+impl Installed for Predictor {
+    fn installed(computer: &DroneNodes, boot: u32) -> Predictor {
+        Predictor::new(&computer.drone.predictor(), boot).as_successor()
+    }
+}
+impl Installed for Mission {
+    fn installed(computer: &DroneNodes, boot: u32) -> Mission {
+        computer.mission(boot).as_successor()
+    }
+}
+impl Installed for Planner {
+    fn installed(computer: &DroneNodes, boot: u32) -> Planner {
+        let drone = &computer.drone;
+        Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot)
+    }
+}
+impl Installed for Pilot {
+    fn installed(computer: &DroneNodes, boot: u32) -> Pilot {
+        let drone = &computer.drone;
+        Pilot::new(&drone.pilot, &drone.airframe, computer.id(), boot)
+    }
+}
