@@ -6,8 +6,9 @@ use alight_shared::admission::command::counts_despite;
 use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
 use alight_shared::bus::wiring;
 use alight_shared::msg::{
-    Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, Header,
+    LinkState, Message, MissionState, OperatorCommand, TimeReply, TimeRequest, VesselEstimate,
+    VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -20,6 +21,7 @@ use crate::clock::{ClockOffset, Offset};
 use crate::config::BridgeConfig;
 use crate::link::LinkStatistics;
 use crate::order::{Boot, Boots, SequenceOrder};
+use crate::status::StatusReport;
 
 /// Which topic a packet came on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,6 +62,14 @@ pub struct Packet {
 pub struct BridgeIn {
     /// In order of arrival.
     pub packets: Vec<Stamped<DroneClock, Packet>>,
+    /// The mission's state.
+    pub mission: Option<MissionState>,
+    /// Odometry.
+    pub drone: Option<DroneState>,
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
+    /// The autopilot's state.
+    pub autopilot: Option<AutopilotState>,
 }
 
 /// What was admitted, on the drone's clock: the newest of each kind.
@@ -81,12 +91,19 @@ pub struct BridgeOut {
     pub link: Option<LinkState>,
     /// A question for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
+    /// What the drone does, for the vessel, at its own rate.
+    pub status: Option<DroneStatus>,
 }
 
 wiring! {
-    /// What the bridge writes; it reads the radio alone.
+    /// What the bridge writes, and what it reads for the drone's status beside the radio.
     BridgePorts of Bridge: BridgeIn => BridgeOut {
-        reads {}
+        reads {
+            newest mission: MissionState,
+            newest drone: DroneState,
+            newest forecast: DeckForecast,
+            newest autopilot: AutopilotState,
+        }
         edge { packets }
         writes {
             estimate: VesselEstimate<DroneClock>,
@@ -133,6 +150,7 @@ pub struct Bridge {
     requests: u32,
     next_link: Periodic<DroneClock>,
     links: u32,
+    status: StatusReport,
 }
 
 impl Bridge {
@@ -153,7 +171,14 @@ impl Bridge {
             requests: 0,
             next_link: Periodic::default(),
             links: 0,
+            status: StatusReport::default(),
         }
+    }
+    /// A landed drone's motors are off so long after its touchdown, s: later the vessel is told that it is still armed.
+    #[must_use]
+    pub fn disarmed_within(mut self, disarm_s: f64) -> Self {
+        self.status.disarm_s = disarm_s;
+        self
     }
 
     /// Rejections since the start.
@@ -426,6 +451,7 @@ impl Node for Bridge {
         }
         out.time_request = self.time_request(now);
         out.link = self.link_state(now);
+        out.status = self.status.step(now, input, &self.config, self.boot);
         out
     }
 }

@@ -47,7 +47,13 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped
     )
 }
 fn step(b: &mut Bridge, now: f64, packets: Vec<Stamped<DroneClock, Packet>>) -> BridgeOut {
-    b.step(drone(now), &BridgeIn { packets })
+    b.step(
+        drone(now),
+        &BridgeIn {
+            packets,
+            ..BridgeIn::default()
+        },
+    )
 }
 fn reply(q: &TimeRequest<DroneClock>, boot: u32, at: f64) -> TimeReply<VesselClock, DroneClock> {
     TimeReply {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use alight_computer::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
+use alight_computer::drone::{autopilot, bridge, camera, mission, pilot};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use alight_computer::process::shell;
@@ -16,6 +16,8 @@ use alight_people::tools::{
     view,
 };
 use alight_shared::process::ProcessKind;
+use alight_uav::planner::Planner;
+use alight_uav::predictor::Predictor;
 use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -274,10 +276,10 @@ impl Command {
             Command::Drone(a) => drone::run(a),
             Command::Operate(a) => command::run(a),
             Command::Bridge(a) => bridge::run(a),
-            Command::Predictor(a) => shell::run::<predictor::PredictorShell>(a),
-            Command::Mission(a) => shell::run::<mission::MissionShell>(a),
-            Command::Planner(a) => shell::run::<planner::PlannerShell>(a),
-            Command::Pilot(a) => shell::run::<pilot::PilotShell>(a),
+            Command::Predictor(a) => shell::run::<Predictor>(a, ()),
+            Command::Mission(a) => shell::run(a, mission::Rejections),
+            Command::Planner(a) => shell::run::<Planner>(a, ()),
+            Command::Pilot(a) => shell::run(a, pilot::Ages::default()),
             Command::Estimator(a) => vessel::estimator::run(a),
             Command::Sensors(a) => vessel::sensors::run(a),
             Command::Autopilot(a) => autopilot::run(a),

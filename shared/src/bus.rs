@@ -7,7 +7,7 @@
 use crate::node::Node;
 use crate::plain::Plain;
 use crate::process::InputState;
-use crate::time::Time;
+use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
 /// Carries topics.
@@ -19,7 +19,7 @@ pub trait Bus {
     /// Writes messages `M`.
     type Writer<M: Plain>: Writer<M>;
     /// Wakes a row.
-    type Wake;
+    type Wake: Wake;
 
     /// Opens a reader of the topic of `M`.
     fn reader<M: Plain>(&self) -> Result<Self::Reader<M>, Self::Error>;
@@ -37,6 +37,12 @@ pub trait Reader<M> {
     fn all(&mut self, now_ns: i64) -> Vec<M>;
     /// What was read and missed so far.
     fn state(&self, now_ns: i64) -> InputState;
+}
+
+/// Says that a topic brought a message.
+pub trait Wake {
+    /// Whether one came since it was asked last.
+    fn woke(&mut self) -> bool;
 }
 
 /// Writes messages `M`; never waits for who reads.
@@ -112,19 +118,36 @@ impl<B: Bus, M: Plain> Saved<B, M> {
     }
 }
 
+/// A row without messages steps this often.
+pub const MAX_WAIT: Span = Span::from_millis(20);
+
 /// A node with its ports: what one process runs.
 pub struct Row<N: Wired, B: Bus> {
     /// The node.
     pub node: N,
     /// Its ports.
     pub ports: N::Ports<B>,
+    wakes: Vec<B::Wake>,
+    stepped: Option<Time<N::Clock>>,
 }
 
 impl<N: Wired, B: Bus> Row<N, B> {
     /// Joins the bus.
     pub fn join(bus: &B, node: N) -> Result<Row<N, B>, B::Error> {
-        let ports = N::Ports::join(bus)?;
-        Ok(Row { node, ports })
+        Ok(Row {
+            node,
+            ports: N::Ports::join(bus)?,
+            wakes: N::Ports::wakes(bus)?,
+            stepped: None,
+        })
+    }
+    /// Whether it steps at `now`: a topic has woken it, or it has waited for [`MAX_WAIT`].
+    pub fn is_due(&mut self, now: Time<N::Clock>) -> bool {
+        let woken = self
+            .wakes
+            .iter_mut()
+            .fold(false, |woken, wake| wake.woke() | woken);
+        woken || self.stepped.is_none_or(|at| now - at >= MAX_WAIT)
     }
     /// One step at `now`. `edge` adds to the input what came from outside; `look` is shown input and output before that is
     /// written, and may take from the output what goes outside.
@@ -136,6 +159,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
     ) -> N::Out {
         let mut input = self.ports.read(now.nanos());
         edge(&mut input);
+        self.stepped = Some(now);
         let mut out = self.node.step(now, &input);
         look(&input, &mut out);
         self.ports.write(&out);
@@ -194,14 +218,6 @@ impl Received {
     }
 }
 
-/// Sees every row of a computer.
-pub trait RowVisitor {
-    /// What ends it early.
-    type Error;
-    /// One, by its name.
-    fn row<N: Wired>(&mut self, name: &'static str) -> Result<(), Self::Error>;
-}
-
 /// Declares a computer: its rows in the order in which data flow, each a node whose wiring is declared.
 ///
 /// ```ignore
@@ -209,13 +225,18 @@ pub trait RowVisitor {
 ///     /// The drone's computer.
 ///     DroneRows {
 ///         /// The deck's forecast.
-///         predictor: Predictor,
+///         predictor: Predictor => ProcessKind::Predictor,
 ///     }
+///     /// Their processes.
+///     PROCESSES: Process
 /// }
 /// ```
 #[macro_export]
 macro_rules! computer {
-    ($(#[$doc:meta])* $computer:ident { $($(#[$about:meta])* $row:ident: $node:ty),* $(,)? }) => {
+    (
+        $(#[$doc:meta])* $computer:ident { $($(#[$about:meta])* $row:ident: $node:ty => $process:expr),* $(,)? }
+        $(#[$list_doc:meta])* $list:ident: $kind:ident
+    ) => {
         $(#[$doc])*
         pub struct $computer<B: $crate::bus::Bus> {
             $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
@@ -226,16 +247,16 @@ macro_rules! computer {
                 $computer { $($row: None,)* }
             }
         }
-        impl<B: $crate::bus::Bus> $computer<B> {
-            /// The names of its rows.
-            pub const NAMES: &'static [&'static str] = &[$(stringify!($row)),*];
-
-            /// Shows all, in their order.
-            pub fn visit<V: $crate::bus::RowVisitor>(visitor: &mut V) -> Result<(), V::Error> {
-                $(visitor.row::<$node>(stringify!($row))?;)*
-                Ok(())
-            }
+        $(#[$list_doc])*
+        pub const $list: &[$crate::process::ProcessKind] = &[$($process),*];
+        /// A node that is a row of this computer: a process runs it.
+        pub trait $kind: $crate::bus::Wired {
+            /// Which.
+            const KIND: $crate::process::ProcessKind;
         }
+        $(impl $kind for $node {
+            const KIND: $crate::process::ProcessKind = $process;
+        })*
     };
 }
 pub use crate::computer;
@@ -295,9 +316,10 @@ macro_rules! wiring {
                 }
             }
             fn write(&mut self, out: &$output) -> bool {
+                #[allow(unused_imports, reason = "a node may write nothing")]
                 use $crate::bus::Writer as _;
                 $(self.$saved.write(out.$saved.as_ref());)?
-                let sent = [$(self.$out.send_each(&out.$out)),*];
+                let sent: &[bool] = &[$(self.$out.send_each(&out.$out)),*];
                 sent.contains(&true)
             }
             fn states(&self, now_ns: i64) -> Vec<$crate::process::InputState> {
@@ -306,6 +328,7 @@ macro_rules! wiring {
                 vec![$(self.$in.state(now_ns)),*]
             }
             fn unsent(&self) -> u64 {
+                #[allow(unused_imports, reason = "a node may write nothing")]
                 use $crate::bus::Writer as _;
                 0 $(+ self.$out.unsent())* $(+ self.$saved.unsent())?
             }
@@ -355,6 +378,11 @@ mod tests {
         }
         fn wake<M: Plain>(&self) -> Result<&'static str, Infallible> {
             Ok(M::TOPIC.name)
+        }
+    }
+    impl Wake for &'static str {
+        fn woke(&mut self) -> bool {
+            false
         }
     }
     impl<M: Plain> Reader<M> for Port<M> {

@@ -6,9 +6,7 @@ use core::fmt::Debug;
 
 use serde::Serialize;
 
-use crate::msg;
 use crate::process::ProcessState;
-use crate::time::DroneClock;
 use crate::topics::{self, Topic};
 
 /// A message that lies in shared memory as it is, and the one topic it travels on.
@@ -33,7 +31,7 @@ pub trait Visitor {
     fn visit<T: Plain>(&mut self) -> Result<(), Self::Error>;
 }
 
-// SAFETY: every type below is plain data of fixed size without pointers, references or handles,
+// SAFETY: every type of the table of topics that lies in memory is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
 // compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in surroundings, in the checkpoints, in
 // metrics and in what the vessel's processes report. Both are sound here because a service's attributes carry `MESSAGE_VERSION` and the package's version, so
@@ -42,8 +40,9 @@ pub trait Visitor {
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(
-            unsafe impl Plain for $ty {
-                const TOPIC: &'static Topic = &topics::$topic;
+            #[allow(unsafe_code, reason = "see there")]
+            unsafe impl $crate::plain::Plain for $ty {
+                const TOPIC: &'static Topic = &$topic;
                 fn order(&self) -> Option<(u32, u32)> {
                     Some((self.header.boot, self.header.sequence))
                 }
@@ -52,41 +51,14 @@ macro_rules! plain {
                 }
             }
         )*
-        /// Visits every type.
-        pub fn each<V: Visitor>(visitor: &mut V) -> Result<(), V::Error> {
+        /// Visits every type that lies in shared memory.
+        pub fn each_in_memory<V: $crate::plain::Visitor>(visitor: &mut V) -> Result<(), V::Error> {
             $(visitor.visit::<$ty>()?;)*
-            visitor.visit::<ProcessState>()
+            visitor.visit::<$crate::process::ProcessState>()
         }
     };
 }
-plain! {
-    msg::DroneState => DRONE_STATE;
-    msg::AutopilotState => AUTOPILOT;
-    msg::TagPose => TAG;
-    msg::UvdarFix => UVDAR;
-    msg::RangeSample => RANGE;
-    msg::LinkState => LINK;
-    msg::VesselEstimate<DroneClock> => BRIDGE_ESTIMATE;
-    msg::WaveModel<DroneClock> => BRIDGE_WAVE;
-    msg::VesselPrediction<DroneClock> => BRIDGE_PREDICTION;
-    msg::VesselSurroundings<DroneClock> => BRIDGE_SURROUNDINGS;
-    msg::DeckGrant<DroneClock> => BRIDGE_DECK;
-    msg::DeckForecast => FORECAST;
-    msg::MissionState => MISSION;
-    msg::Plan => PLAN;
-    msg::SetPoint => SET_POINT;
-    msg::Command => COMMAND;
-    msg::SettingsOrder => SETTINGS;
-    msg::DeckBeacon => BEACON;
-    msg::CameraLight => CAMERA_LIGHT;
-    msg::MissionCheckpoint => MISSION_CHECKPOINT;
-    msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
-    msg::LinkCheckpoint => LINK_CHECKPOINT;
-    msg::SensorReadings => SENSORS;
-    msg::SourceReport => SOURCES;
-    msg::VesselStatus => VESSEL;
-    msg::CrewOrder => CREW;
-}
+pub(crate) use plain;
 
 // SAFETY: as above.
 unsafe impl Plain for ProcessState {

@@ -5,86 +5,70 @@ use serde::{Deserialize, Serialize};
 
 use crate::metrics::{self, MetricName, MetricValue, Metrics};
 use crate::msg::Seq;
+use crate::topics::{self, Topic};
 
 /// Topics that one process reads, at most.
 pub const MAX_INPUTS: usize = 12;
 
-/// The processes of a vessel and its drone.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum ProcessKind {
+macro_rules! processes {
+    ($($(#[$about:meta])* $kind:ident: $name:literal $(awaited for $topic:ident)?;)*) => {
+        /// The processes of a vessel and its drone.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
+        #[repr(u8)]
+        pub enum ProcessKind { $($(#[$about])* $kind,)* }
+
+        impl ProcessKind {
+            /// Its name.
+            pub const fn name(self) -> &'static str {
+                match self { $(ProcessKind::$kind => $name,)* }
+            }
+            /// The topic of its output for which others wait. None: it waits for images, orders or another world itself, and steps
+            /// when they come.
+            pub const fn awaited(self) -> Option<&'static Topic> {
+                match self { $(ProcessKind::$kind => processes!(@topic $($topic)?),)* }
+            }
+        }
+    };
+    (@topic) => { None };
+    (@topic $topic:ident) => { Some(&topics::$topic) };
+}
+processes! {
     /// The simulated vehicles.
     #[default]
-    World,
+    World: "world";
     /// The vessel's estimator and broadcast.
-    Vessel,
+    Vessel: "vessel" awaited for ESTIMATE;
     /// The drone's end of the radio.
-    Bridge,
+    Bridge: "bridge" awaited for LINK;
     /// The deck's forecast.
-    Predictor,
+    Predictor: "predictor" awaited for FORECAST;
     /// The state machine.
-    Mission,
+    Mission: "mission" awaited for MISSION;
     /// The trajectory.
-    Planner,
+    Planner: "planner" awaited for PLAN;
     /// The set-points.
-    Pilot,
+    Pilot: "pilot" awaited for SET_POINT;
     /// The emulated radio of a trial.
-    Link,
+    Link: "link";
     /// The link to the autopilot.
-    Autopilot,
+    Autopilot: "autopilot" awaited for DRONE_STATE;
     /// The vessel's real sensors.
-    Sensors,
+    Sensors: "sensors";
     /// The belly camera's images.
-    Camera,
+    Camera: "camera";
     /// The ultraviolet camera's images.
-    Uvdar,
+    Uvdar: "uvdar";
     /// What people look on with.
-    View,
+    View: "view";
 }
 
 impl ProcessKind {
-    /// Those of a landing, in the order of their start.
-    pub const ALL: [ProcessKind; 7] = [
-        ProcessKind::Vessel,
-        ProcessKind::Bridge,
-        ProcessKind::Predictor,
-        ProcessKind::Mission,
-        ProcessKind::Planner,
-        ProcessKind::Pilot,
-        ProcessKind::World,
-    ];
-    /// Those of the drone's computer, in the order of their start.
-    pub const DRONE: [ProcessKind; 5] = [
-        ProcessKind::Bridge,
-        ProcessKind::Predictor,
-        ProcessKind::Mission,
-        ProcessKind::Planner,
-        ProcessKind::Pilot,
-    ];
     /// The subcommand that runs it; `vessel` is the service.
     pub const fn subcommand(self) -> &'static str {
         if matches!(self, ProcessKind::Vessel) {
             "estimator"
         } else {
             self.name()
-        }
-    }
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            ProcessKind::World => "world",
-            ProcessKind::Vessel => "vessel",
-            ProcessKind::Bridge => "bridge",
-            ProcessKind::Predictor => "predictor",
-            ProcessKind::Mission => "mission",
-            ProcessKind::Planner => "planner",
-            ProcessKind::Pilot => "pilot",
-            ProcessKind::Link => "link",
-            ProcessKind::Autopilot => "autopilot",
-            ProcessKind::Sensors => "sensors",
-            ProcessKind::Camera => "camera",
-            ProcessKind::Uvdar => "uvdar",
-            ProcessKind::View => "view",
         }
     }
 }

@@ -2,7 +2,9 @@
 //! `wiring!` beside its node, over shared memory on a drone and in lock-step in the simulated world.
 
 use alight_bridge::{Bridge, BridgeConfig};
-use alight_shared::bus::{Wired, computer};
+use alight_shared::bus::computer;
+use alight_shared::node::Node;
+use alight_shared::process::ProcessKind;
 use alight_shared::time::DroneClock;
 
 use crate::autopilot::{AutopilotLink, AutopilotLinkConfig};
@@ -20,22 +22,24 @@ computer! {
     /// autopilot has sent, at last with the pilot's set-point.
     DroneRows {
         /// The drone's end of the radio: the vessel's messages on the drone's clock.
-        bridge: Bridge,
+        bridge: Bridge => ProcessKind::Bridge,
         /// The link to the autopilot.
-        autopilot: AutopilotLink,
+        autopilot: AutopilotLink => ProcessKind::Autopilot,
         /// The belly camera: poses of the deck by its tags.
-        camera: CameraNode,
+        camera: CameraNode => ProcessKind::Camera,
         /// The ultraviolet camera: fixes of the deck by its blinking markers.
-        uvdar: UvdarNode,
+        uvdar: UvdarNode => ProcessKind::Uvdar,
         /// The deck's forecast.
-        predictor: Predictor,
+        predictor: Predictor => ProcessKind::Predictor,
         /// The state machine.
-        mission: Mission,
+        mission: Mission => ProcessKind::Mission,
         /// The trajectory.
-        planner: Planner,
+        planner: Planner => ProcessKind::Planner,
         /// The set-points.
-        pilot: Pilot,
+        pilot: Pilot => ProcessKind::Pilot,
     }
+    /// Its processes: there is no other list of them.
+    PROCESSES: Process
 }
 
 /// What the nodes of a drone's computer are made of.
@@ -66,14 +70,15 @@ impl DroneNodes {
 }
 
 /// A node of the drone's computer as it starts.
-pub trait Installed: Wired<Clock = DroneClock> {
+pub trait Installed: Process + Node<Clock = DroneClock> {
     /// For a start with this boot id. Where a node keeps a checkpoint, it begins as the successor of a crashed one.
     fn installed(computer: &DroneNodes, boot: u32) -> Self;
 }
 
 impl Installed for Bridge {
     fn installed(computer: &DroneNodes, boot: u32) -> Bridge {
-        Bridge::new(&computer.bridge, boot)
+        let disarm_s = computer.autopilot.disarm.longest_s();
+        Bridge::new(&computer.bridge, boot).disarmed_within(disarm_s)
     }
 }
 impl Installed for AutopilotLink {

@@ -1,15 +1,20 @@
-//! The vessel's computer: its nodes in the order of their data. The simulated world and the process step this one.
+//! The vessel's computer: its rows, and [`VesselComputer`], the nodes of the second one in the order of their data. The simulated
+//! world and the processes step these.
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
+use alight_shared::bus::{computer, wiring};
 use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
-    CommandReceipt, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_SOURCES, OperatorCommand,
+    CommandReceipt, CrewOrder, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
+    OperatorCommand, SensorReadings, Seq, TimeRequest,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::process::ProcessKind;
+use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
+mod crew;
 mod event;
 
 pub use event::VesselEvent;
@@ -23,6 +28,8 @@ use crate::deck::{
 use crate::followed::Followed;
 use crate::helm::{BoatMotion, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
+use crate::sensors::{Readings, SensorNode};
+use crew::CrewOrders;
 
 /// Advice counts for so long: it comes with each wave model, the slowest of which are a third of this apart.
 const ADVICE_FRESH: Span = Span::from_millis(30_000);
@@ -30,14 +37,16 @@ const ADVICE_FRESH: Span = Span::from_millis(30_000);
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerIn {
-    /// Measurements and time requests.
-    pub vessel: VesselIn,
+    /// Measurements of the sensors' process.
+    pub sensors: Vec<SensorReadings>,
+    /// Orders of the crew.
+    pub crew: Vec<CrewOrder>,
+    /// Time requests.
+    pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
     /// Statuses of drones.
     pub statuses: Vec<Arrival<VesselClock, DroneStatus>>,
     /// Commands of operators whose certificates were accepted.
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
-    /// Orders of the crew.
-    pub deck_orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub deck_inputs: DeckInputs,
     /// Bytes of the boat's autopilot; None: its link is not open.
@@ -46,6 +55,16 @@ pub struct ComputerIn {
     pub checkpoint: Option<VesselCheckpoint>,
     /// The process is asked to end.
     pub ends: bool,
+}
+
+impl ComputerIn {
+    /// What of it is the estimator's.
+    pub fn vessel(&self) -> VesselIn {
+        VesselIn {
+            time_requests: self.time_requests.clone(),
+            ..Readings::of(&self.sensors).input()
+        }
+    }
 }
 
 /// What the vessel publishes, and what people are to know.
@@ -81,6 +100,28 @@ pub enum Lamp {
     Blinks,
 }
 
+wiring! {
+    /// What the vessel's process reads; what it publishes goes by radio and to people.
+    VesselPorts of VesselComputer: ComputerIn => ComputerOut {
+        reads { all sensors: SensorReadings, all crew: CrewOrder }
+        edge { time_requests, statuses, commands, deck_inputs, helm, checkpoint, ends }
+        writes {}
+        wakes { SensorReadings }
+    }
+}
+
+computer! {
+    /// The rows of the vessel's computer.
+    VesselRows {
+        /// Its sensors: bytes to dated measurements.
+        sensors: SensorNode => ProcessKind::Sensors,
+        /// Estimator, deck arbiter, helm and broadcast.
+        vessel: VesselComputer => ProcessKind::Vessel,
+    }
+    /// Its processes: there is no other list of them.
+    PROCESSES: Process
+}
+
 /// What must not be forgotten when the process or the computer is started anew.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VesselCheckpoint {
@@ -114,6 +155,7 @@ pub struct VesselComputer {
     /// Inertial sensors that are stuck.
     stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
+    crew: CrewOrders,
 }
 
 impl VesselComputer {
@@ -135,7 +177,12 @@ impl VesselComputer {
             starved: None,
             stuck: [false; MAX_SOURCES],
             rejected: Rejections::default(),
+            crew: CrewOrders::default(),
         }
+    }
+    /// The crew's orders that were taken last.
+    pub fn orders_taken(&self) -> Seq<u32, MAX_ORDERS> {
+        self.crew.taken()
     }
     /// Estimator and broadcast.
     pub fn node(&self) -> &VesselNode {
@@ -197,6 +244,7 @@ impl VesselComputer {
         &mut self,
         now: Time<VesselClock>,
         input: &ComputerIn,
+        orders: &[DeckOrder],
         events: &mut Vec<VesselEvent>,
     ) -> Vec<u8> {
         let answer = |order: &DeckOrder| match order {
@@ -220,7 +268,7 @@ impl VesselComputer {
                     .advice
                     .filter(|(at, _)| now - *at <= ADVICE_FRESH)
                     .map(|(_, goal)| goal),
-                answers: input.deck_orders.iter().filter_map(answer).collect(),
+                answers: orders.iter().filter_map(answer).collect(),
                 consent: input.deck_inputs.consent,
                 turning: self.arbiter.is_turning(now),
                 bytes: input.helm.clone(),
@@ -309,12 +357,8 @@ impl Node for VesselComputer {
     type Out = ComputerOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &ComputerIn) -> ComputerOut {
-        let mut events: Vec<_> = input
-            .deck_orders
-            .iter()
-            .copied()
-            .map(VesselEvent::DeckOrder)
-            .collect();
+        let mut events = Vec::new();
+        let orders = self.crew.take(now, &input.crew, &mut events);
         let of_drone = |sender, status: &DroneStatus| sender == Sender::Drone(status.header.drone);
         let statuses = self.authentic(&input.statuses, of_drone);
         // A command names no operator.
@@ -328,7 +372,7 @@ impl Node for VesselComputer {
                     .map(|for_s| VesselEvent::StillArmed { drone, for_s }),
             );
         }
-        self.followed.observe(self.vessel, &input.vessel.time_requests);
+        self.followed.observe(self.vessel, &input.time_requests);
         let another = self.follows_another(now);
         let new = another.filter(|_| another != self.follows_another);
         events.extend(new.map(VesselEvent::SecondComputer));
@@ -340,12 +384,12 @@ impl Node for VesselComputer {
         // what it did before shows neither that it left the deck nor that it took a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
-        let helm = self.steer(now, input, &mut events);
+        let helm = self.steer(now, input, &orders, &mut events);
         let granted = self.arbiter.step(
             now,
             &ArbiterIn {
                 statuses: current.clone(),
-                orders: input.deck_orders.clone(),
+                orders,
                 inputs: input.deck_inputs,
                 helm: self.helm.status(),
                 turns_back: self.helm.turns_back(),
@@ -369,7 +413,7 @@ impl Node for VesselComputer {
         // Sensors -> estimator -> broadcast, at the rates that the landing drone's link carries.
         self.node.prioritise(self.arbiter.landing(now));
         self.node.blow(self.drones.wind(now));
-        let vessel = self.node.step(now, &input.vessel);
+        let vessel = self.node.step(now, &input.vessel());
         self.observe_motion(now, &vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {
             let stuck = self.node.source(IMU, source).is_stuck;
@@ -443,7 +487,10 @@ mod tests {
         assert_eq!(double.len(), 1, "{double:?}");
         assert!(double[0].contains("00000007 and 00000008"), "{double:?}");
         let order = ComputerIn {
-            deck_orders: vec![DeckOrder::Closed],
+            crew: vec![CrewOrder {
+                header: Header::new(1, 0, 77, 0, Time::from_secs(8.0)),
+                order: DeckOrder::Closed,
+            }],
             ..ComputerIn::default()
         };
         assert_eq!(events(&mut computer, 8.0, order), ["crew order: deck closed"]);

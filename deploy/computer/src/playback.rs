@@ -5,7 +5,10 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
+use alight_uav::autopilot::AutopilotLink;
+use alight_uav::computer::Installed as _;
 use alight_uav::mission::Mission;
+use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
 use alight_uav::predictor::Predictor;
@@ -14,13 +17,7 @@ use serde::Serialize;
 
 use crate::config::view::ViewConfig;
 use crate::config::{DroneComputer, VesselComputer};
-use crate::drone::autopilot;
-use crate::drone::mission::MissionShell;
-use crate::drone::pilot::PilotShell;
-use crate::drone::planner::PlannerShell;
-use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Doing};
-use crate::process::shell::Shell;
 use crate::process::supervision::{Observed, SupervisorNode};
 use crate::process::supervisor::SUPERVISOR;
 use crate::record::entry::{Computed, Entry, Input, PartHeader};
@@ -200,22 +197,18 @@ fn node(log: &Log, start: &Start, law: ForeignLaw<'_>, shown: bool) -> Result<Bo
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Vessel(now, i, o))
         }
         "bridge" => {
-            let node = Bridge::new(&drone()?.bridge, boot);
+            let node = Bridge::installed(&drone()?.nodes(), boot);
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Bridge(now, i, o))
         }
         "predictor" => {
-            let node = match (live, drone()?) {
-                (true, drone) => PredictorShell::node(&drone, boot),
-                (false, drone) => Predictor::new(&drone.drone.predictor(), boot),
-            };
+            let node = Predictor::installed(&drone()?.nodes(), boot);
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Predictor(now, i, o))
         }
         "mission" => {
             let drone = drone()?;
-            let (own, id) = (&drone.drone, drone.bridge.drone_id);
             let node = match live {
-                true => MissionShell::node(&drone, boot),
-                false => Mission::new(&own.mission(), &own.airframe, &own.deck, id, boot),
+                true => Mission::installed(&drone.nodes(), boot),
+                false => drone.nodes().mission(boot),
             };
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Mission(now, i, o))
         }
@@ -223,17 +216,17 @@ fn node(log: &Log, start: &Start, law: ForeignLaw<'_>, shown: bool) -> Result<Bo
             let drone = drone()?;
             let own = &drone.drone;
             let node = match law(log.text(BASELINE_FILE), own)? {
-                None => PlannerShell::node(&drone, boot),
+                None => Planner::installed(&drone.nodes(), boot),
                 Some(law) => Planner::with_law(law, &own.planner, &own.airframe, &own.deck, boot),
             };
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Planner(now, i, o))
         }
         "pilot" => {
-            let node = PilotShell::node(&drone()?, boot);
+            let node = Pilot::installed(&drone()?.nodes(), boot);
             ReplayedNode::of(node, shown, |now, i, o| NodeStep::Pilot(now, i, o))
         }
         "autopilot" => Box::new(ReplayedNode {
-            node: autopilot::node(&drone()?, boot),
+            node: AutopilotLink::installed(&drone()?.nodes(), boot),
             show: None,
         }),
         SUPERVISOR => Box::new(ReplayedNode {

@@ -5,13 +5,12 @@ use std::path::Path;
 use alight_shared::admission::AccessRejection;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{MetricName, MetricValue};
-use alight_shared::msg::{SourceReport, SourceUse, VesselStatus};
+use alight_shared::msg::{SourceReport, SourceUse, VesselStatus, still_armed_s};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::{admission, topics};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::autopilot::config::DisarmConfig;
-use alight_uav::autopilot::still_armed_s;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
@@ -85,7 +84,7 @@ impl Known {
             drone_id: Some(computer.bridge.drone_id),
             deck: Some(computer.drone.deck),
             disarm: computer.autopilot.disarm,
-            processes: ProcessKind::DRONE.into(),
+            processes: computer.processes(),
             vessel: None,
             knots: computer.view.knots,
         }
@@ -100,10 +99,7 @@ impl Known {
         };
         Known {
             title: format!("vessel {}", computer.vessel_id),
-            processes: match computer.sensor.sources.is_empty() {
-                true => vec![ProcessKind::Vessel],
-                false => vec![ProcessKind::Vessel, ProcessKind::Sensors],
-            },
+            processes: computer.processes(),
             vessel: Some(KnownVessel {
                 listen: computer.radio.listen.clone(),
                 connect: computer.radio.connect.clone(),
@@ -198,7 +194,12 @@ impl Situation {
     /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.seen.mission.as_ref()?, self.seen.autopilot.as_ref()?);
-        still_armed_s(mission.header.at, mission, autopilot.armed, &self.known.disarm)
+        still_armed_s(
+            mission.header.at,
+            mission,
+            autopilot.armed,
+            self.known.disarm.longest_s(),
+        )
     }
     /// Age of the vessel's newest estimate on the drone, s; infinite before the first, None without a bridge.
     pub fn link_age_s(&self) -> Option<f64> {

@@ -11,6 +11,7 @@
 
 mod access;
 mod autopilot;
+mod buses;
 mod cameras;
 mod common;
 mod faults;

@@ -153,12 +153,7 @@ fn readings(directory: &Path) -> Vec<Readings> {
         .filter(|m| m.channel.topic == "/node/vessel")
         .map(|m| {
             let (_, input, _, _): Step = wire::decode_record(&m.data).expect("a step");
-            Readings {
-                imu: input.vessel.imu,
-                gnss: input.vessel.gnss,
-                heading: input.vessel.heading,
-                ..Readings::default()
-            }
+            Readings::of(&input.sensors)
         })
         .collect()
 }

@@ -1,7 +1,7 @@
 //! The status of a drone for its vessel, put together of what each process of the drone reported, by its own time.
 
-use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState};
-use crate::time::DroneClock;
+use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState, State};
+use crate::time::{DroneClock, Time};
 use crate::topics;
 
 impl DroneStatus {
@@ -48,11 +48,28 @@ impl DroneStatus {
     }
 }
 
+/// A drone whose take-off was stopped is disarmed by then, s: the heartbeats that show the arming, the thrust that has come
+/// down, and some commands with their answers.
+const STANDS_DOWN_S: f64 = 5.0;
+
+/// Since the landing or since the take-off was stopped, s, of a drone that is on the deck and armed for longer than the disarm
+/// takes (`disarm_s`): the commands were denied, what they need is missing, or `disarm.on_deck` is off. A mission leaves `Landed`
+/// when the drone, disarmed in between, is armed again.
+pub fn still_armed_s(
+    now: Time<DroneClock>,
+    mission: &MissionState,
+    armed: bool,
+    disarm_s: f64,
+) -> Option<f64> {
+    let stands_s = (now - mission.since).secs();
+    let landed = mission.state == State::Landed && stands_s > disarm_s;
+    let stopped = mission.state == State::StandDown && stands_s > STANDS_DOWN_S;
+    (armed && (landed || stopped)).then_some(stands_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::State;
-    use crate::time::Time;
 
     #[test]
     fn ages_of_a_status_to_the_vessel() {

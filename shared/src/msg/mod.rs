@@ -38,6 +38,7 @@ mod beacon;
 mod deck;
 mod drone;
 mod drone_status;
+pub use drone_status::still_armed_s;
 mod grant;
 mod helm;
 mod mission;

@@ -25,7 +25,7 @@ use crate::{Doing, TransportError};
 use alight_shared::bus::{self, Bus};
 use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;
-use alight_shared::topics::Topic;
+use alight_shared::topics::{self, Topic};
 
 /// Publishers of one topic: each process of a computer may publish its state, and one that was
 /// killed keeps its place until it is cleaned up.
@@ -183,7 +183,7 @@ impl Services {
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
         let images = ImageServices::create(&memory.node)?;
         let mut created = Created(memory, Vec::new());
-        plain::each(&mut created)?;
+        topics::each_in_memory(&mut created)?;
         Ok(Services {
             held: created.1,
             _images: images,
@@ -251,9 +251,17 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Takes all wake-ups: a listener that is not drained wakes at once again.
-    pub fn drain(&self) {
-        let _drained = self.port.try_wait(|_| {});
+    /// Takes all wake-ups, and says whether there were any: a listener that is not drained wakes at once again.
+    pub fn drain(&self) -> bool {
+        let mut woke = false;
+        let _drained = self.port.try_wait(|_| woke = true);
+        woke
+    }
+}
+
+impl bus::Wake for Listener {
+    fn woke(&mut self) -> bool {
+        self.drain()
     }
 }
 

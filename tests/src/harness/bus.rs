@@ -6,7 +6,7 @@ use core::convert::Infallible;
 use std::collections::{HashMap, VecDeque};
 use std::rc::Rc;
 
-use alight_shared::bus::{Bus, Reader, Received, Writer};
+use alight_shared::bus::{self, Bus, Reader, Received, Writer};
 use alight_shared::plain::Plain;
 use alight_shared::process::InputState;
 
@@ -79,9 +79,8 @@ pub struct Wake {
     seen: u64,
 }
 
-impl Wake {
-    /// Since it was asked last.
-    pub fn woke(&mut self) -> bool {
+impl bus::Wake for Wake {
+    fn woke(&mut self) -> bool {
         let sent = (self.sent)();
         core::mem::replace(&mut self.seen, sent) != sent
     }

@@ -22,14 +22,13 @@ use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState,
     DroneStatus, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
-    VesselEstimate,
+    VesselEstimate, still_armed_s,
 };
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
-use alight_uav::autopilot::config::DisarmConfig;
+use alight_uav::autopilot::AutopilotLink;
 use alight_uav::autopilot::message::Frame;
-use alight_uav::autopilot::{AutopilotLink, still_armed_s};
 use alight_uav::computer::{DroneNodes, DroneRows, Installed};
 use alight_uav::mission::MissionConfig;
 use nalgebra::Vector3;
@@ -40,8 +39,6 @@ const MAX_PLANS: usize = 64;
 const MAX_WAITING: usize = 4096;
 /// A vessel of the same identity counts its starts from here.
 const TWIN_BOOT: u32 = 1000;
-/// Time between two of a drone's status messages (the bridge's process sends them so).
-const STATUS_PERIOD: Span = Span::from_millis(500);
 
 /// From a drone to the vessel.
 #[derive(Clone, Debug)]
@@ -141,8 +138,6 @@ pub struct DroneComputer {
     pub(super) images_late: Span,
     /// Fault: the deck seen is so far from the vessel's, NED, m.
     pub(super) sees_beside: Vector3<f64>,
-    /// When the next status is due.
-    status_due: Time<TrueTime>,
     /// When the pilot stands still.
     pub(super) pilot_outage_window: Option<[Time<TrueTime>; 2]>,
     /// The newest odometry, as the bridge's process reads it.
@@ -197,6 +192,16 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
 fn row<N: Wired>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     let Ok(row) = Row::join(bus, node);
     Some(row)
+}
+
+/// The row where its process lives, `runs` and steps at `now`.
+fn due<N: Wired>(
+    row: &mut Option<Row<N, LockStep>>,
+    runs: bool,
+    now: Time<N::Clock>,
+) -> Option<&mut Row<N, LockStep>> {
+    row.as_mut().filter(|_| runs)?.is_due(now).then_some(())?;
+    row.as_mut()
 }
 
 impl DroneComputer {
@@ -257,7 +262,6 @@ impl DroneComputer {
             repeated_m: None,
             images_late: Span::ZERO,
             sees_beside: Vector3::zeros(),
-            status_due: Time::EPOCH,
             pilot_outage_window: None,
             odometry: None,
             mission_state: MissionState::default(),
@@ -389,7 +393,7 @@ impl DroneComputer {
             return;
         }
         self.kept.poll(now);
-        self.step_bridge((t, now), packets, failing, tap);
+        self.step_bridge((t, now), packets, reports_status, failing, tap);
         if self.linked.is_some() {
             self.receive_from_autopilot((t, now), physics, failing);
             self.sense((t, now), physics, failing);
@@ -399,12 +403,12 @@ impl DroneComputer {
                 .iter()
                 .for_each(|plan| self.outside.plans.send(plan));
             self.step_mission((t, now), failing, tap);
-            if reports_status && self.rows.bridge.is_some() && self.runs(Part::Bridge) {
-                self.report_status((t, now), physics);
-            }
             self.step_planner((t, now), failing, tap);
             self.step_pilot((t, now), failing, tap);
-            self.step_link((t, now), Vec::new(), failing);
+            let runs = self.runs(Part::Link);
+            if due(&mut self.rows.autopilot, runs, now).is_some() {
+                self.step_link((t, now), Vec::new(), failing);
+            }
         }
         self.look(now);
     }
@@ -424,6 +428,7 @@ impl DroneComputer {
         &mut self,
         (t, now): Moment,
         mut packets: Vec<Stamped<DroneClock, Packet>>,
+        reports_status: bool,
         failing: &Failing,
         tap: &mut impl Tap,
     ) {
@@ -458,6 +463,11 @@ impl DroneComputer {
         if let Some(request) = out.time_request {
             let request = Uplink::TimeRequest(request);
             self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
+        }
+        if let Some(status) = out.status.filter(|_| reports_status)
+            && let Ok(bytes) = wire::encode(&status)
+        {
+            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
         }
     }
     /// The link with what the autopilot has sent.
@@ -552,7 +562,7 @@ impl DroneComputer {
             physics.drone(self.k),
         );
         let (runs, mut forecast) = (self.runs(Part::Predictor), None);
-        if let Some(predictor) = self.rows.predictor.as_mut().filter(|_| runs) {
+        if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
             predictor.step(
                 now,
                 |_| {},
@@ -580,7 +590,7 @@ impl DroneComputer {
     fn step_mission(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
         let (runs, mut state) = (self.runs(Part::Mission), None);
         let (mutated, before) = (&mut self.mutated, self.mission_state.state);
-        if let Some(mission) = self.rows.mission.as_mut().filter(|_| runs) {
+        if let Some(mission) = due(&mut self.rows.mission, runs, now) {
             let out = mission.step(
                 now,
                 |input| {
@@ -607,7 +617,7 @@ impl DroneComputer {
     }
     fn step_planner(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
         let runs = self.runs(Part::Planner);
-        let Some(planner) = self.rows.planner.as_mut().filter(|_| runs) else {
+        let Some(planner) = due(&mut self.rows.planner, runs, now) else {
             return;
         };
         let delay = self.solve_delay + Span::from_secs(failing.solve_s);
@@ -628,7 +638,7 @@ impl DroneComputer {
         let away = |[from, until]: [Time<TrueTime>; 2]| from <= t && t < until;
         let runs = self.runs(Part::Pilot) && !self.pilot_outage_window.is_some_and(away);
         let (external, state) = (self.external, self.mission_state.state);
-        if let Some(pilot) = self.rows.pilot.as_mut().filter(|_| runs) {
+        if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
             pilot.step(
                 now,
                 |_| {},
@@ -658,32 +668,11 @@ impl DroneComputer {
         header.at += self.ahead;
         header
     }
-    /// For so long the drone is armed on the deck without an order, as its status has it at `now`, s.
-    fn still_armed_at(&self, now: Time<DroneClock>) -> Option<f64> {
-        let armed = self.autopilot_state.armed;
-        still_armed_s(now, &self.mission_state, armed, &DisarmConfig::default())
-    }
-    /// The same when the mission last published.
+    /// For so long the drone was armed on the deck without an order when the mission last published, s.
     pub fn still_armed_s(&self) -> Option<f64> {
-        self.still_armed_at(self.mission_state.header.at)
-    }
-    /// The bridge's process sends it.
-    fn report_status(&mut self, (t, now): Moment, physics: &mut Physics) {
-        if t < self.status_due {
-            return;
-        }
-        self.status_due = t + STATUS_PERIOD;
-        let (own, forecast) = (self.odometry.as_ref(), self.forecast.as_ref());
-        let distance = DroneStatus::deck_distance_m(now, own, forecast);
-        let header = self.header(physics);
-        let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
-        let status = DroneStatus {
-            still_armed_s: self.still_armed_at(header.at).map(|s| s as f32),
-            ..DroneStatus::of(header, mission, Some(autopilot), distance)
-        };
-        if let Ok(bytes) = wire::encode(&status) {
-            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-        }
+        let (mission, armed) = (&self.mission_state, self.autopilot_state.armed);
+        let disarm_s = self.nodes.autopilot.disarm.longest_s();
+        still_armed_s(mission.header.at, mission, armed, disarm_s)
     }
 }
 

@@ -15,6 +15,7 @@ use super::outcome::Observation;
 use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
 use super::tap::{NoTap, Tap};
+use super::vessel_computer::VesselSide;
 use crate::autopilots::boat::BoatAutopilot;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
@@ -24,12 +25,11 @@ use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{
     CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
 };
-use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_usv::deck::DeckInputs;
 use alight_usv::sensors::Readings;
-use alight_usv::{ComputerIn, ComputerOut, VesselComputer};
+use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -52,8 +52,7 @@ pub struct World {
     /// Where forecasts have the true motion.
     foresight: Option<Foresight>,
     // The vessel's computer.
-    vessel_boot: u32,
-    vessel: VesselComputer,
+    vessel: VesselSide,
     /// The boat's own autopilot.
     boat: BoatAutopilot,
     /// What its crew, its operators and its former start have given it since the last tick.
@@ -94,8 +93,7 @@ impl World {
             .map(|part| Foresight::new(scenario, part, streams));
         Ok(World {
             foresight: foresight.transpose()?,
-            vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
-            vessel_boot: BOOT,
+            vessel: VesselSide::new(scenario, nodes, BOOT),
             boat: BoatAutopilot::default(),
             given: ComputerIn::default(),
             operator_sequence: 0,
@@ -189,7 +187,7 @@ impl World {
     }
     /// An order of the vessel's crew for the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
-        self.given.deck_orders.push(order);
+        self.vessel.order(self.vessel_now(), order);
     }
     /// The deck's digital inputs have these levels from now on.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
@@ -272,14 +270,11 @@ impl World {
     }
     /// The vessel's computer starts anew, with what it kept.
     pub fn restart_vessel(&mut self) {
-        self.vessel_boot += 1;
         self.given = ComputerIn {
-            checkpoint: Some(self.vessel.checkpoint()),
+            checkpoint: self.vessel.restart_vessel(&self.nodes),
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };
-        let (node, deck) = (&self.nodes.vessel, &self.nodes.deck);
-        self.vessel = VesselComputer::new(node, deck, VESSEL_ID, self.vessel_boot);
     }
 
     /// The turn or change of speed of the vessel's course that a first descent dates.
@@ -321,19 +316,15 @@ impl World {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };
-        let mut input = ComputerIn {
-            vessel: readings.input(),
-            ..core::mem::replace(&mut self.given, given)
-        };
+        let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
         input.helm = Some(self.boat.sent(t));
         if self.failing.frozen.vessel {
             // Orders wait, what was measured is lost.
-            (self.given.commands, self.given.deck_orders) = (input.commands, input.deck_orders);
-            self.given.checkpoint = input.checkpoint;
+            (self.given.commands, self.given.checkpoint) = (input.commands, input.checkpoint);
         } else {
-            let output = self.vessel.step(now, &input);
-            tap.vessel(t, now, &input, &output);
+            let look = |input: &ComputerIn, output: &ComputerOut| tap.vessel(t, now, input, output);
+            let output = self.vessel.tick(now, &readings, input, look);
             self.boat.receive(t, &output.helm);
             self.broadcast_all(t, &output);
         }
@@ -407,7 +398,7 @@ impl World {
                 let at = clock.read(arrival);
                 match uplink {
                     Uplink::TimeRequest(message) => {
-                        input.vessel.time_requests.push(Arrival { at, sender, message });
+                        input.time_requests.push(Arrival { at, sender, message });
                     }
                     Uplink::Status(message) => input.statuses.push(Arrival { at, sender, message }),
                 }
@@ -444,19 +435,21 @@ impl World {
     }
     /// Whether a drone wants the vessel to keep course and speed now.
     pub fn wants_steady(&self) -> bool {
-        self.vessel.arbiter().wants_steady(self.vessel_now())
+        let now = self.vessel_now();
+        self.vessel
+            .vessel()
+            .is_some_and(|v| v.arbiter().wants_steady(now))
     }
     /// The boat's own autopilot.
     pub fn boat(&mut self) -> &mut BoatAutopilot {
         &mut self.boat
     }
-    /// The vessel's computer.
-    pub fn vessel(&self) -> &VesselComputer {
-        &self.vessel
-    }
     /// Where the handshake about the helm stands.
     pub fn helm(&self) -> HelmStatus {
-        self.vessel.helm().status()
+        self.vessel
+            .vessel()
+            .map(|v| v.helm().status())
+            .unwrap_or_default()
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {

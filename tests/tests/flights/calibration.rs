@@ -149,7 +149,7 @@ struct Recorder(Record);
 
 impl Tap for Recorder {
     fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &ComputerIn, _: &ComputerOut) {
-        self.0.add(&i.vessel);
+        self.0.add(&i.vessel());
     }
 }
 

@@ -8,7 +8,6 @@
 
 use core::fmt;
 
-use alight_shared::msg::{MissionState, State};
 use alight_shared::time::Span;
 use serde::{Deserialize, Serialize};
 
@@ -200,23 +199,10 @@ impl DisarmConfig {
     }
 }
 
-/// A drone whose take-off was stopped is disarmed by then, s: the heartbeats that show the arming, the thrust that has come
-/// down, and some commands with their answers.
-const STANDS_DOWN_S: f64 = 5.0;
-
-/// Since the landing or since the take-off was stopped, s, of a drone that is on the deck and armed for longer than the disarm
-/// takes: the commands were denied, what they need is missing, or `disarm.on_deck` is off. A mission leaves `Landed` when the
-/// drone, disarmed in between, is armed again.
-pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, c: &DisarmConfig) -> Option<f64> {
-    let stands_s = (now - mission.since).secs();
-    let landed = mission.state == State::Landed && stands_s > c.longest_s();
-    let stopped = mission.state == State::StandDown && stands_s > STANDS_DOWN_S;
-    (armed && (landed || stopped)).then_some(stands_s)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::msg::{MissionState, State, still_armed_s};
     use alight_shared::time::Time;
 
     #[test]
@@ -232,7 +218,7 @@ mod tests {
             ..MissionState::default()
         };
         let after = |s: f64, m: &MissionState, armed, c: &DisarmConfig| {
-            still_armed_s(Time::from_secs(10.0 + s), m, armed, c).map(|s| s.round())
+            still_armed_s(Time::from_secs(10.0 + s), m, armed, c.longest_s()).map(|s| s.round())
         };
         assert_eq!(after(c.longest_s() - 0.1, &landed, true, &c), None);
         assert_eq!(after(14.0, &landed, true, &c), Some(14.0));

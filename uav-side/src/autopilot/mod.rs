@@ -45,7 +45,7 @@ pub mod wire;
 
 pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, DeckMessage, Diversion};
-pub use disarm::{DisarmInhibit, still_armed_s};
+pub use disarm::DisarmInhibit;
 
 use std::collections::VecDeque;
 

@@ -3,7 +3,7 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, DeckStage, DroneState, Header, LandedState, MissionState, Motors, PlanStage,
-    ReasonCode, SetPoint, SetPointKind, State, still_armed,
+    ReasonCode, SetPoint, SetPointKind, State, still_armed, still_armed_s,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -239,7 +239,7 @@ impl AutopilotLink {
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.fresh_mission(now);
-        let still_s = mission.and_then(|m| disarm::still_armed_s(now, m, armed, &self.config.disarm));
+        let still_s = mission.and_then(|m| still_armed_s(now, m, armed, self.config.disarm.longest_s()));
         if let Some(s) = still_s.filter(|_| self.timers.armed.is_due_spaced(now, STILL_ARMED)) {
             out.alarm(severity::CRITICAL, still_armed(s as f32));
         }

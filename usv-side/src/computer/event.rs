@@ -34,6 +34,8 @@ pub enum VesselEvent {
     },
     /// The crew's order was taken.
     DeckOrder(DeckOrder),
+    /// It came too late, and was not.
+    LateOrder(DeckOrder),
     /// A clearance for take-offs has ended that was neither used nor taken back.
     ClearanceEnded {
         /// For this drone.
@@ -88,6 +90,7 @@ impl VesselEvent {
             VesselEvent::DoubleNumber { .. }
             | VesselEvent::SecondComputer(_)
             | VesselEvent::StillArmed { .. }
+            | VesselEvent::LateOrder(_)
             | VesselEvent::DeckStarved(_) => true,
             VesselEvent::StuckImu { stuck, .. } => *stuck,
             VesselEvent::Helm(helm) => helm.state == HelmState::Withdrawn,
@@ -142,6 +145,10 @@ impl fmt::Display for VesselEvent {
             }
             VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::No)) => {
                 write!(f, "crew order: the computer may not steer")
+            }
+            VesselEvent::LateOrder(order) => {
+                let order = VesselEvent::DeckOrder(*order);
+                write!(f, "{order}: it came too late and does not count: give it again")
             }
             VesselEvent::ClearanceEnded { drone, why } => write!(
                 f,

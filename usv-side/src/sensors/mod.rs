@@ -68,6 +68,12 @@ impl Readings {
             Measurement::Attitude(m) => self.attitude.push(m),
         }
     }
+    /// All of these messages.
+    pub fn of<'a>(messages: impl IntoIterator<Item = &'a SensorReadings>) -> Readings {
+        let mut all = Readings::default();
+        messages.into_iter().for_each(|m| all.append(m));
+        all
+    }
     /// Adds all of a message.
     pub fn append(&mut self, message: &SensorReadings) {
         self.imu.extend_from_slice(&message.imu);
@@ -100,7 +106,7 @@ impl Readings {
 }
 
 /// A measurement of any kind.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Measurement {
     /// An inertial sample.
     Imu(ImuSample),
@@ -170,7 +176,7 @@ impl Measurement {
 }
 
 /// A measurement as its source dates it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceMeasurement {
     /// On the source's own clock, ns.
     pub at_ns: i64,

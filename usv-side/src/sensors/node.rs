@@ -1,8 +1,9 @@
 //! The node of all sources of a vessel: bytes as they arrive to measurements on the vessel's clock, with statistics
 //! of each source.
 
+use alight_shared::bus::wiring;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, SourceStatus};
+use alight_shared::msg::{Header, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -27,15 +28,27 @@ const REQUEST_PERIOD: Span = Span::from_millis(1000);
 pub struct SensorsIn {
     /// One for each source.
     pub bytes: Vec<Vec<u8>>,
+    /// The same of sources whose driver gives measurements.
+    pub samples: Vec<Vec<SourceMeasurement>>,
 }
 
 /// Measurements, and requests to sources.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsOut {
     /// For the vessel's process.
-    pub readings: Readings,
+    pub readings: Vec<SensorReadings>,
     /// Number of a source and bytes for it.
     pub requests: Vec<(usize, Vec<u8>)>,
+}
+
+wiring! {
+    /// What the sensors' node writes; it reads bytes alone.
+    SensorPorts of SensorNode: SensorsIn => SensorsOut {
+        reads {}
+        edge { bytes, samples }
+        writes { readings: SensorReadings }
+        wakes {}
+    }
 }
 
 struct Source {
@@ -182,7 +195,8 @@ pub struct SensorNode {
     sources: Vec<Source>,
     vessel: u32,
     boot: u32,
-    sequence: u32,
+    /// Of measurements, and of messages.
+    sequences: [u32; 2],
 }
 
 impl SensorNode {
@@ -192,7 +206,7 @@ impl SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
             vessel,
             boot,
-            sequence: 0,
+            sequences: [0; 2],
         }
     }
     /// The key of MAVLink signing of source `number`.
@@ -217,12 +231,13 @@ impl Node for SensorNode {
     type Out = SensorsOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &SensorsIn) -> SensorsOut {
-        let mut out = SensorsOut::default();
+        let (mut readings, mut requests) = (Readings::default(), Vec::new());
         let mut decoded = Vec::new();
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
                 source.push(now, bytes, &mut decoded);
             }
+            decoded.extend(input.samples.get(k).into_iter().flatten().copied());
             let mut dated = Vec::new();
             for m in decoded.drain(..) {
                 let averaged = source.average(m);
@@ -234,17 +249,23 @@ impl Node for SensorNode {
             for m in dated {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
-                let header = Header::new(self.vessel, 0, self.boot, self.sequence, m.at());
-                self.sequence = self.sequence.wrapping_add(1);
-                out.readings.push(m.headed(number, header));
+                let [sequence, _] = &mut self.sequences;
+                let header = Header::new(self.vessel, 0, self.boot, *sequence, m.at());
+                *sequence = sequence.wrapping_add(1);
+                readings.push(m.headed(number, header));
             }
             if source.requested.is_none_or(|t| now - t >= REQUEST_PERIOD) {
                 source.requested = Some(now);
-                out.requests
-                    .extend(source.decoder.request().map(|bytes| (k, bytes)));
+                requests.extend(source.decoder.request().map(|bytes| (k, bytes)));
             }
         }
-        out
+        let mut readings = readings.messages(Header::new(self.vessel, 0, self.boot, 0, now));
+        for message in &mut readings {
+            let [_, sequence] = &mut self.sequences;
+            *sequence = sequence.wrapping_add(1);
+            message.header.sequence = *sequence;
+        }
+        SensorsOut { readings, requests }
     }
 }
 

@@ -8,10 +8,12 @@ pub mod view;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
+use alight_shared::process::ProcessKind;
 use alight_transport::clock::ProcessClock;
 use alight_transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::camera::motion_blur::longest_exposure_s;
+use alight_uav::computer::{self, DroneNodes};
 use alight_uav::settings::DroneSettings;
 use alight_usv::helm::HelmOutput;
 use alight_usv::sensors::SourcesConfig;
@@ -62,6 +64,12 @@ config! {
 }
 
 impl VesselComputer {
+    /// Its processes, in the order of its rows: its sensors' where some are configured.
+    pub fn processes(&self) -> Vec<ProcessKind> {
+        let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
+        let all = alight_usv::computer::PROCESSES.iter().copied();
+        all.filter(|kind| Some(*kind) != absent).collect()
+    }
     /// Its nodes, for a start with this boot id.
     pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
         alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
@@ -132,6 +140,25 @@ config! {
 }
 
 impl DroneComputer {
+    /// What its nodes are made of.
+    pub fn nodes(&self) -> DroneNodes {
+        DroneNodes {
+            bridge: self.bridge.clone(),
+            autopilot: self.autopilot.clone(),
+            drone: self.drone.clone(),
+        }
+    }
+    /// Its processes, in the order of its rows: those of a device where that is configured.
+    pub fn processes(&self) -> Vec<ProcessKind> {
+        let of_devices = [
+            (ProcessKind::Autopilot, self.supervision.autopilot),
+            (ProcessKind::Camera, self.camera.is_there()),
+            (ProcessKind::Uvdar, self.ultraviolet().is_there()),
+        ];
+        let is_absent = |kind| of_devices.contains(&(kind, false));
+        let all = computer::PROCESSES.iter().copied();
+        all.filter(|kind| !is_absent(*kind)).collect()
+    }
     /// Where the ultraviolet camera's images come from, at the rate of the markers' bits.
     pub fn ultraviolet(&self) -> CameraSource {
         self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)

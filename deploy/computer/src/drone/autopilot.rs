@@ -9,22 +9,19 @@ use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use alight_shared::bus::Saved;
+use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{
-    AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample,
-    Seq, SetPoint, SettingsOrder,
-};
+use alight_shared::msg::{LinkCheckpoint, Seq, SetPoint};
 use alight_shared::process::ProcessKind;
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::readiness::watched;
 use alight_uav::autopilot::ais::AisDecoder;
 use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, Frame, Message};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
-use alight_uav::pilot::Output;
+use alight_uav::autopilot::{AutopilotLink, MAX_FRAMES};
+use alight_uav::computer::Installed as _;
 use tokio::io::Interest;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
@@ -40,19 +37,6 @@ use crate::process::life::Process;
 
 /// A step is due after this long without input.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
-
-/// The node of this computer, for a start with this boot id.
-pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
-    let drone = &computer.drone;
-    AutopilotLink::new(
-        &computer.autopilot,
-        &drone.odometry,
-        &drone.airframe,
-        drone.pilot.output == Output::Attitude,
-        computer.bridge.drone_id,
-        boot,
-    )
-}
 
 /// Who speaks as the autopilot over UDP, and the signatures of those who do not.
 pub struct Speakers {
@@ -149,19 +133,10 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
     let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
     let mut ais = AisReceiver::at(&computer.autopilot.ais).await?;
-    let make = |boot| node(&computer, boot);
+    let make = |boot| AutopilotLink::installed(&computer.nodes(), boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
-    let mut set_points = memory.subscriber::<SetPoint>()?;
-    let mut missions = memory.subscriber::<MissionState>()?;
-    let mut forecasts = memory.subscriber::<DeckForecast>()?;
-    let mut checkpoint = Saved::<Memory, LinkCheckpoint>::join(&memory)?;
-    let mut odometry = memory.publisher::<DroneState>()?;
-    let mut states = memory.publisher::<AutopilotState>()?;
-    let mut ranges = memory.publisher::<RangeSample>()?;
-    let mut commands = memory.publisher::<Command>()?;
-    let mut settings = memory.publisher::<SettingsOrder>()?;
-    let mut beacons = memory.publisher::<DeckBeacon>()?;
+    let mut ports = <AutopilotLink as Wired>::Ports::join(&memory)?;
     let mut reports = memory.publisher()?;
     let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing.clone()));
     let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
@@ -181,28 +156,26 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                     let mut woken = woken.doing("waiting for set-points")?;
                     woken.get_inner().drain();
                     woken.clear_ready();
+                    due = true;
                 }
                 _ = steps.tick() => due = true,
             }
         }
-        let mut input = AutopilotIn::default();
-        while input.received.len() < MAX_FRAMES
+        let mut received = Vec::new();
+        while received.len() < MAX_FRAMES
             && let Some(frame) = decoder.next_frame().or_else(|| ais.next_frame())
         {
-            input.received.push(frame);
+            received.push(frame);
         }
-        more = input.received.len() == MAX_FRAMES;
-        let t = process.now().nanos();
-        input.set_point = set_points.newest(t);
-        input.mission = missions.newest(t);
-        input.forecast = forecasts.newest(t);
-        input.checkpoint = checkpoint.predecessor(t);
+        more = received.len() == MAX_FRAMES;
+        if received.is_empty() && !due {
+            // A part of a frame.
+            continue;
+        }
+        let mut input = ports.read(process.now().nanos());
+        input.received = received;
         if let (Some(signing), Some(before)) = (&signing, &input.checkpoint) {
             signing.recall(&before.signing);
-        }
-        let nothing = input.received.is_empty() && input.set_point.is_none() && input.checkpoint.is_none();
-        if nothing && !due {
-            continue;
         }
         steps.reset();
         // Read after the messages: a step is never earlier than a message that it consumes.
@@ -215,19 +188,11 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 }
             }
             // The node has no frames, and knows nothing of their signatures.
-            let times = signing.as_ref().map(Signing::times).unwrap_or_default();
-            let kept = out.checkpoint.map(|own| LinkCheckpoint {
-                signing: times,
-                ..own
-            });
-            checkpoint.write(kept.as_ref());
-            commands.send_any(out.command.as_ref());
-            settings.send_any(out.settings.as_ref());
-            beacons.send_any(out.beacon.as_ref());
-            out.ranges.iter().for_each(|m| ranges.send(m));
-            states.send_any(out.state.as_ref());
-            // Odometry last, because it wakes the other processes.
-            out.odometry.iter().for_each(|m| odometry.send(m));
+            let own = out.checkpoint;
+            let signing = signing.as_ref().map(Signing::times).unwrap_or_default();
+            out.checkpoint = own.map(|own| LinkCheckpoint { signing, ..own });
+            ports.write(out);
+            out.checkpoint = own;
             !input.received.is_empty()
         });
         let errors = [link.last_error(), ais.last_error()];
@@ -247,22 +212,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         ];
         let signatures = mavlink_key::metrics(decoder.signatures().plus(speakers.rejected()));
         process.life.metrics = Seq::filled(own.into_iter().chain(signatures));
-        let inputs = || {
-            vec![
-                set_points.statistics().state(t),
-                missions.statistics().state(t),
-                forecasts.statistics().state(t),
-            ]
-        };
-        let unsent = link.unsent()
-            + checkpoint.unsent()
-            + odometry.unsent()
-            + states.unsent()
-            + ranges.unsent()
-            + commands.unsent()
-            + settings.unsent()
-            + beacons.unsent();
-        let report = process.state(inputs, unsent);
+        let report = process.state(|| ports.states(now.nanos()), link.unsent() + ports.unsent());
         reports.send_any(report.as_ref());
     }
     Ok(Exit::Success)

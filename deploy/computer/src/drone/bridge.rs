@@ -6,7 +6,7 @@ use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{Rejections, Sender};
 use alight_shared::bus::{Ports, Wired};
 use alight_shared::metrics::{Metric, MetricName, Metrics};
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, Seq};
+use alight_shared::msg::Seq;
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Stamped;
 use alight_shared::topics::{self, Topic};
@@ -14,7 +14,7 @@ use alight_shared::{config, wire};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::radio::{Publication, Radio, Subscription, Urgency};
-use alight_uav::autopilot::still_armed_s;
+use alight_uav::computer::Installed as _;
 use tokio::time::timeout;
 use tracing::{info, warn};
 
@@ -50,20 +50,14 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
-        Bridge::new(&computer.bridge, boot)
+        Bridge::installed(&computer.nodes(), boot)
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
     let mut ports = <Bridge as Wired>::Ports::join(&memory)?;
     let mut state: Publisher<ProcessState> = memory.publisher()?;
-    let mut mission = memory.subscriber::<MissionState>()?;
-    let mut odometry = memory.subscriber::<DroneState>()?;
-    let mut forecasts = memory.subscriber::<DeckForecast>()?;
-
-    let mut autopilot = memory.subscriber::<AutopilotState>()?;
-    let (mut decided, mut flight) = (None::<MissionState>, None::<AutopilotState>);
     let mut second_sender = None;
     let mut age_s = f64::INFINITY;
-    let (mut received_bytes, mut rejected, mut sequence) = (0_u64, 0_u64, 0_u32);
+    let (mut received_bytes, mut rejected) = (0_u64, 0_u64);
 
     let publication =
         |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
@@ -106,12 +100,13 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             }
             received = radio.receive(Duration::ZERO);
         }
+        let read = ports.read(process.now().nanos());
         let now = process.now();
         let packets = packets
             .into_iter()
             .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
             .collect();
-        let input = BridgeIn { packets };
+        let input = BridgeIn { packets, ..read };
         let out = process.step(now, &input, |out| {
             ports.write(out);
             out.estimate.is_some()
@@ -134,8 +129,9 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
-        decided = mission.newest(now.nanos()).or(decided);
-        flight = autopilot.newest(now.nanos()).or(flight);
+        if let Some(Ok(bytes)) = out.status.as_ref().map(wire::encode) {
+            radio.send(1, bytes);
+        }
         let counts = radio.counts();
         let sessions = radio.count_present(|s| *s == Sender::Vessel(vessel)) as u64;
         let own = [
@@ -147,33 +143,10 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             MetricName::VesselSession.count(sessions),
         ];
         process.life.metrics = metrics(own, process.node().rejections());
-        if let Some(report) = process.state(Vec::new, counts.unsent) {
+        if let Some(report) = process.state(|| ports.states(now.nanos()), counts.unsent + ports.unsent()) {
             let flows = flows.since(&radio, report.at_ns);
             state.send(&ProcessState { flows, ..report });
             radio.watch(age_s);
-            sequence = sequence.wrapping_add(1);
-            let now = process.now();
-            let own = odometry.newest(now.nanos());
-            let forecast = forecasts.newest(now.nanos());
-            // Until the mission decides, the vessel knows better than a state that nobody is in: it would free the deck.
-            let Some(deck) = decided else { continue };
-            let header = Header::new(
-                vessel,
-                computer.bridge.drone_id,
-                process.life.boot(),
-                sequence,
-                now,
-            );
-            let armed = flight.is_some_and(|f| f.armed);
-            let still_armed_s = still_armed_s(now, &deck, armed, &computer.autopilot.disarm);
-            let distance_m = DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref());
-            let status = DroneStatus {
-                still_armed_s: still_armed_s.map(|s| s as f32),
-                ..DroneStatus::of(header, &deck, flight.as_ref(), distance_m)
-            };
-            if let Ok(bytes) = wire::encode(&status) {
-                radio.send(1, bytes);
-            }
         }
     }
     Ok(Exit::Success)

@@ -8,12 +8,12 @@
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
+use alight_shared::bus::{Ports as Wiring, Wired};
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::msg::{CameraLight, Reason, Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
-use alight_shared::plain::Plain;
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::{ProcessClock, steady_ns};
@@ -22,9 +22,9 @@ use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::statistics::Quantiles;
 use alight_uav::camera::marked::MAX_BYTES;
 use alight_uav::camera::metering::{Exposed, Light};
-use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
 use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage, TagLight};
+use alight_uav::computer::Installed as _;
 use serde_json::{Value, json};
 use tracing::warn;
 
@@ -54,27 +54,15 @@ struct Shared {
     states: Publisher<ProcessState>,
 }
 
-/// Topics of the belly camera.
-struct Ports {
-    tags: Publisher<TagPose>,
-    light: Publisher<CameraLight>,
-}
-
-impl Ports {
-    fn join(memory: &Memory) -> Result<Box<Ports>, CliError> {
-        Ok(Box::new(Ports {
-            tags: memory.publisher()?,
-            light: memory.publisher()?,
-        }))
-    }
-}
+/// A node's ports; None: nothing is published.
+type Published<N> = Option<<N as Wired>::Ports<Memory>>;
 
 /// What processes images, and where it publishes its detections.
 enum Detector {
     /// For the tag, which people are shown as well.
-    Tag(Box<CameraNode>, Option<Box<Ports>>, Option<Box<Shown>>),
+    Tag(Box<CameraNode>, Published<CameraNode>, Option<Box<Shown>>),
     /// For the blinking markers.
-    Markers(Box<UvdarNode>, Option<Box<Publisher<UvdarFix>>>),
+    Markers(Box<UvdarNode>, Published<UvdarNode>),
 }
 
 /// Images for people, made only while somebody looks.
@@ -119,35 +107,25 @@ struct Detection {
     line: Value,
 }
 
-/// Publishes what was found; `shown` is what people read of it.
-fn publish<M: Plain>(
-    found: &[M],
-    port: Option<&mut Publisher<M>>,
-    shown: impl Fn(&M) -> Detection,
-) -> Vec<Detection> {
-    if let Some(port) = port {
-        found.iter().for_each(|m| port.send(m));
-    }
-    found.iter().map(shown).collect()
-}
-
 impl Detector {
     fn new(
         kind: ProcessKind,
         computer: &DroneComputer,
-        names: CameraIdentity,
+        boot: u32,
         memory: Option<&Memory>,
     ) -> Result<Detector, CliError> {
-        let settings = &computer.drone.camera;
+        let nodes = computer.nodes();
         Ok(if kind == ProcessKind::Uvdar {
-            let fixes = memory.map(Memory::publisher).transpose()?.map(Box::new);
-            let node = UvdarNode::new(&settings.uvdar, names);
-            Detector::Markers(Box::new(node), fixes)
+            let ports = memory.map(Wiring::join).transpose()?;
+            Detector::Markers(Box::new(UvdarNode::installed(&nodes, boot)), ports)
         } else {
-            let tags = memory.map(Ports::join).transpose()?;
-            let node = CameraNode::new(settings, &computer.drone.tags(), names);
-            let deck = computer.drone.deck;
-            Detector::Tag(Box::new(node), tags, memory.and_then(|m| Shown::open(m, deck)))
+            let ports = memory.map(Wiring::join).transpose()?;
+            let node = Box::new(CameraNode::installed(&nodes, boot));
+            Detector::Tag(
+                node,
+                ports,
+                memory.and_then(|m| Shown::open(m, computer.drone.deck)),
+            )
         })
     }
     /// Processes images and publishes what was detected, and the light where it is reported.
@@ -155,11 +133,10 @@ impl Detector {
         match self {
             Detector::Tag(node, ports, _) => {
                 let found = node.step(now, input);
-                if let (Some(ports), Some(light)) = (ports.as_mut(), &found.light) {
-                    ports.light.send(light);
+                if let Some(ports) = ports {
+                    ports.write(&found);
                 }
-                let tags = ports.as_mut().map(|p| &mut p.tags);
-                let detections = publish(&found.tags, tags, |m| Detection {
+                let detection = |m: &TagPose| Detection {
                     at: m.header.at,
                     line: json!({
                         "at_s": m.header.at.secs(),
@@ -167,19 +144,23 @@ impl Detector {
                         "attitude_wxyz": m.attitude,
                         "sd": m.variance.map(f64::sqrt),
                     }),
-                });
-                (detections, found.light)
+                };
+                (found.tags.iter().map(detection).collect(), found.light)
             }
-            Detector::Markers(node, port) => {
-                let detections = publish(&node.step(now, input).fixes, port.as_deref_mut(), |m| Detection {
+            Detector::Markers(node, ports) => {
+                let found = node.step(now, input);
+                if let Some(ports) = ports {
+                    ports.write(&found);
+                }
+                let detection = |m: &UvdarFix| Detection {
                     at: m.header.at,
                     line: json!({
                         "at_s": m.header.at.secs(),
                         "position_m": m.position,
                         "sd": m.variance.map(f64::sqrt),
                     }),
-                });
-                (detections, None)
+                };
+                (found.fixes.iter().map(detection).collect(), None)
             }
         }
     }
@@ -199,8 +180,8 @@ impl Detector {
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
-            Detector::Tag(_, ports, _) => (ports.as_ref()).map_or(0, |p| p.tags.unsent() + p.light.unsent()),
-            Detector::Markers(_, port) => port.as_ref().map_or(0, |port| port.unsent()),
+            Detector::Tag(_, ports, _) => ports.as_ref().map_or(0, Wiring::unsent),
+            Detector::Markers(_, ports) => ports.as_ref().map_or(0, Wiring::unsent),
         }
     }
     /// What became of images.
@@ -342,11 +323,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             kind.name()
         )));
     }
-    let names = CameraIdentity {
-        vessel: computer.bridge.vessel_id,
-        drone: computer.bridge.drone_id,
-        boot: draw_boot(),
-    };
+    let boot = draw_boot();
     let shared = if args.print && !config.is_simulation() {
         None
     } else {
@@ -357,7 +334,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         })
     };
     let mut shared = shared;
-    let mut detector = Detector::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
+    let mut detector = Detector::new(kind, &computer, boot, shared.as_ref().map(|s| &s.memory))?;
     let mut source = match &shared {
         Some(shared) if config.is_simulation() => {
             Source::Simulation(shared.memory.image_subscriber(ImageTopic::Simulated)?)
@@ -368,7 +345,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         }
     };
     let mut exposed = LightRecord::default();
-    let mut life = Life::begin(kind, names.boot, args.process.supervised);
+    let mut life = Life::begin(kind, boot, args.process.supervised);
     let mut ages = Quantiles::default();
     let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
     while !life.ended() {

@@ -1,26 +1,16 @@
-//! The drone's mission as a process.
+//! What the mission's process says beside its steps.
 
 use alight_shared::metrics::Metric;
-use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
 use tracing::warn;
 
-use crate::config::DroneComputer;
-use crate::process::shell::Shell;
+use crate::process::shell::Beside;
 
-/// The mission's process.
-#[derive(Default)]
-pub struct MissionShell;
+/// Says why a checkpoint does not count.
+pub struct Rejections;
 
-impl Shell for MissionShell {
-    type Node = Mission;
-    const KIND: ProcessKind = ProcessKind::Mission;
-
-    fn node(computer: &DroneComputer, boot: u32) -> Mission {
-        let (drone, id) = (&computer.drone, computer.bridge.drone_id);
-        Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot).as_successor()
-    }
+impl Beside<Mission> for Rejections {
     fn after_step(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
         if let Some(why) = out.rejected {
             warn!(

@@ -7,8 +7,6 @@ pub mod camera_source;
 pub mod exposure;
 pub mod mission;
 pub mod pilot;
-pub mod planner;
-pub mod predictor;
 
 use alight_shared::process::ProcessKind;
 
@@ -23,19 +21,13 @@ use crate::process::service::{self, Service};
 impl Supervision {
     /// The scheduling of `kind`.
     fn scheduling(&self, kind: ProcessKind) -> Scheduling {
-        let priority = match kind {
-            ProcessKind::Pilot | ProcessKind::Autopilot => self.pilot_priority,
-            ProcessKind::Planner => self.planner_priority,
-            ProcessKind::World
-            | ProcessKind::Vessel
-            | ProcessKind::Bridge
-            | ProcessKind::Predictor
-            | ProcessKind::Mission
-            | ProcessKind::Camera
-            | ProcessKind::Uvdar
-            | ProcessKind::Link
-            | ProcessKind::Sensors
-            | ProcessKind::View => return Scheduling::default(),
+        let priorities = [
+            (ProcessKind::Pilot, self.pilot_priority),
+            (ProcessKind::Autopilot, self.pilot_priority),
+            (ProcessKind::Planner, self.planner_priority),
+        ];
+        let Some((_, priority)) = priorities.into_iter().find(|(k, _)| *k == kind) else {
+            return Scheduling::default();
         };
         Scheduling {
             realtime: (priority > 0).then_some(priority),
@@ -53,13 +45,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
         mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
     }
     computer.radio.check_zenoh()?;
-    let more = [
-        (ProcessKind::Autopilot, supervision.autopilot),
-        (ProcessKind::Camera, computer.camera.is_there()),
-        (ProcessKind::Uvdar, computer.ultraviolet().is_there()),
-    ];
-    let more = more.into_iter().filter(|(_, runs)| *runs);
-    let kinds = ProcessKind::DRONE.into_iter().chain(more.map(|(kind, _)| kind));
+    let kinds = computer.processes().into_iter();
     let service = Service {
         instance: &computer.instance,
         computer: format!("drone-{}", computer.bridge.drone_id),

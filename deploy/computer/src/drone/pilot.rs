@@ -1,32 +1,22 @@
-//! The drone's pilot as a process: wakes with the autopilot's odometry, answers each with a
-//! set-point. Its metrics: age of the vessel's newest measurement and of the odometry behind the set-point.
+//! The metrics of the pilot's process: age of the vessel's newest measurement and of the odometry behind the set-point.
 
 use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
 
-use crate::config::DroneComputer;
-use crate::process::shell::Shell;
+use crate::process::shell::Beside;
 
-/// The pilot's process, and the ages of its inputs.
+/// The ages of its inputs.
 #[derive(Default)]
-pub struct PilotShell {
+pub struct Ages {
     /// Newest forecast's time, and the age of the vessel's measurement at that time, s.
     newest: Option<(Time<DroneClock>, f64)>,
     from_vessel: Quantiles,
     from_odometry: Quantiles,
 }
 
-impl Shell for PilotShell {
-    type Node = Pilot;
-    const KIND: ProcessKind = ProcessKind::Pilot;
-
-    fn node(computer: &DroneComputer, boot: u32) -> Pilot {
-        let (drone, id) = (&computer.drone, computer.bridge.drone_id);
-        Pilot::new(&drone.pilot, &drone.airframe, id, boot)
-    }
+impl Beside<Pilot> for Ages {
     fn after_step(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);

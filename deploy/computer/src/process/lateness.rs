@@ -2,33 +2,11 @@
 
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::Span;
-use alight_shared::topics;
 
 use super::snapshot::time;
 
 /// Late steps are reported for one to two of these, ns.
 const WINDOW_NS: i64 = 60_000_000_000;
-
-/// For how long the readers of this process's output take the last one for the newest. None: it waits for images, orders or
-/// another world, and steps when they come.
-fn limit(kind: ProcessKind) -> Option<Span> {
-    match kind {
-        ProcessKind::Vessel => Some(topics::ESTIMATE.stale_after),
-        ProcessKind::Bridge => Some(topics::LINK.stale_after),
-        ProcessKind::Predictor => Some(topics::FORECAST.stale_after),
-        ProcessKind::Mission => Some(topics::MISSION.stale_after),
-        ProcessKind::Planner => Some(topics::PLAN.stale_after),
-        ProcessKind::Pilot => Some(topics::SET_POINT.stale_after),
-        ProcessKind::Autopilot => Some(topics::DRONE_STATE.stale_after),
-        ProcessKind::World
-        | ProcessKind::Link
-        | ProcessKind::Sensors
-        | ProcessKind::Camera
-        | ProcessKind::Uvdar
-        | ProcessKind::View => None,
-    }
-}
 
 /// The times of a process's steps.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +22,7 @@ impl Lateness {
     /// Of a process that begins at `now_ns` (steady clock).
     pub fn of(kind: ProcessKind, now_ns: i64) -> Lateness {
         Lateness {
-            limit_s: limit(kind).map_or(f64::INFINITY, |s| s.secs()),
+            limit_s: kind.awaited().map_or(f64::INFINITY, |t| t.stale_after.secs()),
             last_ns: None,
             turned_ns: now_ns,
             windows: [(0.0, 0); 2],
@@ -82,7 +60,7 @@ pub const REMEDY: &str = "end other work on this computer, or take a faster one"
 /// What is to be said of a process whose steps were late.
 pub fn finding(p: &ProcessState) -> Option<String> {
     let late = p.count(MetricName::LateSteps);
-    let limit = limit(p.kind).filter(|_| late > 0)?;
+    let limit = p.kind.awaited().filter(|_| late > 0)?.stale_after;
     Some(format!(
         "{} missed its deadline (steps late in the last two minutes: {late}): up to {} between two steps, {} is permitted",
         p.kind.name(),

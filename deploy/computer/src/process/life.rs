@@ -170,12 +170,17 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         self.clock.read(steady_ns)
     }
     /// One step of the node, its output sent, then recorded; timed where `send` says that it had work to do.
-    pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
+    pub fn step(
+        &mut self,
+        now: Time<N::Clock>,
+        input: &N::In,
+        send: impl FnOnce(&mut N::Out) -> bool,
+    ) -> N::Out {
         let before = steady_ns();
-        let out = self.node.step(now, input);
+        let mut out = self.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // Steps without work do not count in the time that its work takes.
-        self.life.stepped(send(&out).then_some(time_s));
+        self.life.stepped(send(&mut out).then_some(time_s));
         if let Some(recorder) = &mut self.recorder {
             recorder.step(steady_ns(), now.nanos(), input, &out);
         }

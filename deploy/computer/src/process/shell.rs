@@ -1,17 +1,17 @@
-//! The shell around a node of the drone: wakes with messages, steps the node with what arrived, publishes
-//! its output. The processes differ in their wiring, which is the node's ([`alight_shared::bus`]).
+//! The shell around a row of the drone's computer without an edge: wakes with messages, steps the node with what arrived,
+//! publishes its output. The processes differ in their wiring, which is the node's ([`alight_shared::bus`]).
 
 use std::time::Duration;
 
-use alight_shared::bus::{Ports as _, Wired};
+use alight_shared::bus::{MAX_WAIT, Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::metrics::Metric;
 use alight_shared::msg::Seq;
 use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::wake;
+use alight_uav::computer::Installed;
 use serde::Serialize;
 
 use crate::config::DroneComputer;
@@ -19,25 +19,15 @@ use crate::exit::{CliError, Exit};
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 
-/// A process without messages wakes this often.
-const MAX_WAIT: Duration = Duration::from_millis(20);
-
-/// A node of the drone as a process: what is not in its wiring.
-pub trait Shell: Default {
-    /// The node.
-    type Node: Wired<Clock = DroneClock, In: Serialize, Out: Serialize>;
-    /// Which process.
-    const KIND: ProcessKind;
-
-    /// The node of this computer, for a start with this boot id.
-    fn node(computer: &DroneComputer, boot: u32) -> Self::Node;
+/// What a process does beside the steps of its node.
+pub trait Beside<N: Node> {
     /// Tells people what a step means whose output was sent at `sent`; metrics of its own.
-    fn after_step(
-        &mut self,
-        _input: &<Self::Node as Node>::In,
-        _out: &<Self::Node as Node>::Out,
-        _sent: Time<DroneClock>,
-    ) -> Vec<Metric> {
+    fn after_step(&mut self, input: &N::In, out: &N::Out, sent: Time<N::Clock>) -> Vec<Metric>;
+}
+
+/// Nothing.
+impl<N: Node> Beside<N> for () {
+    fn after_step(&mut self, _input: &N::In, _out: &N::Out, _sent: Time<N::Clock>) -> Vec<Metric> {
         Vec::new()
     }
 }
@@ -45,17 +35,36 @@ pub trait Shell: Default {
 /// The ports of a node in shared memory.
 type InMemory<N> = <N as Wired>::Ports<Memory>;
 
-/// Runs until asked to end.
-pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config)?;
-    let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
-    let mut ports = InMemory::<S::Node>::join(&memory)?;
-    let mut shell = S::default();
-    let mut state = memory.publisher()?;
-    let wakes = InMemory::<S::Node>::wakes(&memory)?;
+/// Runs the installed node `N` until asked to end.
+pub fn run<N>(args: &ProcessArgs, beside: impl Beside<N>) -> Result<Exit, CliError>
+where
+    N: Installed<Clock = DroneClock, In: Serialize, Out: Serialize>,
+{
+    run_node(
+        args,
+        |computer, boot| N::installed(&computer.nodes(), boot),
+        beside,
+    )
+}
 
-    wake::run(&wakes.iter().collect::<Vec<_>>(), MAX_WAIT, || {
+/// The same with the node that `make` makes for a boot id.
+pub fn run_node<N>(
+    args: &ProcessArgs,
+    make: impl FnOnce(&DroneComputer, u32) -> N,
+    mut beside: impl Beside<N>,
+) -> Result<Exit, CliError>
+where
+    N: Installed<Clock = DroneClock, In: Serialize, Out: Serialize>,
+{
+    let computer: DroneComputer = config::load(&args.config)?;
+    let mut process = Process::start(N::KIND, args, computer.clock, |boot| make(&computer, boot))?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, N::KIND.name())?;
+    let mut ports = InMemory::<N>::join(&memory)?;
+    let mut state = memory.publisher()?;
+    let wakes = InMemory::<N>::wakes(&memory)?;
+
+    let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
+    wake::run(&wakes.iter().collect::<Vec<_>>(), max_wait, || {
         let input = ports.read(process.now().nanos());
         // Read after the messages: a step is never earlier than a message that it consumes, however long
         // the process was kept waiting in between.
@@ -63,7 +72,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
         let t = now.nanos();
         let out = process.step(now, &input, |out| ports.write(out));
         let sent = process.now();
-        process.life.metrics = Seq::filled(shell.after_step(&input, &out, sent));
+        process.life.metrics = Seq::filled(beside.after_step(&input, &out, sent));
         let report = process.state(|| ports.states(t), ports.unsent());
         state.send_any(report.as_ref());
         !process.ended()

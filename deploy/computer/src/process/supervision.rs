@@ -127,22 +127,10 @@ impl Child {
             return Some(Action::Start(self.kind));
         }
         self.was_running = true;
-        let watched = match self.kind {
-            // They report nothing.
-            ProcessKind::World | ProcessKind::Link => false,
-            // It waits for shared memory.
-            ProcessKind::View => seen.reported.is_some(),
-            ProcessKind::Vessel
-            | ProcessKind::Bridge
-            | ProcessKind::Predictor
-            | ProcessKind::Mission
-            | ProcessKind::Planner
-            | ProcessKind::Pilot
-            | ProcessKind::Autopilot
-            | ProcessKind::Sensors
-            | ProcessKind::Camera
-            | ProcessKind::Uvdar => true,
-        };
+        let reports = !matches!(self.kind, ProcessKind::World | ProcessKind::Link);
+        // It waits for shared memory.
+        let waits = self.kind == ProcessKind::View && seen.reported.is_none();
+        let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
         // What its predecessor reported is no report of this start.
         let reported = seen.reported.filter(|at| *at > self.started);

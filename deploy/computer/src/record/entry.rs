@@ -114,7 +114,7 @@ macro_rules! inputs {
 }
 inputs! {
     ComputerIn {}
-    BridgeIn {}
+    BridgeIn { forecast: DeckForecast, drone: DroneState }
     PredictorIn { drone: DroneState }
     MissionIn { forecast: DeckForecast, plan: Plan, drone: DroneState }
     PlannerIn { forecast: DeckForecast, drone: DroneState }

@@ -183,7 +183,7 @@ impl Views {
     /// A step of any node.
     pub fn step(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, step: NodeStep<'_>) {
         match step {
-            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &i.vessel, &o.vessel),
+            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &i.vessel(), &o.vessel),
             NodeStep::Bridge(_, _, o) => self.bridge(sink, t, o),
             NodeStep::Predictor(_, i, o) => self.predictor(sink, t, i, o),
             NodeStep::Mission(_, i, o) => self.mission(sink, t, i, o),

@@ -1,17 +1,14 @@
 //! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process: repeated until
-//! its status names them, and taken once.
+//! its status names them.
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use alight_shared::admission::Retransmission;
-use alight_shared::msg::{CrewOrder, DeckOrder, Header, MAX_ORDERS, Seq, VesselStatus};
-use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::topics;
+use alight_shared::msg::{CrewOrder, DeckOrder, Header, VesselStatus};
+use alight_shared::time::{Span, Time};
 use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Memory, Publisher, Subscriber};
-use tracing::warn;
 
 use crate::config::VesselComputer;
 use crate::process::life::draw_boot;
@@ -23,39 +20,6 @@ const REPEAT: Span = Span::from_millis(500);
 const TIMEOUT: Span = Span::from_millis(6000);
 /// Time between two looks for the answer.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-
-/// The orders that the vessel's process takes.
-#[derive(Default)]
-pub struct CrewOrders {
-    /// Those that were taken last: a repetition is none of its own.
-    taken: VecDeque<u32>,
-}
-
-impl CrewOrders {
-    /// What of these counts now. One that is taken up late would be a wrong one.
-    pub fn take(&mut self, now: Time<VesselClock>, orders: &[CrewOrder]) -> Vec<DeckOrder> {
-        let mut counted = Vec::new();
-        for CrewOrder { header, order } in orders {
-            if self.taken.contains(&header.boot) {
-                continue;
-            }
-            if now - header.at > topics::CREW.stale_after {
-                warn!("{order:?} was ordered too long ago, and does not count");
-                continue;
-            }
-            if self.taken.len() == MAX_ORDERS {
-                self.taken.pop_front();
-            }
-            self.taken.push_back(header.boot);
-            counted.push(*order);
-        }
-        counted
-    }
-    /// The receipt.
-    pub fn taken(&self) -> Seq<u32, MAX_ORDERS> {
-        Seq::filled(self.taken.iter().copied())
-    }
-}
 
 fn steady() -> Time<SteadyClock> {
     Time::from_nanos(steady_ns())

@@ -4,19 +4,18 @@ use std::time::Duration;
 
 use alight_shared::admission::AccessRejection;
 use alight_shared::admission::RejectionReason;
+use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::metrics::{Metric, MetricName, MetricValue};
-use alight_shared::msg::{CrewOrder, Header, MAX_SOURCES, SensorReadings, Seq, VesselStatus};
+use alight_shared::msg::{Header, MAX_SOURCES, SensorReadings, Seq, VesselStatus};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
-use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Listener, Memory, Publisher, Subscriber};
+use alight_transport::memory::{Instance, Listener, Memory, Publisher};
 use alight_transport::radio::RadioCounts;
 use alight_transport::readiness::watched;
 use alight_transport::rejections::{self, AccessRejections};
 use alight_transport::statistics::Quantiles;
-use alight_usv::sensors::Readings;
 use alight_usv::{ComputerIn, ComputerOut, KINDS, SourceCounts, VesselNode};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
@@ -28,7 +27,6 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::io::runtime;
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
-use crate::vessel::crew::CrewOrders;
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::helm::{self, HelmLink};
@@ -44,31 +42,6 @@ const GIVE_BACK_NS: i64 = 3_500_000_000;
 /// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
-/// Its ports of the shared memory.
-struct Ports {
-    sensors: Subscriber<SensorReadings>,
-    crew: Subscriber<CrewOrder>,
-    state: Publisher<ProcessState>,
-    status: Publisher<VesselStatus>,
-}
-
-impl Ports {
-    fn join(memory: &Memory) -> Result<Ports, TransportError> {
-        Ok(Ports {
-            sensors: memory.subscriber()?,
-            crew: memory.subscriber()?,
-            state: memory.publisher()?,
-            status: memory.publisher()?,
-        })
-    }
-    /// Every reading that waits.
-    fn readings(&mut self, t: i64) -> Readings {
-        let mut all = Readings::default();
-        self.sensors.all(t).iter().for_each(|m| all.append(m));
-        all
-    }
-}
-
 /// Runs until it is asked to end: receive, step, publish.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(estimate(args))
@@ -83,7 +56,9 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         node
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Vessel.name())?;
-    let mut ports = Ports::join(&memory)?;
+    let mut ports = <alight_usv::VesselComputer as Wired>::Ports::join(&memory)?;
+    let mut states: Publisher<ProcessState> = memory.publisher()?;
+    let mut statuses: Publisher<VesselStatus> = memory.publisher()?;
     let wakes = watched(memory.listener::<SensorReadings>()?, Interest::READABLE);
     let wakes = wakes.doing("waiting for sensors")?;
     let mut radio = VesselRadio::open(&computer)?;
@@ -91,7 +66,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
     let mut helm = HelmLink::open(&computer).await?;
     let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
-    let (mut crew, mut status) = (CrewOrders::default(), StatusReport::default());
+    let mut status = StatusReport::default();
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
 
     let mut checkpoint = Some(left);
@@ -108,15 +83,12 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             )));
         }
         arrival(&wakes, &radio).await?;
-        let t = process.now();
         let mut input = ComputerIn {
-            vessel: ports.readings(t.nanos()).input(),
-            deck_orders: crew.take(t, &ports.crew.all(t.nanos())),
             deck_inputs: deck_inputs.poll(steady_ns()),
             helm: helm.received(),
             checkpoint: checkpoint.take(),
             ends: asked_ns.is_some(),
-            ..ComputerIn::default()
+            ..ports.read(process.now().nanos())
         };
         radio.receive(|at_ns| process.at(at_ns), &mut input);
         // Read after the packets: a step is never earlier than what it consumes.
@@ -131,12 +103,12 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         deck_file.keep(process.node().checkpoint());
         status.observe(steady_ns(), &input, &out);
 
-        let missed = ports.sensors.statistics().state(now.nanos()).missed;
+        let inputs = ports.states(now.nanos());
+        let missed = inputs.first().map_or(0, |sensors| sensors.missed);
         process.life.metrics = Seq::filled(metrics(process.node(), &radio, missed, &people, now));
-        let unsent = radio.counts().unsent + ports.state.unsent() + ports.status.unsent();
-        let inputs = || vec![ports.sensors.statistics().state(now.nanos())];
-        let report = process.state(inputs, unsent);
-        if report.is_some() || !input.deck_orders.is_empty() {
+        let unsent = radio.counts().unsent + states.unsent() + statuses.unsent();
+        let report = process.state(|| inputs, unsent);
+        if report.is_some() || !input.crew.is_empty() {
             let errors = Errors {
                 file: deck_file.error(),
                 inputs: deck_inputs.errors(),
@@ -144,12 +116,17 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
                 helm: helm.error(process.node().helm().is_silent(now)),
             };
             let header = Header::new(computer.vessel_id, 0, process.life.boot(), 0, now);
-            let message = status.message(process.node(), (header, steady_ns()), crew.taken(), &errors);
-            ports.status.send(&message);
+            let message = status.message(
+                process.node(),
+                (header, steady_ns()),
+                process.node().orders_taken(),
+                &errors,
+            );
+            statuses.send(&message);
         }
         if let Some(report) = report {
             let report = radio.report(report, process.node().node().rate_fraction());
-            ports.state.send(&report);
+            states.send(&report);
         }
     }
     Ok(Exit::Success)

@@ -10,8 +10,6 @@ pub mod radio;
 pub mod sensors;
 pub mod status;
 
-use alight_shared::process::ProcessKind;
-
 use crate::config::VesselComputer;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
@@ -33,15 +31,13 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     computer.radio.check_zenoh()?;
     helm::signing_key(&computer)?;
     sensors::node(&computer, 0)?;
-    let sensors = !computer.sensor.sources.is_empty();
-    let nodes = [(ProcessKind::Vessel, true), (ProcessKind::Sensors, sensors)];
-    let nodes = nodes.into_iter().filter(|(_, runs)| *runs);
+    let nodes = computer.processes().into_iter();
     let service = Service {
         instance: &computer.instance,
         computer: format!("vessel-{}", computer.vessel_id),
         recorder: &computer.recorder,
         silence_timeout_s: SILENCE_TIMEOUT_S,
-        nodes: nodes.map(|(kind, _)| (kind, Scheduling::default())).collect(),
+        nodes: nodes.map(|kind| (kind, Scheduling::default())).collect(),
         view: args.view.over(&computer.view),
         checkpoints: None,
     };

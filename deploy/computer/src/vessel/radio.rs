@@ -116,7 +116,7 @@ impl VesselRadio {
             match packet.subscription {
                 TIME_REQUESTS => {
                     let request = decode(&packet, at, &mut self.undecoded);
-                    input.vessel.time_requests.extend(request);
+                    input.time_requests.extend(request);
                 }
                 COMMANDS if !self.secured => self.undecoded += 1,
                 COMMANDS => input.commands.extend(decode(&packet, at, &mut self.undecoded)),

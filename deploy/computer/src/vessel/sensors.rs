@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::msg::{Header, Line, SensorReadings, Seq, SourceRemark, SourceReport};
 use alight_shared::node::Node;
@@ -35,7 +36,7 @@ const SAID_NS: i64 = 60_000_000_000;
 /// Most errors of a link that are said within that.
 const MAX_SAID: usize = 8;
 
-/// The vessel's sensors, real or simulated, towards its process.
+/// Simulated sensors in the place of the vessel's, towards its process.
 pub struct SensorPublisher {
     readings: Publisher<SensorReadings>,
     header: Header<VesselClock>,
@@ -96,7 +97,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
-    let mut publisher = SensorPublisher::join(&memory)?;
+    let mut ports = <SensorNode as Wired>::Ports::join(&memory)?;
     let mut reports: Publisher<SourceReport> = memory.publisher()?;
     let mut states: Publisher<ProcessState> = memory.publisher()?;
     let mut life = Life::begin(ProcessKind::Sensors, draw_boot(), args.supervised);
@@ -110,6 +111,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     while !life.ended() {
         let mut input = SensorsIn {
             bytes: vec![Vec::new(); sources.len()],
+            ..ports.read(steady_ns())
         };
         let mut arrival = tokio::select! {
             arrival = links.next() => Some(arrival),
@@ -129,11 +131,11 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         let before = steady_ns();
         let out = node.step(now, &input);
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        publisher.send(now, &out.readings);
+        ports.write(&out);
         for (k, bytes) in &out.requests {
             links.write(*k, bytes);
         }
-        let unsent = publisher.readings.unsent() + reports.unsent() + states.unsent();
+        let unsent = ports.unsent() + reports.unsent() + states.unsent();
         if let Some(state) = life.state(Vec::new, unsent) {
             (header.at, header.sequence) = (now, header.sequence.wrapping_add(1));
             for report in source_reports(header, &node, &faults, &strangers) {

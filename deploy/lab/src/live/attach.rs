@@ -2,22 +2,20 @@
 //! messages: an impaired radio, a baseline as the planner.
 
 use std::path::PathBuf;
-use std::sync::OnceLock;
 
 use alight_computer::config::DroneComputer;
 use alight_computer::drone::bridge;
-use alight_computer::drone::planner::PlannerShell;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::args::ProcessArgs;
-use alight_computer::process::shell::{self, Shell};
+use alight_computer::process::shell;
 use alight_computer::vessel::estimator;
 use alight_shared::config;
-use alight_shared::process::ProcessKind;
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
 use alight_transport::memory::Instance;
 use alight_transport::observe::receive_through;
 use alight_uav::planner::Planner;
+use alight_uav::settings::DroneSettings;
 use clap::{Args, ValueEnum};
 
 use super::config::Attachments;
@@ -69,35 +67,24 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
             bridge::run(args)
         }
         AttachedProcess::Planner => match baseline {
-            None => shell::run::<PlannerShell>(args),
-            Some(baseline) => {
-                let _first = BASELINE.set(baseline);
-                shell::run::<BaselineShell>(args)
-            }
+            None => shell::run::<Planner>(args, ()),
+            Some(baseline) => shell::run_node(
+                args,
+                |computer, boot| planner(&baseline, &computer.drone, boot),
+                (),
+            ),
         },
     }
 }
 
-/// The baseline that this process flies.
-static BASELINE: OnceLock<Baseline> = OnceLock::new();
-
-/// The planner's process with a baseline in the drone's planner's place.
-#[derive(Default)]
-struct BaselineShell;
-
-impl Shell for BaselineShell {
-    type Node = Planner;
-    const KIND: ProcessKind = ProcessKind::Planner;
-
-    fn node(computer: &DroneComputer, boot: u32) -> Planner {
-        let (planner, airframe, deck) = (
-            &computer.drone.planner,
-            &computer.drone.airframe,
-            &computer.drone.deck,
-        );
-        match BASELINE.get() {
-            None => PlannerShell::node(computer, boot),
-            Some(b) => Planner::with_law(b.law(planner, airframe), planner, airframe, deck, boot),
-        }
-    }
+/// The planner with a baseline in its place.
+fn planner(baseline: &Baseline, drone: &DroneSettings, boot: u32) -> Planner {
+    let (config, airframe) = (&drone.planner, &drone.airframe);
+    Planner::with_law(
+        baseline.law(config, airframe),
+        config,
+        airframe,
+        &drone.deck,
+        boot,
+    )
 }

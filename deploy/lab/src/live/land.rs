@@ -37,6 +37,7 @@ use alight_transport::radio::RadioConfig;
 use alight_transport::signal::{Signal, signal};
 use alight_transport::wake::end_requested;
 use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::computer;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
 use crate::live::air::{RadioPath, RadioWatch};
@@ -328,18 +329,14 @@ impl LandingSetup {
     }
     /// The command of a process: as it flies, or attached.
     fn arguments(&self, kind: ProcessKind) -> Vec<String> {
-        let (config, attachable) = match kind {
-            ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
-            ProcessKind::Vessel => (&self.vessel_file, true),
-            ProcessKind::Bridge | ProcessKind::Planner => (&self.drone_file, true),
-            ProcessKind::Autopilot
-            | ProcessKind::Camera
-            | ProcessKind::Mission
-            | ProcessKind::Pilot
-            | ProcessKind::Predictor
-            | ProcessKind::Uvdar
-            | ProcessKind::View => (&self.drone_file, false),
+        let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
+            &self.drone_file
+        } else if kind == ProcessKind::Vessel {
+            &self.vessel_file
+        } else {
+            &self.world
         };
+        let attachable = [ProcessKind::Vessel, ProcessKind::Bridge, ProcessKind::Planner].contains(&kind);
         if attachable && self.attachments != Attachments::default() {
             attached(kind.name(), &self.attachments_file, config)
         } else {
@@ -399,9 +396,7 @@ impl<'a> Landing<'a> {
         deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;
         let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
-        kinds.extend(ProcessKind::DRONE);
-        kinds.extend(plan.drone.camera.is_there().then_some(ProcessKind::Camera));
-        kinds.push(ProcessKind::Autopilot);
+        kinds.extend(plan.drone.processes());
         for kind in kinds {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
         }

@@ -466,6 +466,7 @@ mod tests {
     use alight_shared::msg::{DeckForecast, Header, LinkState, MissionSettings, Reason};
     use alight_shared::plain::Plain;
     use alight_shared::process::ProcessState;
+    use alight_uav::computer::PROCESSES;
 
     const NOW_NS: i64 = 100_000_000_000;
 
@@ -489,7 +490,7 @@ mod tests {
     fn status(seen: &Snapshot, now_ns: i64) -> Status {
         let known = Known {
             title: "default".into(),
-            processes: ProcessKind::DRONE.into(),
+            processes: PROCESSES.into(),
             ..Known::default()
         };
         Status::of(Situation::of(known, seen, now_ns))
@@ -501,7 +502,7 @@ mod tests {
             ..ProcessState::default()
         };
         Snapshot {
-            processes: ProcessKind::DRONE.into_iter().map(|k| (k, report(k))).collect(),
+            processes: PROCESSES.iter().map(|k| (*k, report(*k))).collect(),
             mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
             autopilot: came(AutopilotState {
                 armed: true,

@@ -22,7 +22,16 @@ fn messages(k: i64) -> String {
 }
 fn step(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[&[u8]]) -> Readings {
     let bytes = bytes.iter().map(|b| b.to_vec()).collect();
-    n.step(now, &SensorsIn { bytes }).readings
+    taken(n.step(
+        now,
+        &SensorsIn {
+            bytes,
+            ..SensorsIn::default()
+        },
+    ))
+}
+fn taken(out: SensorsOut) -> Readings {
+    Readings::of(&out.readings)
 }
 fn at(k: i64) -> Time<VesselClock> {
     Time::from_nanos(7_000_000_000 + k * 100_000_000)

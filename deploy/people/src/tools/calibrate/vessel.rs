@@ -128,7 +128,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     };
     let mut record = Record::default();
     log.steps(Order::ByStart, |_, _, step| {
-        record.add(&step.entry::<ComputerIn>()?.input.vessel);
+        record.add(&step.entry::<ComputerIn>()?.input.vessel());
         Ok(())
     })?;
     let found = record.identify(&config);

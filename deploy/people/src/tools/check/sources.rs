@@ -76,6 +76,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
     let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });
     while Instant::now() < end {
         let mut input = SensorsIn {
+            samples: Vec::new(),
             bytes: vec![Vec::new(); sources.len()],
         };
         let step = Instant::now() + STEP_PERIOD;

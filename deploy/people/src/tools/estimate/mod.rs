@@ -121,7 +121,7 @@ fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
     let mut decoded = Decoded::default();
     log.steps(Order::ByStart, |_, _, step| {
         if all.len() <= MAX_MEASUREMENTS {
-            let i = step.entry::<ComputerIn>()?.input.vessel;
+            let i = step.entry::<ComputerIn>()?.input.vessel();
             decoded.good += 1;
             all.extend(i.imu.into_iter().map(Measurement::Imu));
             all.extend(i.attitude.into_iter().map(Measurement::Attitude));

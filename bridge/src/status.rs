@@ -1,0 +1,69 @@
+//! What the vessel is told of its drone: put together of what each of the drone's processes has reported, twice a second.
+
+use alight_shared::admission::Periodic;
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, still_armed_s,
+};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
+
+use crate::config::BridgeConfig;
+use crate::node::BridgeIn;
+
+/// The newest of each.
+#[derive(Clone, Debug)]
+pub(crate) struct StatusReport {
+    /// A disarm takes no longer, s.
+    pub(crate) disarm_s: f64,
+    mission: Option<MissionState>,
+    drone: Option<DroneState>,
+    forecast: Option<DeckForecast>,
+    autopilot: Option<AutopilotState>,
+    next: Periodic<DroneClock>,
+    sequence: u32,
+}
+
+impl Default for StatusReport {
+    fn default() -> Self {
+        StatusReport {
+            disarm_s: f64::INFINITY,
+            mission: None,
+            drone: None,
+            forecast: None,
+            autopilot: None,
+            next: Periodic::default(),
+            sequence: 0,
+        }
+    }
+}
+
+impl StatusReport {
+    /// The status, when it is due. Until the mission decides, the vessel knows better than a state that nobody is in: it would
+    /// free the deck.
+    pub(crate) fn step(
+        &mut self,
+        now: Time<DroneClock>,
+        input: &BridgeIn,
+        config: &BridgeConfig,
+        boot: u32,
+    ) -> Option<DroneStatus> {
+        self.mission = input.mission.or(self.mission);
+        self.drone = input.drone.or(self.drone);
+        self.forecast = input.forecast.or(self.forecast);
+        self.autopilot = input.autopilot.or(self.autopilot);
+        let mission = self.mission.as_ref()?;
+        let period = Span::from_secs(1.0 / topics::DRONE_STATUS.rate_hz);
+        if !self.next.is_due(now, period) {
+            return None;
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        let header = Header::new(config.vessel_id, config.drone_id, boot, self.sequence, now);
+        let distance_m = DroneStatus::deck_distance_m(now, self.drone.as_ref(), self.forecast.as_ref());
+        let armed = self.autopilot.is_some_and(|a| a.armed);
+        let still_armed_s = still_armed_s(now, mission, armed, self.disarm_s);
+        Some(DroneStatus {
+            still_armed_s: still_armed_s.map(|s| s as f32),
+            ..DroneStatus::of(header, mission, self.autopilot.as_ref(), distance_m)
+        })
+    }
+}
