@@ -3,7 +3,7 @@
 use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
 use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::Seq;
+use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
     CommandKind, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,
     VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
@@ -502,4 +502,45 @@ proptest! {
             prop_assert!(o.offset_s.is_finite() && o.sd_s <= 1.2);
         }
     }
+}
+
+/// Of the newest of each, twice a second, and not before the mission decides.
+#[test]
+fn status_of_the_drone() {
+    let mut b = Bridge::new(&BridgeConfig::default(), 9).disarmed_within(2.0);
+    let at = |s| Header::new(1, 1, 3, 1, drone(s));
+    let mut step = |s: f64, mission, autopilot| {
+        let input = BridgeIn {
+            mission,
+            autopilot,
+            ..BridgeIn::default()
+        };
+        b.step(drone(s), &input).status
+    };
+    let armed = AutopilotState {
+        header: at(1.0),
+        armed: true,
+        ..AutopilotState::default()
+    };
+    assert_eq!(step(1.0, None, Some(armed)), None);
+    let landed = MissionState {
+        header: at(1.1),
+        state: State::Landed,
+        since: drone(1.1),
+        ..MissionState::default()
+    };
+    let first = step(1.1, Some(landed), None).unwrap();
+    assert_eq!(
+        (first.state, first.armed, first.still_armed_s),
+        (State::Landed, true, None)
+    );
+    assert_eq!(step(1.5, None, None), None);
+    let later = (2..8).filter_map(|k| step(1.1 + 0.5 * f64::from(k), None, None));
+    let later: Vec<_> = later.collect();
+    assert_eq!(later.len(), 6);
+    assert!(
+        later
+            .last()
+            .is_some_and(|s| s.still_armed_s.is_some_and(|s| s > 2.0) && !s.is_current())
+    );
 }

@@ -184,7 +184,10 @@ fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>
                 read.push((newest, counts(&readers[k])));
             }
             Happens::Restarts(_) => {
+                // In shared memory what a writer has sent that ends before a reader has looked once is lost.
+                read.extend(readers.iter_mut().map(|r| (r.all(0), counts(r))));
                 (boot, sequence) = (boot + 1, 0);
+                drop(writer);
                 writer = bus.writer().unwrap();
             }
             Happens::Rejoins(k) => readers[k] = join(0),

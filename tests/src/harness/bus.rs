@@ -3,7 +3,7 @@
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
 use core::convert::Infallible;
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
 use alight_shared::bus::{self, Bus, Reader, Received, Writer};
@@ -19,7 +19,7 @@ struct Ring<M> {
 
 /// The rings of one computer, each made when the first port asks for it.
 #[derive(Clone, Default)]
-pub struct LockStep(Rc<RefCell<HashMap<TypeId, Rc<dyn Any>>>>);
+pub struct LockStep(Rc<RefCell<BTreeMap<TypeId, Rc<dyn Any>>>>);
 
 impl LockStep {
     fn ring<M: Plain>(&self) -> Rc<RefCell<Ring<M>>> {

@@ -301,6 +301,7 @@ impl DroneComputer {
         if part == Part::Supervisor {
             let new = DroneComputer::new(self.k, scenario, nodes, physics, self.boot);
             self.succeed(new);
+            self.rows.mission = row(&self.bus, Installed::installed(&self.nodes, self.boot));
         }
         if checkpoints == Checkpoints::Lost {
             *self.kept.keeper_mut() = Keeper::default();

@@ -70,7 +70,7 @@ impl VesselSide {
         look: impl FnOnce(&ComputerIn, &ComputerOut),
     ) -> ComputerOut {
         if let Some(row) = &mut self.rows.sensors {
-            row.step(now, |input| input.samples = samples(measured), |_, _| {});
+            row.step(now, |input| input.samples = vec![samples(measured)], |_, _| {});
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
@@ -90,38 +90,39 @@ impl VesselSide {
     }
 }
 
-/// The vessel's devices: one for each kind, whose measurements arrive with the world's ticks.
+/// The vessel's device, whose measurements arrive with the world's ticks: it has one clock, against which the kind that comes
+/// soonest counts.
 fn sources(scenario: &Scenario) -> SourcesConfig {
     let s = &scenario.sensors;
-    let attitude_s = s.vessel_attitude.as_ref().map_or(0.0, |a| a.latency_s);
+    let attitude_s = s.vessel_attitude.as_ref().map(|a| a.latency_s);
     let latencies_s = [
         s.vessel_imu.latency_s,
         s.vessel_gnss.latency_s,
         s.vessel_heading.latency_s,
-        attitude_s,
     ];
-    let source = |latency_s: f64| SourceConfig {
-        latency_s: (latency_s / TICK.secs() - 1e-6).ceil() * TICK.secs(),
-        ..SourceConfig::default()
-    };
+    let least_s = latencies_s
+        .into_iter()
+        .chain(attitude_s)
+        .fold(f64::INFINITY, f64::min);
     SourcesConfig {
-        sources: latencies_s.map(source).into(),
+        sources: vec![SourceConfig {
+            latency_s: (least_s / TICK.secs() - 1e-6).ceil() * TICK.secs(),
+            ..SourceConfig::default()
+        }],
     }
 }
 
-/// What has arrived of each device, dated by its own clock.
-fn samples(measured: &Readings) -> Vec<Vec<SourceMeasurement>> {
-    fn of<M: Copy + Into<Measurement>>(all: &[M]) -> Vec<SourceMeasurement> {
-        let dated = |m: &M| {
+/// What has arrived of the device, dated by its clock.
+fn samples(measured: &Readings) -> Vec<SourceMeasurement> {
+    fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
+        all.iter().map(|m| {
             let measurement: Measurement = (*m).into();
             SourceMeasurement::new(measurement.at().nanos(), measurement)
-        };
-        all.iter().map(dated).collect()
+        })
     }
-    vec![
-        of(&measured.imu),
-        of(&measured.gnss),
-        of(&measured.heading),
-        of(&measured.attitude),
-    ]
+    of(&measured.imu)
+        .chain(of(&measured.gnss))
+        .chain(of(&measured.heading))
+        .chain(of(&measured.attitude))
+        .collect()
 }

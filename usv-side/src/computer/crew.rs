@@ -43,3 +43,42 @@ impl CrewOrders {
         Seq::filled(self.0.iter().copied())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    #[test]
+    fn crew_orders_repeated_and_late() {
+        let (mut orders, mut events) = (CrewOrders::default(), Vec::new());
+        let given = |boot, at_s| CrewOrder {
+            header: Header::new(1, 0, boot, 0, Time::from_secs(at_s)),
+            order: DeckOrder::Closed,
+        };
+        let now = Time::from_secs(100.0);
+        let mut take = |all: &[CrewOrder]| orders.take(now, all, &mut events).len();
+        assert_eq!(take(&[given(1, 99.0), given(1, 99.0)]), 1);
+        assert_eq!(
+            take(&[given(3, 99.5), given(1, 99.0)]),
+            1,
+            "a repetition after a later one"
+        );
+        assert_eq!(
+            take(&[given(2, 100.0 - topics::CREW.stale_after.secs() - 0.1)]),
+            0
+        );
+        assert_eq!(orders.taken()[..], [1, 3]);
+        let late = events.pop().map(|e| (e.is_warning(), e.to_string()));
+        let text = "crew order: deck closed: it came too late and does not count: give it again";
+        assert_eq!(late, Some((true, text.to_owned())));
+        assert_eq!(events.len(), 2);
+        // What was taken last is known, however many came before.
+        let many: Vec<_> = (10..10 + 2 * MAX_ORDERS as u32)
+            .map(|boot| given(boot, 99.0))
+            .collect();
+        let mut take = |all: &[CrewOrder]| orders.take(now, all, &mut events).len();
+        assert_eq!(take(&many), many.len());
+        assert_eq!(take(&many[MAX_ORDERS..]), 0);
+    }
+}

@@ -81,8 +81,8 @@ impl Gather {
             Measurement::Imu(m) => {
                 let sample = ImuSample { source, ..m };
                 let k = usize::from(source).min(1);
-                let mean = self.average.get_mut(k).and_then(|a| a.push(at_ns, &sample));
-                if let Some((at_ns, m)) = mean {
+                let means = self.average.get_mut(k).map(|a| a.push(at_ns, &sample));
+                for (at_ns, m) in means.into_iter().flatten().flatten() {
                     self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
                 }
             }

@@ -92,14 +92,14 @@ impl Source {
         self.status.decoded = self.decoder.decoded();
     }
 
-    /// An inertial sample at the filter's rate; other measurements as they are.
-    fn average(&mut self, m: SourceMeasurement) -> Option<SourceMeasurement> {
+    /// Inertial samples at the filter's rate; other measurements as they are.
+    fn average(&mut self, m: SourceMeasurement) -> [Option<SourceMeasurement>; 2] {
         let Measurement::Imu(sample) = m.measurement else {
-            return Some(m);
+            return [Some(m), None];
         };
-        let average = self.average.get_mut(usize::from(sample.source).min(1))?;
-        let (at_ns, mean) = average.push(m.at_ns, &sample)?;
-        Some(SourceMeasurement::new(at_ns, mean))
+        let average = self.average.get_mut(usize::from(sample.source).min(1));
+        let means = average.map(|a| a.push(m.at_ns, &sample)).unwrap_or_default();
+        means.map(|mean| mean.map(|(at_ns, mean)| SourceMeasurement::new(at_ns, mean)))
     }
 
     /// The vessel's time of a time of the source's own clock.
@@ -240,8 +240,8 @@ impl Node for SensorNode {
             decoded.extend(input.samples.get(k).into_iter().flatten().copied());
             let mut dated = Vec::new();
             for m in decoded.drain(..) {
-                let averaged = source.average(m);
-                dated.extend(averaged.and_then(|m| source.date(now, &m)));
+                let averaged = source.average(m).into_iter().flatten();
+                dated.extend(averaged.filter_map(|m| source.date(now, &m)));
             }
             for m in source.decoder.timeless() {
                 dated.extend(source.date_by_arrival(now, m));

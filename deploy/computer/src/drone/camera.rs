@@ -55,7 +55,7 @@ struct Shared {
 }
 
 /// A node's ports; None: nothing is published.
-type Published<N> = Option<<N as Wired>::Ports<Memory>>;
+type Published<N> = Option<Box<<N as Wired>::Ports<Memory>>>;
 
 /// What processes images, and where it publishes its detections.
 enum Detector {
@@ -116,10 +116,10 @@ impl Detector {
     ) -> Result<Detector, CliError> {
         let nodes = computer.nodes();
         Ok(if kind == ProcessKind::Uvdar {
-            let ports = memory.map(Wiring::join).transpose()?;
+            let ports = memory.map(Wiring::join).transpose()?.map(Box::new);
             Detector::Markers(Box::new(UvdarNode::installed(&nodes, boot)), ports)
         } else {
-            let ports = memory.map(Wiring::join).transpose()?;
+            let ports = memory.map(Wiring::join).transpose()?.map(Box::new);
             let node = Box::new(CameraNode::installed(&nodes, boot));
             Detector::Tag(
                 node,
@@ -180,8 +180,8 @@ impl Detector {
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
-            Detector::Tag(_, ports, _) => ports.as_ref().map_or(0, Wiring::unsent),
-            Detector::Markers(_, ports) => ports.as_ref().map_or(0, Wiring::unsent),
+            Detector::Tag(_, ports, _) => ports.as_ref().map_or(0, |p| p.unsent()),
+            Detector::Markers(_, ports) => ports.as_ref().map_or(0, |p| p.unsent()),
         }
     }
     /// What became of images.

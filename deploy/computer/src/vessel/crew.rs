@@ -71,24 +71,3 @@ impl OrderOnItsWay {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn crew_orders_taken_once_and_in_time() {
-        let mut orders = CrewOrders::default();
-        let given = |boot: u32, at_s: f64, order| CrewOrder {
-            header: Header::new(1, 0, boot, 0, Time::from_secs(at_s)),
-            order,
-        };
-        let (close, open) = (given(7, 1.0, DeckOrder::Closed), given(8, 2.0, DeckOrder::Open));
-        let mut take = |at_s: f64, all: &[CrewOrder]| orders.take(Time::from_secs(at_s), all);
-        assert_eq!(take(1.0, &[close, close]), [DeckOrder::Closed]);
-        // A repetition of the first after the second does not close it again.
-        assert_eq!(take(2.0, &[open, close]), [DeckOrder::Open]);
-        assert_eq!(take(30.0, &[given(9, 3.0, DeckOrder::Steady(60))]), []);
-        assert_eq!(orders.taken()[..], [7, 8]);
-    }
-}
