@@ -574,10 +574,7 @@ mod tests {
             });
         }
         let forged = ComputerIn {
-            vessel: VesselIn {
-                time_requests: requests,
-                ..VesselIn::default()
-            },
+            time_requests: requests,
             statuses: [acknowledged, left]
                 .map(|s| Arrival {
                     sender: Sender::Drone(4),

@@ -555,14 +555,9 @@ mod tests {
         let owned = OwnedInstance::take(&format!("test-places-{}", std::process::id())).unwrap();
         let memory = Memory::join(owned.instance(), "test").unwrap();
         let services = Services::create(&memory).unwrap();
-        let names = CameraIdentity {
-            vessel: 1,
-            drone: 1,
-            boot: 1,
-        };
         let is_shown = || {
             let computer = DroneComputer::default();
-            let detector = Detector::new(ProcessKind::Camera, &computer, names, Some(&memory)).unwrap();
+            let detector = Detector::new(ProcessKind::Camera, &computer, 1, Some(&memory)).unwrap();
             matches!(detector, Detector::Tag(_, Some(_), Some(_)))
         };
         assert!(is_shown());

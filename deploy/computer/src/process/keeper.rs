@@ -243,7 +243,7 @@ fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
+    use alight_shared::msg::{Header, LinkCheckpoint, MissionCheckpoint};
 
     #[test]
     fn lasting_file_of_a_sortie() {

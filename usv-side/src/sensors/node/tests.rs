@@ -21,17 +21,11 @@ fn messages(k: i64) -> String {
     ))
 }
 fn step(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[&[u8]]) -> Readings {
-    let bytes = bytes.iter().map(|b| b.to_vec()).collect();
-    taken(n.step(
-        now,
-        &SensorsIn {
-            bytes,
-            ..SensorsIn::default()
-        },
-    ))
-}
-fn taken(out: SensorsOut) -> Readings {
-    Readings::of(&out.readings)
+    let input = SensorsIn {
+        bytes: bytes.iter().map(|b| b.to_vec()).collect(),
+        ..SensorsIn::default()
+    };
+    Readings::of(&n.step(now, &input).readings)
 }
 fn at(k: i64) -> Time<VesselClock> {
     Time::from_nanos(7_000_000_000 + k * 100_000_000)
@@ -159,14 +153,7 @@ fn sensor_node_of_a_server_with_two_clocks() {
         );
         let heading = delta(of_day(12), "navigation.headingTrue", "1.0");
         let now = Time::from_secs(1000.0 + 0.1 * k as f64);
-        let out = n
-            .step(
-                now,
-                &SensorsIn {
-                    bytes: vec![(place + &heading).into_bytes()],
-                },
-            )
-            .readings;
+        let out = step(&mut n, now, &[(place + &heading).as_bytes()]);
         assert_eq!((out.gnss.len(), out.heading.len()), (1, 1), "{k}");
         for at in [out.gnss[0].header.at, out.heading[0].header.at] {
             assert!((at - now).secs().abs() < 1e-6, "{k}: {at:?}");
@@ -188,8 +175,8 @@ proptest! {
             let mut all = vec![Vec::new(); 5];
             all[which] = if good { messages(k as i64).into_bytes() } else { bytes };
             let now = at(k as i64);
-            let out = n.step(now, &SensorsIn { bytes: all });
-            for a in &out.readings.attitude {
+            let bytes: Vec<&[u8]> = all.iter().map(Vec::as_slice).collect();
+            for a in &step(&mut n, now, &bytes).attitude {
                 prop_assert!(a.header.at <= now && usize::from(a.source) < 10);
             }
         }
