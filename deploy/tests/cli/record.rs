@@ -124,9 +124,9 @@ fn replay_with_a_changed_output() {
     let replay = alight(format!("replay {} --json", other.display()));
     assert_eq!(replay.status.code(), Some(1));
     let output = json(&replay);
-    // The drone appears at 14 s; steps are 10 ms apart.
+    // The drone appears at 14 s; without a message the planner steps every 20 ms.
     assert_eq!(
-        output["verdict"], "first difference: planner at 15.50 s of the recording",
+        output["verdict"], "first difference: planner at 17.00 s of the recording",
         "{output}"
     );
     let differing = output["nodes"].as_array().unwrap().iter();

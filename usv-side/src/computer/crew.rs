@@ -50,7 +50,7 @@ mod tests {
     use alight_shared::msg::Header;
 
     #[test]
-    fn crew_orders_repeated_and_late() {
+    fn crew_orders_taken_once_and_in_time() {
         let (mut orders, mut events) = (CrewOrders::default(), Vec::new());
         let given = |boot, at_s| CrewOrder {
             header: Header::new(1, 0, boot, 0, Time::from_secs(at_s)),

@@ -531,7 +531,7 @@ mod tests {
             ("link", "60.0 ms old"),
             ("battery", "80 %, needs 34 %"),
             ("autopilot", "armed"),
-            ("processes", "5 run, bridge"),
+            ("processes", "8 run, bridge"),
             ("alarms", "none"),
         ] {
             let line = lines.iter().find(|l| l.starts_with(label));
