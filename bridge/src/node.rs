@@ -451,7 +451,12 @@ impl Node for Bridge {
         }
         out.time_request = self.time_request(now);
         out.link = self.link_state(now);
-        out.status = self.status.step(now, input, &self.config, self.boot);
+        let status = &mut self.status;
+        status.mission = input.mission.or(status.mission);
+        status.drone = input.drone.or(status.drone);
+        status.forecast = input.forecast.or(status.forecast);
+        status.autopilot = input.autopilot.or(status.autopilot);
+        out.status = status.step(now, &self.config, self.boot);
         out
     }
 }

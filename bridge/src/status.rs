@@ -8,17 +8,16 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 
 use crate::config::BridgeConfig;
-use crate::node::BridgeIn;
 
 /// The newest of each.
 #[derive(Clone, Debug)]
 pub(crate) struct StatusReport {
     /// A disarm takes no longer, s.
     pub(crate) disarm_s: f64,
-    mission: Option<MissionState>,
-    drone: Option<DroneState>,
-    forecast: Option<DeckForecast>,
-    autopilot: Option<AutopilotState>,
+    pub(crate) mission: Option<MissionState>,
+    pub(crate) drone: Option<DroneState>,
+    pub(crate) forecast: Option<DeckForecast>,
+    pub(crate) autopilot: Option<AutopilotState>,
     next: Periodic<DroneClock>,
     sequence: u32,
 }
@@ -43,14 +42,9 @@ impl StatusReport {
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,
-        input: &BridgeIn,
         config: &BridgeConfig,
         boot: u32,
     ) -> Option<DroneStatus> {
-        self.mission = input.mission.or(self.mission);
-        self.drone = input.drone.or(self.drone);
-        self.forecast = input.forecast.or(self.forecast);
-        self.autopilot = input.autopilot.or(self.autopilot);
         let mission = self.mission.as_ref()?;
         let period = Span::from_secs(1.0 / topics::DRONE_STATUS.rate_hz);
         if !self.next.is_due(now, period) {

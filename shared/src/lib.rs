@@ -22,6 +22,7 @@ pub mod metrics;
 pub mod motion_model;
 pub mod msg;
 pub mod node;
+#[macro_use]
 pub mod plain;
 pub mod process;
 pub mod schema;

@@ -58,8 +58,6 @@ macro_rules! plain {
         }
     };
 }
-pub(crate) use plain;
-
 // SAFETY: as above.
 unsafe impl Plain for ProcessState {
     const TOPIC: &'static Topic = &topics::PROCESS;

@@ -5,13 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::metrics::{self, MetricName, MetricValue, Metrics};
 use crate::msg::Seq;
-use crate::topics::{self, Topic};
 
 /// Topics that one process reads, at most.
 pub const MAX_INPUTS: usize = 12;
 
 macro_rules! processes {
-    ($($(#[$about:meta])* $kind:ident: $name:literal $(awaited for $topic:ident)?;)*) => {
+    ($($(#[$about:meta])* $kind:ident: $name:literal;)*) => {
         /// The processes of a vessel and its drone.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
@@ -22,36 +21,29 @@ macro_rules! processes {
             pub const fn name(self) -> &'static str {
                 match self { $(ProcessKind::$kind => $name,)* }
             }
-            /// The topic of its output for which others wait. None: it waits for images, orders or another world itself, and steps
-            /// when they come.
-            pub const fn awaited(self) -> Option<&'static Topic> {
-                match self { $(ProcessKind::$kind => processes!(@topic $($topic)?),)* }
-            }
         }
     };
-    (@topic) => { None };
-    (@topic $topic:ident) => { Some(&topics::$topic) };
 }
 processes! {
     /// The simulated vehicles.
     #[default]
     World: "world";
     /// The vessel's estimator and broadcast.
-    Vessel: "vessel" awaited for ESTIMATE;
+    Vessel: "vessel";
     /// The drone's end of the radio.
-    Bridge: "bridge" awaited for LINK;
+    Bridge: "bridge";
     /// The deck's forecast.
-    Predictor: "predictor" awaited for FORECAST;
+    Predictor: "predictor";
     /// The state machine.
-    Mission: "mission" awaited for MISSION;
+    Mission: "mission";
     /// The trajectory.
-    Planner: "planner" awaited for PLAN;
+    Planner: "planner";
     /// The set-points.
-    Pilot: "pilot" awaited for SET_POINT;
+    Pilot: "pilot";
     /// The emulated radio of a trial.
     Link: "link";
     /// The link to the autopilot.
-    Autopilot: "autopilot" awaited for DRONE_STATE;
+    Autopilot: "autopilot";
     /// The vessel's real sensors.
     Sensors: "sensors";
     /// The belly camera's images.

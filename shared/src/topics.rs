@@ -5,7 +5,6 @@ use core::mem::size_of;
 use schemars::Schema;
 use serde_json::{Value, json};
 
-use crate::plain::plain;
 use crate::time::{DroneClock, Span, VesselClock};
 use crate::{msg, schema};
 
@@ -197,6 +196,23 @@ topics! {
         BEACON: "deck/beacon", msg::DeckBeacon, 1.0 Hz, 10000 ms, 8 deep;
         /// The light in the belly camera's images.
         CAMERA_LIGHT: "camera/light", msg::CameraLight, 2.0 Hz, 2000 ms, 2 deep;
+    }
+}
+
+impl crate::process::ProcessKind {
+    /// The topic of its output for which others wait. None: it waits for images, orders or another world itself, and steps
+    /// when they come.
+    pub const fn awaited(self) -> Option<&'static Topic> {
+        match self {
+            Self::Vessel => Some(&ESTIMATE),
+            Self::Bridge => Some(&LINK),
+            Self::Predictor => Some(&FORECAST),
+            Self::Mission => Some(&MISSION),
+            Self::Planner => Some(&PLAN),
+            Self::Pilot => Some(&SET_POINT),
+            Self::Autopilot => Some(&DRONE_STATE),
+            Self::World | Self::Link | Self::Sensors | Self::Camera | Self::Uvdar | Self::View => None,
+        }
     }
 }
 
