@@ -40,7 +40,7 @@ pub trait Visitor {
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(
-            #[allow(unsafe_code, reason = "see there")]
+            #[allow(unsafe_code, reason = "the SAFETY comment of `plain!` says why it is sound")]
             unsafe impl $crate::plain::Plain for $ty {
                 const TOPIC: &'static Topic = &$topic;
                 fn order(&self) -> Option<(u32, u32)> {

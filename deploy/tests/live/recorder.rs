@@ -88,7 +88,7 @@ impl Vessel {
             .as_ref()
             .map(|m| m.publisher::<SensorReadings>().expect("opened"));
         for readings in self.readings.iter().cycle().take((ms / 10) as usize) {
-            for message in readings.messages(Header::default()) {
+            for message in readings.messages(&mut Header::default()) {
                 sensors.iter_mut().for_each(|s| s.send(&message));
             }
             std::thread::sleep(Duration::from_millis(10));

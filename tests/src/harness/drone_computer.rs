@@ -190,8 +190,7 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
 
 /// A process that runs `node`.
 fn row<N: Wired>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
-    let Ok(row) = Row::join(bus, node);
-    Some(row)
+    Row::join(bus, node).ok()
 }
 
 /// The row where its process lives, `runs` and steps at `now`.
@@ -221,16 +220,9 @@ impl DroneComputer {
         let rows = DroneRows {
             bridge: row(&bus, Bridge::installed(&made, boot)),
             autopilot: None,
-            camera: if render.on {
-                row(&bus, Installed::installed(&made, boot))
-            } else {
-                None
-            },
-            uvdar: if render.markers {
-                row(&bus, Installed::installed(&made, boot))
-            } else {
-                None
-            },
+            camera: (render.on.then(|| Installed::installed(&made, boot))).and_then(|node| row(&bus, node)),
+            uvdar: (render.markers.then(|| Installed::installed(&made, boot)))
+                .and_then(|node| row(&bus, node)),
             predictor: row(&bus, Installed::installed(&made, boot)),
             // It has run since before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),

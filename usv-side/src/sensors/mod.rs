@@ -81,23 +81,28 @@ impl Readings {
         self.heading.extend_from_slice(&message.heading);
         self.attitude.extend_from_slice(&message.attitude);
     }
-    /// The same as messages, each with this header: as many as the kind of which there are most needs.
-    pub fn messages(&self, header: Header<VesselClock>) -> Vec<SensorReadings> {
+    /// The same as messages, numbered on from `header`: as many as the kind of which there are most needs.
+    pub fn messages(&self, header: &mut Header<VesselClock>) -> Vec<SensorReadings> {
         fn part<T: Copy + Default, const N: usize>(all: &[T], k: usize) -> Seq<T, N> {
             Seq::filled(all.iter().skip(k * N).take(N).copied())
         }
         let message = |k| SensorReadings {
-            header,
             imu: part(&self.imu, k),
             gnss: part(&self.gnss, k),
             heading: part(&self.heading, k),
             attitude: part(&self.attitude, k),
+            ..SensorReadings::default()
         };
         let holds_some = |m: &SensorReadings| {
             let [a, b, c, d] = [m.imu.len(), m.gnss.len(), m.heading.len(), m.attitude.len()];
             a + b + c + d > 0
         };
-        (0..).map(message).take_while(holds_some).collect()
+        let mut numbered = |m| {
+            header.sequence = header.sequence.wrapping_add(1);
+            SensorReadings { header: *header, ..m }
+        };
+        let all = (0..).map(message).take_while(holds_some);
+        all.map(&mut numbered).collect()
     }
     /// Nothing arrived.
     pub fn is_empty(&self) -> bool {
@@ -262,10 +267,10 @@ mod tests {
             gnss: vec![GnssFix::default()],
             ..Readings::default()
         };
-        let messages = readings.messages(Header::default());
+        let messages = readings.messages(&mut Header::default());
         let mut back = Readings::default();
         messages.iter().for_each(|m| back.append(m));
         assert_eq!((messages.len(), back), (3, readings));
-        assert!(Readings::default().messages(Header::default()).is_empty());
+        assert!(Readings::default().messages(&mut Header::default()).is_empty());
     }
 }

@@ -193,10 +193,8 @@ impl Source {
 /// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
-    vessel: u32,
-    boot: u32,
-    /// Of measurements, and of messages.
-    sequences: [u32; 2],
+    /// Of the newest measurement, and of the newest message.
+    headers: [Header<VesselClock>; 2],
 }
 
 impl SensorNode {
@@ -204,9 +202,7 @@ impl SensorNode {
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
-            vessel,
-            boot,
-            sequences: [0; 2],
+            headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 2],
         }
     }
     /// The key of MAVLink signing of source `number`.
@@ -232,6 +228,7 @@ impl Node for SensorNode {
 
     fn step(&mut self, now: Time<VesselClock>, input: &SensorsIn) -> SensorsOut {
         let (mut readings, mut requests) = (Readings::default(), Vec::new());
+        let [measured, sent] = &mut self.headers;
         let mut decoded = Vec::new();
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
@@ -249,22 +246,17 @@ impl Node for SensorNode {
             for m in dated {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
-                let [sequence, _] = &mut self.sequences;
-                let header = Header::new(self.vessel, 0, self.boot, *sequence, m.at());
-                *sequence = sequence.wrapping_add(1);
-                readings.push(m.headed(number, header));
+                measured.at = m.at();
+                readings.push(m.headed(number, *measured));
+                measured.sequence = measured.sequence.wrapping_add(1);
             }
             if source.requested.is_none_or(|t| now - t >= REQUEST_PERIOD) {
                 source.requested = Some(now);
                 requests.extend(source.decoder.request().map(|bytes| (k, bytes)));
             }
         }
-        let mut readings = readings.messages(Header::new(self.vessel, 0, self.boot, 0, now));
-        for message in &mut readings {
-            let [_, sequence] = &mut self.sequences;
-            *sequence = sequence.wrapping_add(1);
-            message.header.sequence = *sequence;
-        }
+        sent.at = now;
+        let readings = readings.messages(sent);
         SensorsOut { readings, requests }
     }
 }

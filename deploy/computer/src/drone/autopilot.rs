@@ -13,24 +13,23 @@ use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{LinkCheckpoint, Seq, SetPoint};
+use alight_shared::msg::{LinkCheckpoint, Seq};
 use alight_shared::process::ProcessKind;
 use alight_transport::memory::{Instance, Memory};
-use alight_transport::readiness::watched;
 use alight_uav::autopilot::ais::AisDecoder;
 use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, Frame, Message};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotLink, MAX_FRAMES};
 use alight_uav::computer::Installed as _;
-use tokio::io::Interest;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::config::DroneComputer;
 use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Doing, Exit};
+use crate::exit::{CliError, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::peer::Speaks;
+use crate::io::wakes::Wakes;
 use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
 use crate::process::life::Process;
@@ -139,8 +138,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut ports = <AutopilotLink as Wired>::Ports::join(&memory)?;
     let mut reports = memory.publisher()?;
     let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing.clone()));
-    let wakes = watched(memory.listener::<SetPoint>()?, Interest::READABLE);
-    let wakes = wakes.doing("waiting for set-points")?;
+    let wakes = Wakes::of::<AutopilotLink>(&memory)?;
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut more = false;
@@ -152,10 +150,8 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             tokio::select! {
                 () = link.read(|bytes| decoder.push(bytes)) => {}
                 () = ais.read() => {}
-                woken = wakes.readable() => {
-                    let mut woken = woken.doing("waiting for set-points")?;
-                    woken.get_inner().drain();
-                    woken.clear_ready();
+                woken = wakes.woken() => {
+                    woken?;
                     due = true;
                 }
                 _ = steps.tick() => due = true,

@@ -8,5 +8,6 @@ pub mod link_end;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
+pub mod wakes;
 pub mod wall;
 pub mod web_socket;

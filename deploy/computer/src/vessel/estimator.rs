@@ -7,24 +7,22 @@ use alight_shared::admission::RejectionReason;
 use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::metrics::{Metric, MetricName, MetricValue};
-use alight_shared::msg::{Header, MAX_SOURCES, SensorReadings, Seq, VesselStatus};
+use alight_shared::msg::{Header, MAX_SOURCES, Seq, VesselStatus};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
 use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Listener, Memory, Publisher};
+use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::radio::RadioCounts;
-use alight_transport::readiness::watched;
 use alight_transport::rejections::{self, AccessRejections};
 use alight_transport::statistics::Quantiles;
 use alight_usv::{ComputerIn, ComputerOut, KINDS, SourceCounts, VesselNode};
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
 use tokio::time::sleep;
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
-use crate::exit::{CliError, Doing, Exit};
+use crate::exit::{CliError, Exit};
 use crate::io::runtime;
+use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 use crate::vessel::deck_file::DeckFile;
@@ -59,8 +57,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut ports = <alight_usv::VesselComputer as Wired>::Ports::join(&memory)?;
     let mut states: Publisher<ProcessState> = memory.publisher()?;
     let mut statuses: Publisher<VesselStatus> = memory.publisher()?;
-    let wakes = watched(memory.listener::<SensorReadings>()?, Interest::READABLE);
-    let wakes = wakes.doing("waiting for sensors")?;
+    let wakes = Wakes::of::<alight_usv::VesselComputer>(&memory)?;
     let mut radio = VesselRadio::open(&computer)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
     let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
@@ -142,17 +139,12 @@ fn is_over(process: &Process<alight_usv::VesselComputer>, asked_ns: &mut Option<
 }
 
 /// Waits for measurements or packets, or for its time.
-async fn arrival(wakes: &AsyncFd<Listener>, radio: &VesselRadio) -> Result<(), CliError> {
+async fn arrival(wakes: &Wakes, radio: &VesselRadio) -> Result<(), CliError> {
     tokio::select! {
-        woken = wakes.readable() => {
-            let mut woken = woken.doing("waiting for sensors")?;
-            woken.get_inner().drain();
-            woken.clear_ready();
-        }
-        () = radio.arrival() => {}
-        () = sleep(MAX_WAIT) => {}
+        woken = wakes.woken() => woken,
+        () = radio.arrival() => Ok(()),
+        () = sleep(MAX_WAIT) => Ok(()),
     }
-    Ok(())
 }
 
 /// What the process shows people in its journal, and what it measures beside its node.

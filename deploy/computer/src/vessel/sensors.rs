@@ -7,14 +7,13 @@ use std::time::Duration;
 
 use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
-use alight_shared::msg::{Header, Line, SensorReadings, Seq, SourceRemark, SourceReport};
+use alight_shared::msg::{Header, Line, Seq, SourceRemark, SourceReport};
 use alight_shared::node::Node;
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
-use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher};
-use alight_usv::sensors::{MAX_STEP_BYTES, Readings, Remark, SensorNode, SensorsIn, SourceConfig};
+use alight_usv::sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
@@ -35,31 +34,6 @@ const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
 const SAID_NS: i64 = 60_000_000_000;
 /// Most errors of a link that are said within that.
 const MAX_SAID: usize = 8;
-
-/// Simulated sensors in the place of the vessel's, towards its process.
-pub struct SensorPublisher {
-    readings: Publisher<SensorReadings>,
-    header: Header<VesselClock>,
-}
-
-impl SensorPublisher {
-    /// Nothing published yet.
-    pub fn join(memory: &Memory) -> Result<SensorPublisher, TransportError> {
-        Ok(SensorPublisher {
-            readings: memory.publisher()?,
-            header: Header::new(0, 0, draw_boot(), 0, Time::EPOCH),
-        })
-    }
-    /// Publishes what there is. A vessel's process that is not there misses it, as it would at sea.
-    pub fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
-        self.header.at = now;
-        for message in readings.messages(self.header) {
-            self.header.sequence = self.header.sequence.wrapping_add(1);
-            let header = self.header;
-            self.readings.send(&SensorReadings { header, ..message });
-        }
-    }
-}
 
 /// Runs until it is asked to end.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {

@@ -11,10 +11,10 @@ use alight_computer::process::life::{Life, draw_boot, node_recorder};
 use alight_computer::process::observer::Rejoined;
 use alight_computer::process::scheduling;
 use alight_computer::terminal;
-use alight_computer::vessel::sensors::SensorPublisher;
+use alight_shared::bus::Writer as _;
 use alight_shared::config;
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{DeckForecast, MissionState, Seq};
+use alight_shared::msg::{DeckForecast, Header, MissionState, SensorReadings, Seq};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use alight_sim::autopilots::FirmwareSensors;
@@ -278,6 +278,20 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
+/// Simulated sensors in the place of the vessel's, towards its process.
+struct SensorPublisher {
+    readings: Publisher<SensorReadings>,
+    header: Header<VesselClock>,
+}
+
+impl SensorPublisher {
+    /// Publishes what there is. A vessel's process that is not there misses it, as it would at sea.
+    fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
+        self.header.at = now;
+        self.readings.send_each(&readings.messages(&mut self.header));
+    }
+}
+
 /// The vessel's computer as its simulated sensors reach it.
 enum VesselSide {
     /// By the bytes that each sends; the first were reported.
@@ -306,7 +320,10 @@ impl VesselSide {
             VesselSide::Memory(side) => {
                 side.poll(|instance| {
                     let memory = Memory::join(instance, "world")?;
-                    let publisher = SensorPublisher::join(&memory)?;
+                    let publisher = SensorPublisher {
+                        readings: memory.publisher()?,
+                        header: Header::new(0, 0, draw_boot(), 0, Time::EPOCH),
+                    };
                     Ok((memory, publisher))
                 });
                 if let Some((_, publisher)) = &mut side.ports {

@@ -1,0 +1,44 @@
+//! What wakes a row, awaited in tokio beside its edge.
+
+use std::future::poll_fn;
+use std::task::Poll;
+
+use alight_shared::bus::{Ports as _, Wired};
+use alight_transport::memory::{Listener, Memory};
+use alight_transport::readiness::watched;
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+
+use crate::exit::{CliError, Doing};
+
+/// The topics that wake a row, by its wiring.
+pub struct Wakes(Vec<AsyncFd<Listener>>);
+
+impl Wakes {
+    /// Those of the node `N`.
+    pub fn of<N: Wired>(memory: &Memory) -> Result<Wakes, CliError> {
+        let watch = |listener| watched(listener, Interest::READABLE).doing("waiting for messages");
+        let all = N::Ports::<Memory>::wakes(memory)?.into_iter().map(watch);
+        Ok(Wakes(all.collect::<Result<_, _>>()?))
+    }
+    /// Waits until one has brought something.
+    pub async fn woken(&self) -> Result<(), CliError> {
+        let woken = poll_fn(|cx| {
+            let mut woken = Poll::Pending;
+            // Each is asked, so that each wakes this task.
+            for wake in &self.0 {
+                match wake.poll_read_ready(cx) {
+                    Poll::Ready(Ok(mut ready)) => {
+                        wake.get_ref().drain();
+                        ready.clear_ready();
+                        woken = Poll::Ready(Ok(()));
+                    }
+                    Poll::Ready(Err(e)) => return Poll::Ready(Err(e)),
+                    Poll::Pending => {}
+                }
+            }
+            woken
+        });
+        woken.await.doing("waiting for messages")
+    }
+}
