@@ -625,8 +625,15 @@ impl Mission {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
-        let complete = s.flight == ControlState::Disarmed
-            || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
+        // Of a disarmed drone the pilot knows whether its landing is over.
+        let complete = match s.flight {
+            ControlState::Disarmed => self.set_point.get().is_some(),
+            ControlState::Unknown => false,
+            ControlState::OnGround
+            | ControlState::Ours
+            | ControlState::Lapsed
+            | ControlState::OtherControl(_) => s.fresh_deck().is_some(),
+        };
         let ids = [self.drone_id, self.boot];
         let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
         self.beginning = None;

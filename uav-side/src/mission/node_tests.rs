@@ -488,6 +488,27 @@ fn successor_with_a_checkpoint() {
     assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
 }
 
+/// The pilot stopped the motors while no mission ran; the successor reads its set-point one step late.
+#[test]
+fn successor_after_the_pilot_stopped_the_motors() {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
+    for k in 0..10_u32 {
+        let t = at(10.0 + 0.01 * f64::from(k));
+        let mut input = fresh_input(k, t, [0.1, 0.0, -1.3 - drone.feet_below_m]);
+        input.checkpoint = Some(checkpoint(State::Flare, 9.9));
+        input.autopilot = input.autopilot.map(|a| AutopilotState { armed: false, ..a });
+        input.set_point = Some(SetPoint {
+            header: header(k, t),
+            motors: Motors::Stop,
+            ..SetPoint::default()
+        })
+        .filter(|_| k > 2);
+        m.step(t, &input);
+    }
+    assert_eq!(m.phase.state(), State::Landed);
+}
+
 #[test]
 fn standstill_in_the_flare() {
     for (height, still_s, wanted) in [

@@ -22,6 +22,10 @@ fn matching() -> MissionSettings {
 fn disarmed(t: f64) -> MissionIn {
     let mut input = fresh_input((t * 100.0) as u32, at(t), [30.0, 0.0, 0.0]);
     input.autopilot.as_mut().unwrap().armed = false;
+    input.set_point = Some(SetPoint {
+        header: header(1, at(t)),
+        ..SetPoint::default()
+    });
     input
 }
 /// The mission's settings after this input.
