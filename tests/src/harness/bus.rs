@@ -1,4 +1,6 @@
 //! The bus in lock-step: a ring of a topic's newest messages, as many as shared memory holds, and a place in it for each reader.
+//!
+//! Between a row and the bus a [`Wrapper`] may stand: what a fault makes of its messages, or a defect that a storm has to find.
 
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
@@ -8,7 +10,7 @@ use std::rc::Rc;
 
 use alight_shared::bus::{self, Bus, Reader, Received, Writer};
 use alight_shared::plain::Plain;
-use alight_shared::process::InputState;
+use alight_shared::process::{InputState, ProcessKind};
 
 /// A topic's newest messages.
 struct Ring<M> {
@@ -17,27 +19,85 @@ struct Ring<M> {
     newest: VecDeque<M>,
 }
 
-/// The rings of one computer, each made when the first port asks for it.
+/// What becomes of messages on their way. It is given the clock of who reads, or the stamp of what is written, ns.
+pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
+/// Where one may stand.
+type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
+
+/// On which way of a row's messages a wrapper stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Way {
+    /// What it reads.
+    Read,
+    /// What it writes.
+    Written,
+}
+
+/// What the ports of one computer share, each made when the first asks for it.
+#[derive(Default)]
+struct Shared {
+    rings: BTreeMap<TypeId, Rc<dyn Any>>,
+    places: BTreeMap<(ProcessKind, Way, TypeId), Rc<dyn Any>>,
+}
+
+/// The bus of one computer, as one of its rows sees it, or somebody outside.
 #[derive(Clone, Default)]
-pub struct LockStep(Rc<RefCell<BTreeMap<TypeId, Rc<dyn Any>>>>);
+pub struct LockStep {
+    shared: Rc<RefCell<Shared>>,
+    row: Option<ProcessKind>,
+}
+
+/// The value of this type that an entry holds, which is made where there is none.
+fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
+    Rc::clone(made)
+        .downcast()
+        .unwrap_or_else(|_| unreachable!("it has its type's place"))
+}
 
 impl LockStep {
+    /// The same bus as this row sees it.
+    pub fn of(&self, row: ProcessKind) -> LockStep {
+        LockStep {
+            shared: Rc::clone(&self.shared),
+            row: Some(row),
+        }
+    }
+    /// Stands between a row and the bus from now on, in the place of who stood there; the row may be started anew meanwhile.
+    pub fn wrap<M: Plain>(
+        &self,
+        row: ProcessKind,
+        way: Way,
+        wrapper: impl FnMut(i64, Vec<M>) -> Vec<M> + 'static,
+    ) {
+        *self.of(row).place(way).borrow_mut() = Some(Box::new(wrapper));
+    }
+    fn place<M: Plain>(&self, way: Way) -> Place<M> {
+        let made = || -> Rc<dyn Any> { Rc::new(RefCell::new(None::<Wrapper<M>>)) };
+        let Some(row) = self.row else { return typed(&made()) };
+        let mut shared = self.shared.borrow_mut();
+        typed(
+            shared
+                .places
+                .entry((row, way, TypeId::of::<M>()))
+                .or_insert_with(made),
+        )
+    }
     fn ring<M: Plain>(&self) -> Rc<RefCell<Ring<M>>> {
-        let mut rings = self.0.borrow_mut();
+        let mut shared = self.shared.borrow_mut();
         let made = || -> Rc<dyn Any> {
             Rc::new(RefCell::new(Ring::<M> {
                 sent: 0,
                 newest: VecDeque::with_capacity(M::TOPIC.buffer),
             }))
         };
-        let ring = rings.entry(TypeId::of::<M>()).or_insert_with(made);
-        Rc::clone(ring)
-            .downcast()
-            .unwrap_or_else(|_| unreachable!("a ring has its type's place"))
+        typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
     /// A port that cannot fail to open.
     pub fn sender<M: Plain>(&self) -> Sender<M> {
-        Sender(self.ring())
+        Sender {
+            ring: self.ring(),
+            place: self.place(Way::Written),
+        }
     }
     /// A port that cannot fail to open: what is sent from now on.
     pub fn receiver<M: Plain>(&self) -> Receiver<M> {
@@ -47,6 +107,7 @@ impl LockStep {
             ring,
             read,
             received: Received::of(M::TOPIC),
+            place: self.place(Way::Read),
         }
     }
 }
@@ -87,17 +148,31 @@ impl bus::Wake for Wake {
 }
 
 /// Writes messages.
-pub struct Sender<M>(Rc<RefCell<Ring<M>>>);
+pub struct Sender<M> {
+    ring: Rc<RefCell<Ring<M>>>,
+    place: Place<M>,
+}
 
-impl<M: Plain> Writer<M> for Sender<M> {
-    fn send(&mut self, message: &M) {
-        let mut ring = self.0.borrow_mut();
+impl<M: Plain> Sender<M> {
+    fn put(&self, message: M) {
+        let mut ring = self.ring.borrow_mut();
         if ring.newest.len() == M::TOPIC.buffer {
             // Who has not read it has missed it.
             ring.newest.pop_front();
         }
-        ring.newest.push_back(*message);
+        ring.newest.push_back(message);
         ring.sent += 1;
+    }
+}
+
+impl<M: Plain> Writer<M> for Sender<M> {
+    fn send(&mut self, message: &M) {
+        if let Some(wrapper) = self.place.borrow_mut().as_mut() {
+            let written = wrapper(message.at_ns(), vec![*message]);
+            written.into_iter().for_each(|m| self.put(m));
+        } else {
+            self.put(*message);
+        }
     }
     fn unsent(&self) -> u64 {
         0
@@ -110,6 +185,7 @@ pub struct Receiver<M> {
     /// Of the messages sent so far.
     read: u64,
     received: Received,
+    place: Place<M>,
 }
 
 impl<M: Plain> Receiver<M> {
@@ -130,11 +206,18 @@ impl<M: Plain> Receiver<M> {
 }
 
 impl<M: Plain> Reader<M> for Receiver<M> {
-    fn newest(&mut self, _now_ns: i64) -> Option<M> {
+    fn newest(&mut self, now_ns: i64) -> Option<M> {
+        if self.place.borrow().is_some() {
+            return self.all(now_ns).pop();
+        }
         self.take(|new| new.last().copied())
     }
-    fn all(&mut self, _now_ns: i64) -> Vec<M> {
-        self.take(|new| new.copied().collect())
+    fn all(&mut self, now_ns: i64) -> Vec<M> {
+        let new = self.take(|new| new.copied().collect());
+        match self.place.borrow_mut().as_mut() {
+            Some(wrapper) => wrapper(now_ns, new),
+            None => new,
+        }
     }
     fn state(&self, now_ns: i64) -> InputState {
         self.received.state(now_ns)

@@ -1,13 +1,16 @@
 //! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in their order,
 //! and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
 
-use super::bus::{LockStep, Receiver, Sender};
+use core::cell::Cell;
+use std::rc::Rc;
+
+use super::bus::{LockStep, Receiver, Sender, Way};
 use super::cameras::SimulatedCameras;
-use super::failing::Failing;
+use super::failing::{Failing, Spoiled, spoil_sensors};
 use super::fault::Part;
 use super::foresight::{Foresight, OdometryError};
 use super::link::{Checkpoints, LinkedAutopilot};
-use super::mutant::Mutated;
+use super::mutant::Mutant;
 use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
 use super::tap::Tap;
@@ -15,23 +18,24 @@ use crate::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
-use alight_bridge::{Bridge, BridgeConfig, Packet, PacketKind};
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
-use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState,
     DroneStatus, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
     VesselEstimate, still_armed_s,
 };
+use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
 use alight_uav::autopilot::message::Frame;
-use alight_uav::computer::{DroneNodes, DroneRows, Installed};
+use alight_uav::computer::{DroneNodes, DroneRows, Installed, Process};
 use alight_uav::mission::MissionConfig;
-use nalgebra::Vector3;
+use alight_uav::planner::{PlannerIn, PlannerOut};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
@@ -48,7 +52,7 @@ pub(super) enum Uplink {
 }
 
 /// What is sent on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
-/// for cameras, a rangefinder, a beacon, and what a defect makes up.
+/// for cameras, a rangefinder, a beacon.
 struct Outside {
     commands: Sender<Command>,
     plans: Sender<Plan>,
@@ -57,22 +61,20 @@ struct Outside {
     ranges: Sender<RangeSample>,
     beacons: Sender<DeckBeacon>,
     light: Sender<CameraLight>,
-    forecasts: Sender<DeckForecast>,
-    missions: Sender<MissionState>,
 }
 
 impl Outside {
     fn join(bus: &LockStep) -> Outside {
+        // Models measure in the place of cameras.
+        let (world, camera) = (bus.of(ProcessKind::World), bus.of(ProcessKind::Camera));
         Outside {
             commands: bus.sender(),
             plans: bus.sender(),
-            tags: bus.sender(),
-            uvdar: bus.sender(),
-            ranges: bus.sender(),
-            beacons: bus.sender(),
-            light: bus.sender(),
-            forecasts: bus.sender(),
-            missions: bus.sender(),
+            tags: camera.sender(),
+            uvdar: bus.of(ProcessKind::Uvdar).sender(),
+            ranges: world.sender(),
+            beacons: world.sender(),
+            light: camera.sender(),
         }
     }
 }
@@ -126,20 +128,22 @@ pub struct DroneComputer {
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
+    /// A plan takes so much longer than that.
+    pub(super) slower: Span,
     outside: Outside,
     observer: Observer,
-    /// What a mutant remembers.
-    mutated: Mutated,
-    /// A test's set-point in place of the pilot's.
-    pub(super) external: Option<SetPoint>,
-    /// The range that a stuck rangefinder repeats, m.
-    repeated_m: Option<f64>,
-    /// Fault: images are stamped so late.
-    pub(super) images_late: Span,
-    /// Fault: the deck seen is so far from the vessel's, NED, m.
-    pub(super) sees_beside: Vector3<f64>,
-    /// When the pilot stands still.
-    pub(super) pilot_outage_window: Option<[Time<TrueTime>; 2]>,
+    /// The defect of its nodes.
+    mutant: Option<Mutant>,
+    /// The vessel's clock is so far ahead of this one's since the start.
+    pub(super) apart: Rc<Cell<Span>>,
+    /// What its sensors do wrong; None: they never did.
+    spoiled: Option<Spoiled>,
+    /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
+    twin_m: f64,
+    /// It stands still as a whole.
+    stands_still: bool,
+    /// When processes stand still.
+    pub(super) outages: Vec<(Part, [Time<TrueTime>; 2])>,
     /// The newest odometry, as the bridge's process reads it.
     pub odometry: Option<DroneState>,
     /// The mission's newest state.
@@ -189,8 +193,8 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
 }
 
 /// A process that runs `node`.
-fn row<N: Wired>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
-    Row::join(bus, node).ok()
+fn row<N: Process>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
+    Row::join(&bus.of(N::KIND), node).ok()
 }
 
 /// The row where its process lives, `runs` and steps at `now`.
@@ -211,7 +215,15 @@ impl DroneComputer {
         physics: &Physics,
         boot: u32,
     ) -> Self {
-        let (bus, streams) = (LockStep::default(), physics.streams().of_drone(k));
+        DroneComputer::on(LockStep::default(), k, (scenario, nodes, physics), boot)
+    }
+    fn on(
+        bus: LockStep,
+        k: usize,
+        (scenario, nodes, physics): (&Scenario, &NodeConfigs, &Physics),
+        boot: u32,
+    ) -> Self {
+        let streams = physics.streams().of_drone(k);
         let made = drone_nodes(k, scenario, nodes);
         let moment = || Span::from_secs(BEGINS_WITHIN_S * Noise::new(&streams, "begin_anyway").uniform());
         let forced = scenario.begin_anyway.then(moment);
@@ -246,21 +258,53 @@ impl DroneComputer {
             stood_still_until: Time::EPOCH,
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
+            slower: Span::ZERO,
             outside: Outside::join(&bus),
             observer: Observer::join(&bus),
             bus,
-            mutated: Mutated::default(),
-            external: None,
-            repeated_m: None,
-            images_late: Span::ZERO,
-            sees_beside: Vector3::zeros(),
-            pilot_outage_window: None,
+            mutant: None,
+            apart: Rc::default(),
+            spoiled: None,
+            twin_m: 0.0,
+            stands_still: false,
+            outages: Vec::new(),
             odometry: None,
             mission_state: MissionState::default(),
             forecast: None,
             autopilot_state: AutopilotState::default(),
             last_set_point: None,
         }
+    }
+
+    /// So much fails of it from now on.
+    pub(super) fn fail(&mut self, failing: &Failing) {
+        self.frozen.clone_from(&failing.frozen.parts);
+        self.stands_still = failing.frozen.computer;
+        self.radio.fail(failing.radio);
+        self.slower = Span::from_secs(failing.solve_s);
+        self.twin_m = failing.twin_m;
+        let bus = &self.bus;
+        let spoiled = self.spoiled.get_or_insert_with(|| {
+            let spoiled = Spoiled::default();
+            spoil_sensors(bus, &spoiled);
+            spoiled
+        });
+        *spoiled.borrow_mut() = failing.drone;
+        if let Some(linked) = &mut self.linked {
+            linked.fail(failing);
+        }
+    }
+    /// Its nodes have a defect from now on.
+    pub(super) fn mutate(&mut self, mutant: Option<Mutant>) {
+        if let Some(new) = mutant.filter(|_| self.mutant != mutant) {
+            self.mutant = mutant;
+            new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
+        }
+    }
+    /// A test flies it: this stands in place of the pilot's set-points.
+    pub(super) fn fly_by(&mut self, set_point: SetPoint) {
+        let instead = move |_, _: Vec<SetPoint>| vec![set_point];
+        self.bus.wrap(ProcessKind::Pilot, Way::Written, instead);
     }
 
     /// A process dies; the others live on.
@@ -291,7 +335,7 @@ impl DroneComputer {
         self.kept.take(physics.drone_now(self.k) + self.ahead);
         self.boot += 1;
         if part == Part::Supervisor {
-            let new = DroneComputer::new(self.k, scenario, nodes, physics, self.boot);
+            let new = DroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
             self.succeed(new);
             self.rows.mission = row(&self.bus, Installed::installed(&self.nodes, self.boot));
         }
@@ -314,8 +358,8 @@ impl DroneComputer {
         let before = core::mem::replace(self, new);
         *self.kept.keeper_mut() = before.kept.keeper().clone();
         (self.radio, self.linked, self.handed_over) = (before.radio, before.linked, before.handed_over);
-        (self.images_late, self.sees_beside) = (before.images_late, before.sees_beside);
-        (self.ahead, self.repeated_m, self.mutated) = (before.ahead, before.repeated_m, before.mutated);
+        (self.ahead, self.apart) = (before.ahead, before.apart);
+        (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
     }
     /// Its steady clock begins again, and of its checkpoints there is what lies on the disk.
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
@@ -356,9 +400,11 @@ impl DroneComputer {
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// A process runs.
-    fn runs(&self, part: Part) -> bool {
-        !self.frozen.contains(&part)
+    /// A process runs at `t`.
+    fn runs(&self, part: Part, t: Time<TrueTime>) -> bool {
+        let away = |[from, until]: [Time<TrueTime>; 2]| from <= t && t < until;
+        let out = self.outages.iter().any(|(p, window)| *p == part && away(*window));
+        !out && !self.frozen.contains(&part)
     }
 
     /// Its rows in their order, each one step; the link's a second one, with the pilot's set-point.
@@ -367,12 +413,11 @@ impl DroneComputer {
         physics: &mut Physics,
         reports_status: bool,
         foresight: Option<&Foresight>,
-        failing: &Failing,
         tap: &mut impl Tap,
     ) {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
-        if failing.frozen.computer {
+        if self.stands_still {
             // What comes by radio and wire waits, and bears the time of its reading.
             self.stood_still_until = t;
             let _lost = physics.drone_readings(self.k);
@@ -386,21 +431,21 @@ impl DroneComputer {
             return;
         }
         self.kept.poll(now);
-        self.step_bridge((t, now), packets, reports_status, failing, tap);
+        self.step_bridge((t, now), packets, reports_status, tap);
         if self.linked.is_some() {
-            self.receive_from_autopilot((t, now), physics, failing);
-            self.sense((t, now), physics, failing);
-            self.step_predictor((t, now), physics, foresight, failing, tap);
+            self.receive_from_autopilot((t, now), physics);
+            self.sense((t, now), physics);
+            self.step_predictor((t, now), physics, foresight, tap);
             self.plans
                 .arrived(t)
                 .iter()
                 .for_each(|plan| self.outside.plans.send(plan));
-            self.step_mission((t, now), failing, tap);
-            self.step_planner((t, now), failing, tap);
-            self.step_pilot((t, now), failing, tap);
-            let runs = self.runs(Part::Link);
+            self.step_mission((t, now), tap);
+            self.step_planner((t, now), tap);
+            self.step_pilot((t, now), tap);
+            let runs = self.runs(Part::Link, t);
             if due(&mut self.rows.autopilot, runs, now).is_some() {
-                self.step_link((t, now), Vec::new(), failing);
+                self.step_link((t, now), Vec::new());
             }
         }
         self.look(now);
@@ -411,25 +456,22 @@ impl DroneComputer {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let read_from = self.stood_still_until;
         let stamped = |(arrival, packet)| Stamped::new(clock.read(read_from.max(arrival)), packet);
-        self.radio
-            .at_drone(physics.now())
-            .into_iter()
-            .map(stamped)
-            .collect()
+        let arrived = self.radio.at_drone(physics.now());
+        let mut packets: Vec<_> = arrived.into_iter().map(stamped).collect();
+        if self.twin_m != 0.0 {
+            let twins: Vec<_> = packets.iter().filter_map(|p| twin(p, self.twin_m)).collect();
+            packets.extend(twins);
+        }
+        packets
     }
     fn step_bridge(
         &mut self,
         (t, now): Moment,
-        mut packets: Vec<Stamped<DroneClock, Packet>>,
+        packets: Vec<Stamped<DroneClock, Packet>>,
         reports_status: bool,
-        failing: &Failing,
         tap: &mut impl Tap,
     ) {
-        if failing.twin_m != 0.0 {
-            let twins: Vec<_> = packets.iter().filter_map(|p| twin(p, failing.twin_m)).collect();
-            packets.extend(twins);
-        }
-        let runs = self.runs(Part::Bridge);
+        let runs = self.runs(Part::Bridge, t);
         let Some(bridge) = &mut self.rows.bridge else {
             return;
         };
@@ -442,17 +484,8 @@ impl DroneComputer {
         // What has waited bears the time of its reading.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let packets = waited.chain(packets).collect();
-        let (drone, mutated) = (self.nodes.bridge.drone_id, &mut self.mutated);
-        let out = bridge.step(
-            now,
-            |input| input.packets = packets,
-            |input, out| {
-                tap.bridge(t, now, input, out);
-                if let Some(mutant) = failing.mutant {
-                    mutant.received(now, out, (drone, failing.apart), mutated);
-                }
-            },
-        );
+        let edge = |input: &mut BridgeIn| input.packets = packets;
+        let out = bridge.step(now, edge, |input, out| tap.bridge(t, now, input, out));
         if let Some(request) = out.time_request {
             let request = Uplink::TimeRequest(request);
             self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
@@ -464,8 +497,8 @@ impl DroneComputer {
         }
     }
     /// The link with what the autopilot has sent.
-    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, failing: &Failing) {
-        let runs = self.runs(Part::Link);
+    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics) {
+        let runs = self.runs(Part::Link, t);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
             // PX4 denies until set-points were streamed for long enough: the person tries again.
@@ -476,66 +509,33 @@ impl DroneComputer {
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
         // What a process that stands still does not read waits on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
-        self.step_link((t, now), frames, failing);
+        self.step_link((t, now), frames);
     }
-    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>, failing: &Failing) {
-        let runs = self.runs(Part::Link);
+    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>) {
+        let runs = self.runs(Part::Link, t);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
         else {
             return;
         };
-        let out = link.step(
-            now,
-            |input| input.received = frames,
-            |_, out| {
-                if let Some(mutant) = failing.mutant {
-                    out.odometry
-                        .iter_mut()
-                        .for_each(|state| *state = mutant.odometry(*state));
-                    out.state = out.state.map(|state| mutant.autopilot(state));
-                }
-            },
-        );
+        let out = link.step(now, |input| input.received = frames, |_, _| {});
         linked.send(t, &out);
     }
     /// The cameras with what they have exposed, or what models measure in their place.
-    fn sense(&mut self, (t, now): Moment, physics: &mut Physics, failing: &Failing) {
+    fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
         let Some(mut readings) = physics.drone_readings(self.k) else {
             return;
         };
         readings.shift(self.ahead);
-        let beside: Vector3<f64> = physics.drone(self.k).map_or_else(Vector3::zeros, |truth| {
-            body_from_camera().transpose() * (truth.attitude.0.inverse() * self.sees_beside)
-        });
-        let (late, faults) = (self.images_late, &failing.drone);
-        let shown = |p: &mut [f64; 3]| p.iter_mut().zip(beside.iter()).for_each(|(p, by)| *p += by);
-        let tags = |tags: &mut Vec<TagPose>| {
-            for m in tags.iter_mut() {
-                m.header.at += late;
-                shown(&mut m.position);
-            }
-            faults.spoil_tags(tags);
-        };
-        let fixes = |fixes: &mut Vec<UvdarFix>| {
-            for m in fixes.iter_mut() {
-                m.header.at += late;
-                shown(&mut m.position);
-            }
-            faults.spoil_fixes(fixes);
-        };
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
             let input = cameras.belly(t, &readings.shots);
             let images = input.frames.len();
-            row.step(now, |i| *i = input, |_, out| tags(&mut out.tags));
+            row.step(now, |i| *i = input, |_, _| {});
             cameras.metered(images, &row.node.light());
         }
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
             let input = cameras.ultraviolet(t, &readings.uv_shots);
-            row.step(now, |i| *i = input, |_, out| fixes(&mut out.fixes));
+            row.step(now, |i| *i = input, |_, _| {});
         }
-        tags(&mut readings.tags);
-        fixes(&mut readings.uvdar);
-        faults.spoil_ranges(&mut readings.ranges, &mut self.repeated_m);
         self.outside.tags.send_each(&readings.tags);
         self.outside.uvdar.send_each(&readings.uvdar);
         self.outside.ranges.send_each(&readings.ranges);
@@ -547,102 +547,46 @@ impl DroneComputer {
         (t, now): Moment,
         physics: &Physics,
         foresight: Option<&Foresight>,
-        failing: &Failing,
         tap: &mut impl Tap,
     ) {
-        let (clock, truth) = (
-            physics.drone_clock(self.k).ahead(self.ahead),
-            physics.drone(self.k),
-        );
-        let (runs, mut forecast) = (self.runs(Part::Predictor), None);
+        let clock = physics.drone_clock(self.k).ahead(self.ahead);
+        let (truth, runs) = (physics.drone(self.k), self.runs(Part::Predictor, t));
         if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
-            predictor.step(
-                now,
-                |_| {},
-                |input, out| {
-                    let believed = input
-                        .drone
-                        .zip(truth)
-                        .map(|(d, truth)| OdometryError::of(&d, now, &truth));
-                    if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
-                        foresight.correct(forecast, &clock, &believed.unwrap_or_default());
-                    }
-                    tap.predictor(t, now, input, out);
-                    if failing.mutant.is_some() {
-                        forecast = out.forecast.take();
-                    }
-                },
-            );
+            let look = |input: &PredictorIn, out: &mut PredictorOut| {
+                let of = |(d, truth)| OdometryError::of(&d, now, &truth);
+                let believed = input.drone.zip(truth).map(of).unwrap_or_default();
+                if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
+                    foresight.correct(forecast, &clock, &believed);
+                }
+                tap.predictor(t, now, input, out);
+            };
+            predictor.step(now, |_| {}, look);
         }
-        if let Some(mutant) = failing.mutant {
-            let forecast = mutant.forecast(now, forecast, self.forecast);
-            self.outside.forecasts.send_each(&forecast);
-        }
-        self.look(now);
     }
-    fn step_mission(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
-        let (runs, mut state) = (self.runs(Part::Mission), None);
-        let (mutated, before) = (&mut self.mutated, self.mission_state.state);
+    fn step_mission(&mut self, (t, now): Moment, tap: &mut impl Tap) {
+        let runs = self.runs(Part::Mission, t);
         if let Some(mission) = due(&mut self.rows.mission, runs, now) {
-            let out = mission.step(
-                now,
-                |input| {
-                    if let Some(mutant) = failing.mutant {
-                        mutant.commands(now, &mut input.commands, before, &mut mutated.ordered);
-                        mutant.mission_in(now, input, mutated);
-                    }
-                },
-                |input, out| {
-                    tap.mission(t, now, input, out);
-                    if failing.mutant.is_some() {
-                        state = out.state.take();
-                    }
-                },
-            );
-            let landing = out.checkpoint.filter(|c| c.landing);
-            self.mutated.checkpoint = self.mutated.checkpoint.or(landing);
+            mission.step(now, |_| {}, |input, out| tap.mission(t, now, input, out));
         }
-        if let Some(mutant) = failing.mutant {
-            let state = mutant.mission(now, state, &self.mission_state);
-            self.outside.missions.send_each(&state);
-        }
-        self.look(now);
     }
-    fn step_planner(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
-        let runs = self.runs(Part::Planner);
-        let Some(planner) = due(&mut self.rows.planner, runs, now) else {
-            return;
-        };
-        let delay = self.solve_delay + Span::from_secs(failing.solve_s);
+    fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
+        let (runs, arrives) = (self.runs(Part::Planner, t), t + self.solve_delay + self.slower);
         let plans = &mut self.plans;
-        planner.step(
-            now,
-            |_| {},
-            |input, out| {
+        if let Some(planner) = due(&mut self.rows.planner, runs, now) {
+            let look = |input: &PlannerIn, out: &mut PlannerOut| {
                 tap.planner(t, now, input, out);
                 if let Some(plan) = out.plan.take() {
                     // A full line means plans that nobody fetches: the oldest state is lost, no more.
-                    let _full = plans.push(t + delay, plan);
+                    let _full = plans.push(arrives, plan);
                 }
-            },
-        );
+            };
+            planner.step(now, |_| {}, look);
+        }
     }
-    fn step_pilot(&mut self, (t, now): Moment, failing: &Failing, tap: &mut impl Tap) {
-        let away = |[from, until]: [Time<TrueTime>; 2]| from <= t && t < until;
-        let runs = self.runs(Part::Pilot) && !self.pilot_outage_window.is_some_and(away);
-        let (external, state) = (self.external, self.mission_state.state);
+    fn step_pilot(&mut self, (t, now): Moment, tap: &mut impl Tap) {
+        let runs = self.runs(Part::Pilot, t);
         if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
-            pilot.step(
-                now,
-                |_| {},
-                |input, out| {
-                    tap.pilot(t, now, input, out);
-                    out.set_point = external.or(out.set_point);
-                    if let Some(mutant) = failing.mutant {
-                        out.set_point = out.set_point.map(|s| mutant.set_point(s, &input.ranges, state));
-                    }
-                },
-            );
+            pilot.step(now, |_| {}, |input, out| tap.pilot(t, now, input, out));
         }
     }
     /// Takes note of the newest messages.

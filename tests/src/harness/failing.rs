@@ -1,12 +1,21 @@
 //! What fails of the world for as long as it does: processes that stand still, measurements that do not come or are wrong,
 //! a radio that loses, rotors that are weak. What happens once (a kill, a jump, an order) is a call of [`super::world::World`].
 
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix};
+use core::cell::RefCell;
+use std::rc::Rc;
+
+use alight_shared::bus::Reader as _;
+use alight_shared::frames::body_from_camera;
+use alight_shared::msg::{
+    DroneState, GnssFix, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
+};
+use alight_shared::process::ProcessKind::{Camera, Uvdar, World};
 use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
+use super::bus::{LockStep, Receiver, Way};
 use super::fault::Part;
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
@@ -37,8 +46,6 @@ pub struct Failing {
     pub wake_nm: f64,
     /// A plan takes so much longer, s.
     pub solve_s: f64,
-    /// The vessel's clock is so far ahead of the drone's by its faults.
-    pub apart: Span,
     /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
     pub twin_m: f64,
 }
@@ -170,11 +177,15 @@ pub struct DroneSensorFaults {
     pub scatter_m: f64,
     /// Every third detection is of a tag so far to the right in the image, m.
     pub false_tag_m: f64,
+    /// Images are stamped so late, s.
+    pub images_late_s: f64,
+    /// What the cameras see of the deck is another vessel's, moored so far from this one, NED, m.
+    pub beside_m: [f64; 3],
 }
 
 impl DroneSensorFaults {
     /// What becomes of detections of tags.
-    pub fn spoil_tags(&self, tags: &mut Vec<TagPose>) {
+    fn spoil_tags(&self, tags: &mut Vec<TagPose>) {
         tags.retain(|m| !self.blind && by_chance(m.header.sequence, 0) >= self.lost);
         for m in tags {
             let n = m.header.sequence;
@@ -188,11 +199,11 @@ impl DroneSensorFaults {
         }
     }
     /// Of fixes by markers.
-    pub fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
+    fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
         fixes.retain(|_| !self.blind);
     }
     /// Of ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
-    pub fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
+    fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
         }
@@ -208,6 +219,62 @@ impl DroneSensorFaults {
                 *range_m = 0.0;
             }
         }
+    }
+}
+
+/// The faults of a drone's sensors as they are now, which wrappers between the sensors and the bus read.
+pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
+
+/// Lets sensors fail by what `faults` are at the time.
+pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
+    let (now, mut seen) = (Rc::clone(faults), Seen::join(bus));
+    bus.wrap(Camera, Way::Written, move |_, mut tags: Vec<TagPose>| {
+        let faults = now.borrow();
+        for m in &mut tags {
+            m.header.at += Span::from_secs(faults.images_late_s);
+            seen.move_beside(&mut m.position, &faults);
+        }
+        faults.spoil_tags(&mut tags);
+        tags
+    });
+    let (now, mut seen) = (Rc::clone(faults), Seen::join(bus));
+    bus.wrap(Uvdar, Way::Written, move |_, mut fixes: Vec<UvdarFix>| {
+        let faults = now.borrow();
+        for m in &mut fixes {
+            m.header.at += Span::from_secs(faults.images_late_s);
+            seen.move_beside(&mut m.position, &faults);
+        }
+        faults.spoil_fixes(&mut fixes);
+        fixes
+    });
+    let (now, mut repeated_m) = (Rc::clone(faults), None);
+    bus.wrap(World, Way::Written, move |_, mut ranges: Vec<RangeSample>| {
+        now.borrow().spoil_ranges(&mut ranges, &mut repeated_m);
+        ranges
+    });
+}
+
+/// How the drone's camera is turned, by its autopilot.
+struct Seen {
+    drones: Receiver<DroneState>,
+    attitude: UnitQuaternion<f64>,
+}
+
+impl Seen {
+    fn join(bus: &LockStep) -> Seen {
+        Seen {
+            drones: bus.receiver(),
+            attitude: UnitQuaternion::identity(),
+        }
+    }
+    /// Moves what is seen at `position` (camera axes, m).
+    fn move_beside(&mut self, position: &mut [f64; 3], faults: &DroneSensorFaults) {
+        if let Some(drone) = self.drones.newest(0) {
+            self.attitude = drone.attitude();
+        }
+        let by = self.attitude.inverse() * Vector3::from(faults.beside_m);
+        let by = body_from_camera().transpose() * by;
+        position.iter_mut().zip(by.iter()).for_each(|(p, by)| *p += by);
     }
 }
 
@@ -247,14 +314,11 @@ pub struct AutopilotFaults {
     pub data_link_lost: bool,
 }
 
-impl Failing {
-    /// What the rotors give of what is asked of them.
-    pub fn weaken(&self, motors: [f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
-        let [first, all] = self.weak;
-        let mut weak = motors.map(|m| m * (1.0 - all));
-        if let Some(motor) = weak.first_mut() {
-            *motor *= 1.0 - first;
-        }
-        weak
+/// What the rotors give of what is asked of them, `[first, all]` being the fraction that the first lacks, and that all lack.
+pub(super) fn weakened([first, all]: [f64; 2], motors: [f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
+    let mut weak = motors.map(|m| m * (1.0 - all));
+    if let Some(motor) = weak.first_mut() {
+        *motor *= 1.0 - first;
     }
+    weak
 }

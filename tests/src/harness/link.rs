@@ -7,6 +7,10 @@ use alight_uav::autopilot::AutopilotOut;
 use alight_uav::autopilot::message::{Address, Frame, Message, command};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
+use nalgebra::Vector3;
+
+use super::failing::{Failing, weakened};
+use super::physics::TICK;
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
@@ -76,6 +80,10 @@ pub struct LinkedAutopilot {
     down: Wire,
     /// Set-points, modes and orders to arm or disarm that the link has sent.
     pub commanded: u32,
+    /// Fraction of its thrust that the first rotor lacks, and that all lack.
+    weak: [f64; 2],
+    /// The drone is lighter by this fraction of its weight.
+    lighter: f64,
 }
 
 impl LinkedAutopilot {
@@ -91,7 +99,30 @@ impl LinkedAutopilot {
             up: Wire::new(config, streams, "link.up"),
             down: Wire::new(config, streams, "link.down"),
             commanded: 0,
+            weak: [0.0; 2],
+            lighter: 0.0,
         }
+    }
+    /// So much fails of it from now on.
+    pub(super) fn fail(&mut self, failing: &Failing) {
+        let (faults, autopilot) = (&failing.autopilot, &mut self.autopilot);
+        (self.cut, self.weak) = (faults.cut, failing.weak);
+        (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
+        autopilot.muted.clone_from(&faults.muted);
+        autopilot.battery_reported = !faults.no_battery;
+        let charge = autopilot.battery_report.unwrap_or(autopilot.battery);
+        autopilot.battery_report = faults.battery_stuck.then_some(charge);
+        autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
+        autopilot.landed_report = faults.landed_report;
+        if faults.drift_mps != 0.0 {
+            autopilot.reset_position(&(Vector3::x() * faults.drift_mps * TICK.secs()), false);
+        }
+        autopilot.remote_control_lost = faults.remote_control_lost;
+        autopilot.data_link_lost = faults.data_link_lost;
+    }
+    /// The drone has lost this fraction of its weight.
+    pub(super) fn lighten(&mut self, fraction: f64) {
+        self.lighter = fraction.clamp(0.0, 0.5);
     }
     /// A turn of the autopilot: rotor commands for the drone's true state; None: motors off.
     pub fn turn(&mut self, truth: &PlantState) -> Option<[f64; MAX_ROTORS]> {
@@ -101,7 +132,7 @@ impl LinkedAutopilot {
         for message in self.autopilot.sent() {
             self.up.send(truth.at, self.autopilot.address, &message);
         }
-        motors
+        motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
     /// What has arrived at the link by `t`.
     pub fn received(&mut self, t: Time<TrueTime>) -> Vec<Frame> {

@@ -1,14 +1,21 @@
-//! Mutants: what a node of ours would do with a defect that a storm has to find. They stand between the nodes of the
-//! simulated world, never in the program that flies.
+//! Mutants: what a node of ours would do with a defect that a storm has to find. Each is a wrapper between one row and the bus in
+//! lock-step, never in the program that flies.
 
-use alight_bridge::BridgeOut;
+use core::cell::Cell;
+use std::rc::Rc;
+
+use alight_shared::bus::Reader as _;
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, MissionCheckpoint,
-    MissionState, Motors, RangeSample, SetPoint, State,
+    MissionState, Motors, RangeSample, SetPoint, State, VesselEstimate, VesselPrediction,
 };
+use alight_shared::plain::Plain;
+use alight_shared::process::ProcessKind::{self, Autopilot, Bridge, Mission, Pilot};
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_uav::mission::MissionIn;
+use alight_uav::computer::PROCESSES;
 use serde::Serialize;
+
+use super::bus::{LockStep, Way};
 
 /// Ranges below this stop the motors of a mutant, m: its legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
@@ -46,17 +53,6 @@ pub enum Mutant {
     OldCheckpoint,
 }
 
-/// What a mutant remembers.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Mutated {
-    /// The newest order to land.
-    pub ordered: Option<Command>,
-    /// The newest grant.
-    pub grant: Option<DeckGrant<DroneClock>>,
-    /// The first checkpoint of a mission that has an order.
-    pub checkpoint: Option<MissionCheckpoint>,
-}
-
 impl Mutant {
     /// All of them.
     pub const ALL: [Mutant; 12] = [
@@ -73,131 +69,154 @@ impl Mutant {
         Mutant::ClockKept,
         Mutant::OldCheckpoint,
     ];
-    /// What it makes of what the bridge received; the vessel's clock went `apart` from the drone's since the start.
-    pub fn received(
-        self,
-        now: Time<DroneClock>,
-        received: &mut BridgeOut,
-        (drone, apart): (u32, Span),
-        mutated: &mut Mutated,
-    ) {
-        mutated.grant = received.deck.or(mutated.grant);
-        if self == Mutant::ClockKept {
-            received.estimate.iter_mut().for_each(|m| m.header.at += apart);
-            received.prediction.iter_mut().for_each(|m| m.header.at += apart);
-        }
-        let silent = |g: &DeckGrant<DroneClock>| now - g.header.at > SILENT;
-        let granted = match self {
-            Mutant::TwoOwners => received.deck,
-            Mutant::DeckReleased => mutated.grant.filter(silent),
-            Mutant::AbortIgnored
-            | Mutant::OrderKept
-            | Mutant::StopsByRange
-            | Mutant::StaleForecast
-            | Mutant::StaleMission
-            | Mutant::FramesIgnored
-            | Mutant::ThrustMissing
-            | Mutant::ReserveWaived
-            | Mutant::ClockKept
-            | Mutant::OldCheckpoint => None,
-        };
-        if let Some(mut grant) = granted {
-            (grant.owner, grant.header.at) = (drone, now);
-            received.deck = Some(grant);
-        }
-    }
-    /// What it makes of the mission's input.
-    pub fn mission_in(self, now: Time<DroneClock>, input: &mut MissionIn, mutated: &Mutated) {
-        let answered = input.checkpoint.filter(|c| c.header.boot != 0);
-        if let (Mutant::OldCheckpoint, Some(_), Some(mut old)) = (self, answered, mutated.checkpoint) {
-            old.header.at = now;
-            input.checkpoint = Some(old);
+    /// Puts it between the rows of a drone's computer and their bus; the vessel's clock went `apart` from the drone's since the
+    /// start.
+    pub(super) fn stand(self, bus: &LockStep, drone: u32, apart: &Rc<Cell<Span>>) {
+        match self {
+            Mutant::AbortIgnored => abort_ignored(bus),
+            Mutant::OrderKept => order_kept(bus),
+            Mutant::StopsByRange => stops_by_range(bus),
+            Mutant::StaleForecast => never_old(bus, |f: &mut DeckForecast, now| {
+                (f.header.at, f.radio_age_s, f.vision_age_s) = (now, 0.0, 0.0);
+            }),
+            Mutant::StaleMission => never_old(bus, |m: &mut MissionState, now| m.header.at = now),
+            Mutant::FramesIgnored => each_written(bus, Autopilot, |m: &mut DroneState| {
+                (m.frames, m.heading_jumps) = (0, 0.0);
+            }),
+            Mutant::ThrustMissing => each_written(bus, Autopilot, |m: &mut AutopilotState| {
+                m.thrust = m.thrust.or(Some(0.0));
+            }),
+            Mutant::ReserveWaived => each_written(bus, Autopilot, |m: &mut AutopilotState| {
+                m.battery = Some(1.0);
+            }),
+            Mutant::TwoOwners => bus.wrap(Mission, Way::Read, move |now_ns, mut read: Vec<Grant>| {
+                read.iter_mut().for_each(|grant| *grant = own(grant, drone, now_ns));
+                read
+            }),
+            Mutant::DeckReleased => deck_released(bus, drone),
+            Mutant::ClockKept => {
+                let by = Rc::clone(apart);
+                each_written(bus, Bridge, move |m: &mut VesselEstimate<DroneClock>| {
+                    m.header.at += by.get();
+                });
+                let by = Rc::clone(apart);
+                each_written(bus, Bridge, move |m: &mut VesselPrediction<DroneClock>| {
+                    m.header.at += by.get();
+                });
+            }
+            Mutant::OldCheckpoint => old_checkpoint(bus),
         }
     }
-    /// What it makes of commands in this state.
-    pub fn commands(
-        self,
-        now: Time<DroneClock>,
-        commands: &mut Vec<Command>,
-        state: State,
-        given: &mut Option<Command>,
-    ) {
+}
+
+/// Who has the deck, on the drone's clock.
+type Grant = DeckGrant<DroneClock>;
+
+/// The grant as if it were the drone's own, and new.
+fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
+    let mut own = *grant;
+    (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
+    own
+}
+
+/// Changes each message that a row writes.
+fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut M) + 'static) {
+    bus.wrap(row, Way::Written, move |_, mut written: Vec<M>| {
+        written.iter_mut().for_each(&change);
+        written
+    });
+}
+
+/// Whoever reads it has always read one just now.
+fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
+    for row in PROCESSES {
+        let mut last = None;
+        bus.wrap(*row, Way::Read, move |now_ns, read: Vec<M>| {
+            last = read.last().copied().or(last);
+            last.iter_mut().for_each(|m| renew(m, Time::from_nanos(now_ns)));
+            last.into_iter().collect()
+        });
+    }
+}
+
+/// What a row makes of messages and of the mission's newest state.
+fn by_state<M: Plain>(
+    bus: &LockStep,
+    (row, way): (ProcessKind, Way),
+    mut change: impl FnMut(i64, Vec<M>, State) -> Vec<M> + 'static,
+) {
+    let (mut missions, mut state) = (bus.receiver::<MissionState>(), State::default());
+    bus.wrap(row, way, move |now_ns, messages| {
+        state = missions.newest(now_ns).map_or(state, |m| m.state);
+        change(now_ns, messages, state)
+    });
+}
+
+/// On the way down to the deck.
+const fn goes_down(state: State) -> bool {
+    matches!(state, State::Descent | State::Flare)
+}
+
+fn abort_ignored(bus: &LockStep) {
+    by_state(bus, (Mission, Way::Read), |_, mut commands: Vec<Command>, state| {
+        commands.retain(|c| !(goes_down(state) && c.kind == CommandKind::Abort));
+        commands
+    });
+}
+
+fn order_kept(bus: &LockStep) {
+    let mut ordered = None;
+    by_state(bus, (Mission, Way::Read), move |now_ns, mut commands: Vec<Command>, state| {
         let landing = |c: &Command| c.kind == CommandKind::Land;
-        *given = commands.iter().copied().rfind(landing).or(*given);
-        if self == Mutant::AbortIgnored && matches!(state, State::Descent | State::Flare) {
-            commands.retain(|c| c.kind != CommandKind::Abort);
-        }
-        if let (Mutant::OrderKept, State::GaveUp, Some(command)) = (self, state, given) {
+        ordered = commands.iter().copied().rfind(landing).or(ordered);
+        if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
             // As an order that is new.
-            (command.header.at, command.header.sequence) = (now, command.header.sequence.wrapping_add(1));
+            command.header.at = Time::from_nanos(now_ns);
+            command.header.sequence = command.header.sequence.wrapping_add(1);
             commands.push(*command);
         }
-    }
-    /// What it makes of odometry.
-    pub fn odometry(self, state: DroneState) -> DroneState {
-        if self != Mutant::FramesIgnored {
-            return state;
+        commands
+    });
+}
+
+fn stops_by_range(bus: &LockStep) {
+    let mut ranges = bus.receiver::<RangeSample>();
+    by_state(bus, (Pilot, Way::Written), move |now_ns, mut written: Vec<SetPoint>, state| {
+        let low = ranges.all(now_ns).iter().any(|r| r.range_m < STOPS_BELOW_M);
+        if low && goes_down(state) {
+            written.iter_mut().for_each(|s| s.motors = Motors::Stop);
         }
-        DroneState {
-            frames: 0,
-            heading_jumps: 0.0,
-            ..state
+        written
+    });
+}
+
+fn deck_released(bus: &LockStep, drone: u32) {
+    let mut last: Option<Grant> = None;
+    bus.wrap(Mission, Way::Read, move |now_ns, read: Vec<Grant>| {
+        last = read.last().copied().or(last);
+        let silent = |g: &Grant| Time::from_nanos(now_ns) - g.header.at > SILENT;
+        match last.filter(silent) {
+            Some(grant) => vec![own(&grant, drone, now_ns)],
+            None => read,
         }
-    }
-    /// What it makes of the autopilot's state.
-    pub fn autopilot(self, state: AutopilotState) -> AutopilotState {
-        let (thrust, battery) = (state.thrust, state.battery);
-        AutopilotState {
-            thrust: thrust.or((self == Mutant::ThrustMissing).then_some(0.0)),
-            battery: if self == Mutant::ReserveWaived {
-                Some(1.0)
-            } else {
-                battery
-            },
-            ..state
+    });
+}
+
+fn old_checkpoint(bus: &LockStep) {
+    let first = Rc::new(Cell::new(None::<MissionCheckpoint>));
+    let written = Rc::clone(&first);
+    bus.wrap(Mission, Way::Written, move |_, new: Vec<MissionCheckpoint>| {
+        let landing = new.iter().copied().find(|c| c.landing);
+        written.set(written.get().or(landing));
+        new
+    });
+    bus.wrap(Mission, Way::Read, move |now_ns, mut read: Vec<MissionCheckpoint>| {
+        for answered in read.iter_mut().filter(|c| c.header.boot != 0) {
+            if let Some(mut old) = first.get() {
+                old.header.at = Time::from_nanos(now_ns);
+                *answered = old;
+            }
         }
-    }
-    /// What it makes of this step's forecast, the last one being `last`.
-    pub fn forecast(
-        self,
-        now: Time<DroneClock>,
-        new: Option<DeckForecast>,
-        last: Option<DeckForecast>,
-    ) -> Option<DeckForecast> {
-        let fresh = |f: DeckForecast| {
-            let mut f = f;
-            (f.header.at, f.radio_age_s, f.vision_age_s) = (now, 0.0, 0.0);
-            f
-        };
-        if self == Mutant::StaleForecast {
-            new.or(last).map(fresh)
-        } else {
-            new
-        }
-    }
-    /// What it makes of this step's mission, the last one being `last`.
-    pub fn mission(
-        self,
-        now: Time<DroneClock>,
-        new: Option<MissionState>,
-        last: &MissionState,
-    ) -> Option<MissionState> {
-        let kept = || {
-            let mut kept = *last;
-            kept.header.at = now;
-            kept
-        };
-        new.or_else(|| (self == Mutant::StaleMission).then(kept))
-    }
-    /// What it makes of a set-point.
-    pub fn set_point(self, set_point: SetPoint, ranges: &[RangeSample], state: State) -> SetPoint {
-        let low = ranges.iter().any(|r| r.range_m < STOPS_BELOW_M);
-        if self == Mutant::StopsByRange && low && matches!(state, State::Descent | State::Flare) {
-            return SetPoint {
-                motors: Motors::Stop,
-                ..set_point
-            };
-        }
-        set_point
-    }
+        read
+    });
 }

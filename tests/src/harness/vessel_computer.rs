@@ -1,16 +1,21 @@
 //! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at their edge.
 
 use super::bus::{LockStep, Sender};
+use super::failing::{Failing, Held, VesselSensorFaults};
 use super::physics::{TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
+use crate::sensors::delay::DelayLine;
 use alight_shared::bus::{Row, Writer as _};
 use alight_shared::msg::{CrewOrder, DeckOrder, Header};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::computer::VesselRows;
 use alight_usv::sensors::{
     Measurement, Readings, SensorNode, SourceConfig, SourceMeasurement, SourcesConfig,
 };
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
+
+/// Readings that arrive late, at most: ticks of half a second and more.
+const MAX_LATE: usize = 256;
 
 /// Its rows, and who gives it orders.
 pub(super) struct VesselSide {
@@ -19,6 +24,39 @@ pub(super) struct VesselSide {
     boot: u32,
     orders: Sender<CrewOrder>,
     ordered: u32,
+    sensors: SensorEdge,
+    /// It stands still: orders wait, what was measured is lost.
+    stands_still: bool,
+    /// What has waited meanwhile.
+    waiting: ComputerIn,
+}
+
+/// The sensors between their quantities and their bytes, with what they do wrong.
+struct SensorEdge {
+    faults: VesselSensorFaults,
+    /// What stuck ones repeat.
+    held: Held,
+    /// What arrives late.
+    late: DelayLine<Readings>,
+}
+
+impl SensorEdge {
+    /// What arrives at `t` of what was measured then.
+    fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
+        self.faults.spoil(&mut measured, &mut self.held);
+        if self.faults.late_s <= 0.0 && self.late.is_empty() {
+            return measured;
+        }
+        self.late.push(t + Span::from_secs(self.faults.late_s), measured);
+        let mut arrived = Readings::default();
+        for r in self.late.arrived(t) {
+            arrived.imu.extend(r.imu);
+            arrived.gnss.extend(r.gnss);
+            arrived.heading.extend(r.heading);
+            arrived.attitude.extend(r.attitude);
+        }
+        arrived
+    }
 }
 
 impl VesselSide {
@@ -34,6 +72,13 @@ impl VesselSide {
             boot,
             orders: bus.sender(),
             ordered: 0,
+            sensors: SensorEdge {
+                faults: VesselSensorFaults::default(),
+                held: Held::default(),
+                late: DelayLine::new(MAX_LATE),
+            },
+            stands_still: false,
+            waiting: ComputerIn::default(),
             bus,
         };
         side.start_vessel(nodes);
@@ -61,16 +106,33 @@ impl VesselSide {
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
     }
+    /// So much fails of it from now on.
+    pub(super) fn fail(&mut self, failing: &Failing) {
+        self.sensors.faults = failing.vessel;
+        self.stands_still = failing.frozen.vessel;
+    }
     /// One step of each row with what the sensors have measured, the second with what `edge` has beside; shown to `look`.
     pub(super) fn tick(
         &mut self,
-        now: Time<VesselClock>,
-        measured: &Readings,
-        edge: ComputerIn,
+        (t, now): (Time<TrueTime>, Time<VesselClock>),
+        measured: Readings,
+        mut edge: ComputerIn,
         look: impl FnOnce(&ComputerIn, &ComputerOut),
     ) -> ComputerOut {
+        let measured = self.sensors.arrived(t, measured);
+        let waited = core::mem::take(&mut self.waiting);
+        edge.commands.splice(0..0, waited.commands);
+        edge.checkpoint = edge.checkpoint.or(waited.checkpoint);
+        if self.stands_still {
+            self.waiting = ComputerIn {
+                commands: edge.commands,
+                checkpoint: edge.checkpoint,
+                ..ComputerIn::default()
+            };
+            return ComputerOut::default();
+        }
         if let Some(row) = &mut self.rows.sensors {
-            row.step(now, |input| input.samples = vec![samples(measured)], |_, _| {});
+            row.step(now, |input| input.samples = vec![samples(&measured)], |_, _| {});
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();

@@ -6,7 +6,7 @@
 
 pub use super::drone_computer::DroneComputer;
 use super::drone_computer::Uplink;
-use super::failing::{Failing, Held, shift};
+use super::failing::{Failing, shift};
 use super::fault::Part;
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
@@ -19,7 +19,6 @@ use super::vessel_computer::VesselSide;
 use crate::autopilots::boat::BoatAutopilot;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
-use crate::sensors::delay::DelayLine;
 use alight_bridge::{Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{
@@ -28,7 +27,6 @@ use alight_shared::msg::{
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_usv::deck::DeckInputs;
-use alight_usv::sensors::Readings;
 use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
@@ -38,8 +36,6 @@ use serde::Serialize;
 const PUSH_RISE_S: f64 = 0.4;
 /// A steady clock reads this when the processes of a computer that was without power begin, s.
 const BOOT_S: f64 = 20.0;
-/// Readings of the vessel that arrive late, at most: ticks of half a second and more.
-const MAX_LATE: usize = 256;
 /// Period of the roll of another ship's wake, s.
 const WAKE_S: f64 = 2.5;
 
@@ -63,16 +59,13 @@ pub struct World {
     shares_deck: bool,
     // The drones' radios and computers.
     drones: Vec<DroneComputer>,
-    /// What fails of the first drone and the vessel.
-    failing: Failing,
-    /// What stuck sensors of the vessel repeat.
-    held: Held,
-    /// The vessel's readings that arrive late.
-    late: DelayLine<Readings>,
-    /// The first drone is lighter by this fraction of its weight.
-    lighter: f64,
-    /// What pushes the vessel now, N and Nm.
+    /// So much faster than true time the steady clocks run, the vessel's and the first drone's, s/s.
+    clock_rates: [f64; 2],
+    /// What pushes the vessel now, and what is to push it, N and Nm.
     push: [f64; 6],
+    wanted_push: [f64; 6],
+    /// Amplitude of the roll moment of another ship's wake, Nm.
+    wake_nm: f64,
     /// The vessel's steady clock is so far ahead of what it was drawn as.
     vessel_ahead: Span,
 }
@@ -106,38 +99,23 @@ impl World {
             physics,
             scenario: scenario.clone(),
             nodes: nodes.clone(),
-            failing: Failing::default(),
-            held: Held::default(),
-            late: DelayLine::new(MAX_LATE),
-            lighter: 0.0,
+            clock_rates: [0.0; 2],
             push: [0.0; 6],
+            wanted_push: [0.0; 6],
+            wake_nm: 0.0,
             vessel_ahead: Span::ZERO,
         })
     }
     /// So much fails from now on, of the first drone and the vessel.
-    pub fn fail(&mut self, failing: Failing) {
-        if let Some(drone) = self.drones.first_mut() {
-            drone.frozen.clone_from(&failing.frozen.parts);
-            drone.radio.fail(failing.radio);
-        }
-        if let Some(linked) = self.drones.first_mut().and_then(|d| d.linked.as_mut()) {
-            let faults = &failing.autopilot;
-            let autopilot = &mut linked.autopilot;
-            linked.cut = faults.cut;
-            (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
-            autopilot.muted.clone_from(&faults.muted);
-            autopilot.battery_reported = !faults.no_battery;
-            let charge = autopilot.battery_report.unwrap_or(autopilot.battery);
-            autopilot.battery_report = faults.battery_stuck.then_some(charge);
-            autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
-            autopilot.landed_report = faults.landed_report;
-            if faults.drift_mps != 0.0 {
-                autopilot.reset_position(&(Vector3::x() * faults.drift_mps * TICK.secs()), false);
+    pub fn fail(&mut self, failing: &Failing) {
+        for (k, drone) in self.drones.iter_mut().enumerate() {
+            if k == 0 {
+                drone.fail(&failing);
             }
-            autopilot.remote_control_lost = faults.remote_control_lost;
-            autopilot.data_link_lost = faults.data_link_lost;
+            drone.mutate(failing.mutant);
         }
-        self.failing = failing;
+        self.vessel.fail(&failing);
+        (self.clock_rates, self.wanted_push, self.wake_nm) = (failing.clock_rates, failing.push, failing.wake_nm);
     }
     /// Runs the vessel's side until the start; the drones appear in the air a little before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
@@ -168,7 +146,7 @@ impl World {
     }
     /// The first drone has lost this fraction of its weight.
     pub fn lighten(&mut self, fraction: f64) {
-        self.lighter = fraction.clamp(0.0, 0.5);
+        self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
     }
     /// Drones report to the vessel, and it grants its deck and passes commands on, however many there are.
     pub fn share_deck(&mut self) {
@@ -246,21 +224,13 @@ impl World {
 
     /// A test flies a drone from now on: this set-point stands in place of the pilot's.
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
-        self.drones[k].external = Some(set_point);
+        self.drones[k].fly_by(set_point);
     }
     /// The estimator of a drone's autopilot begins its heading anew, wrong by this much more, rad.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
         }
-    }
-    /// Images of a drone's cameras are stamped so late from now on.
-    pub fn stamp_images_late(&mut self, k: usize, late: Span) {
-        self.drones[k].images_late = late;
-    }
-    /// What a drone's cameras see of the deck is another vessel's, moored so far from this one (NED, m).
-    pub fn show_neighbour(&mut self, k: usize, beside: Vector3<f64>) {
-        self.drones[k].sees_beside = beside;
     }
     /// The estimator of a drone's autopilot begins its position anew, this much further on (m); it counts that or not.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
@@ -289,9 +259,9 @@ impl World {
     /// The standstill of the pilots that a mission's new state brings about; the first stays.
     pub fn pilot_outage(&mut self, outage: &StateOutage) {
         let window = outage.window(self.physics.now());
-        self.drones.iter_mut().for_each(|d| {
-            d.pilot_outage_window.get_or_insert(window);
-        });
+        for drone in self.drones.iter_mut().filter(|d| d.outages.is_empty()) {
+            drone.outages.push((Part::Pilot, window));
+        }
     }
 
     /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.
@@ -299,19 +269,11 @@ impl World {
         let t = self.physics.now();
         tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
 
-        let [vessel_rate, drone_rate] = self.failing.clock_rates;
-        let ahead = |rate: f64| Span::from_secs(rate * TICK.secs());
-        self.vessel_ahead = self.vessel_ahead + ahead(vessel_rate);
-        if let Some(drone) = self.drones.first_mut() {
-            drone.ahead = drone.ahead + ahead(drone_rate);
-            self.failing.apart = self.vessel_ahead - drone.ahead;
-        }
+        self.advance_clocks();
 
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
         let (now, mut readings) = (self.vessel_now(), self.physics.vessel_readings());
         shift(&mut readings, self.vessel_ahead);
-        self.failing.vessel.spoil(&mut readings, &mut self.held);
-        let readings = self.delay(t, readings);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
@@ -319,62 +281,45 @@ impl World {
         let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
         input.helm = Some(self.boat.sent(t));
-        if self.failing.frozen.vessel {
-            // Orders wait, what was measured is lost.
-            (self.given.commands, self.given.checkpoint) = (input.commands, input.checkpoint);
-        } else {
-            let look = |input: &ComputerIn, output: &ComputerOut| tap.vessel(t, now, input, output);
-            let output = self.vessel.tick(now, &readings, input, look);
-            self.boat.receive(t, &output.helm);
-            self.broadcast_all(t, &output);
-        }
+        let look = |input: &ComputerIn, output: &ComputerOut| tap.vessel(t, now, input, output);
+        let output = self.vessel.tick((t, now), readings, input, look);
+        self.boat.receive(t, &output.helm);
+        self.broadcast_all(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         self.foresight.iter_mut().for_each(|f| f.look(t));
         let foresight = self.foresight.as_ref();
-        let sound = Failing {
-            mutant: self.failing.mutant,
-            ..Failing::default()
-        };
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
-                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, &self.failing, tap),
-                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &sound, &mut NoTap),
+                0 => drone.tick(&mut self.physics, self.shares_deck, foresight, tap),
+                _ => drone.tick(&mut self.physics, self.shares_deck, foresight, &mut NoTap),
             }
         }
 
         // Sea, vessel, autopilots, drones, contact.
-        for (force, wanted) in self.push.iter_mut().zip(self.failing.push) {
+        self.push_vessel(t);
+        self.physics.steer_to(self.boat.steers_to(t));
+        self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
+            self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
+        });
+    }
+    /// The steady clocks go as fast as they do.
+    fn advance_clocks(&mut self) {
+        let [vessel, drone] = self.clock_rates.map(|rate| Span::from_secs(rate * TICK.secs()));
+        self.vessel_ahead = self.vessel_ahead + vessel;
+        if let Some(first) = self.drones.first_mut() {
+            first.ahead = first.ahead + drone;
+            first.apart.set(self.vessel_ahead - first.ahead);
+        }
+    }
+    /// What pushes the vessel, rising as a person shifts his weight, and another ship's wake.
+    fn push_vessel(&mut self, t: Time<TrueTime>) {
+        for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
         }
         let mut push = self.push;
-        push[3] += self.failing.wake_nm * (TAU / WAKE_S * t.secs()).sin();
+        push[3] += self.wake_nm * (TAU / WAKE_S * t.secs()).sin();
         self.physics.push(push);
-        self.physics.steer_to(self.boat.steers_to(t));
-        self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
-            let motors = self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))?;
-            Some(if k == 0 {
-                self.failing.weaken(motors).map(|m| m / (1.0 - self.lighter))
-            } else {
-                motors
-            })
-        });
-    }
-    /// What arrives of the vessel's readings, where they arrive late.
-    fn delay(&mut self, t: Time<TrueTime>, readings: Readings) -> Readings {
-        if self.failing.vessel.late_s <= 0.0 && self.late.is_empty() {
-            return readings;
-        }
-        self.late
-            .push(t + Span::from_secs(self.failing.vessel.late_s), readings);
-        let mut arrived = Readings::default();
-        for r in self.late.arrived(t) {
-            arrived.imu.extend(r.imu);
-            arrived.gnss.extend(r.gnss);
-            arrived.heading.extend(r.heading);
-            arrived.attitude.extend(r.attitude);
-        }
-        arrived
     }
     /// What the vessel's computer has for the drones.
     fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {

@@ -204,14 +204,14 @@ impl Cell {
                     _ => 0,
                 };
                 fail(&mut failing, f64::from(size));
-                rig.world.fail(failing);
+                rig.world.fail(&failing);
             }
             Effect::Events(begin, _) => begin(rig, 0.0),
         }
     }
     fn end(&self, rig: &mut Rig) {
         match self.gone.spec().effect {
-            Effect::Lasting(_) => rig.world.fail(Failing::default()),
+            Effect::Lasting(_) => rig.world.fail(&Failing::default()),
             Effect::Events(_, end) => end(rig, 0.0),
         }
     }

@@ -1,11 +1,10 @@
 //! Two witnesses of the deck that contradict each other: no descent begins, and one that is high is broken off, with words.
 
 use alight_shared::msg::{ReasonCode, State};
-use alight_shared::time::Span;
+use alight_sim::harness::failing::Failing;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use nalgebra::Vector3;
 
 /// How a flight ends, the largest disagreement about the height on the way down, and what was said of the two witnesses.
 struct Flown {
@@ -71,7 +70,9 @@ fn late_images(seeds: core::ops::Range<u64>) {
     let mut hard = Vec::new();
     for seed in seeds {
         let f = flown(&scenario, seed, 90.0, |rig| {
-            rig.world.stamp_images_late(0, Span::from_millis(250));
+            let mut failing = Failing::default();
+            failing.drone.images_late_s = 0.25;
+            rig.world.fail(&failing);
         });
         println!(
             "late {seed}: {:.2} sd, {:?}, {:?} at {:?}",
@@ -97,9 +98,11 @@ fn twenty_flights_with_images_stamped_late() {
 
 #[test]
 fn deck_of_a_neighbour() {
-    for (seed, beside) in [(331, [0.0, 9.0, 0.0]), (332, [-8.0, 6.0, 0.0])] {
+    for (seed, beside_m) in [(331, [0.0, 9.0, 0.0]), (332, [-8.0, 6.0, 0.0])] {
         let f = flown(&Scenario::default(), seed, 60.0, |rig| {
-            rig.world.show_neighbour(0, Vector3::from(beside));
+            let mut failing = Failing::default();
+            failing.drone.beside_m = beside_m;
+            rig.world.fail(&failing);
         });
         let touched = f.outcome.touchdown_speed_mps.is_some() || f.outcome.water_contacts > 0;
         assert!(!touched && f.outcome.attempts == 0, "{seed}: {:?}", f.outcome);

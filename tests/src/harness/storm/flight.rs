@@ -88,7 +88,7 @@ pub fn fly_mutant(
             step(&mut rig, &mut faults, k, &mut flown, show);
         }
         let failing = failing(&faults, t_s);
-        rig.world.fail(Failing { mutant, ..failing });
+        rig.world.fail(&Failing { mutant, ..failing });
         rig.advance(&mut NoTap);
         let t_s = rig.t_s();
         let scene = scene_of(&faults, t_s);

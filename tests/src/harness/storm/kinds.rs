@@ -303,10 +303,10 @@ kinds! {
         Lasting(|f, _| f.drone.blind = true);
     /// Images are stamped late.
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
-        Events(|r, size| r.world.stamp_images_late(0, Span::from_secs(size)), |r, _| r.world.stamp_images_late(0, Span::ZERO));
+        Lasting(|f, size| f.drone.images_late_s = size);
     /// A deck next to the vessel's is seen in its place.
     NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
-        Events(|r, size| r.world.show_neighbour(0, Vector3::y() * size), |r, _| r.world.show_neighbour(0, Vector3::zeros()));
+        Lasting(|f, size| f.drone.beside_m[1] = size);
     /// Images are lost.
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.lost = size);
