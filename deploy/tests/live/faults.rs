@@ -43,7 +43,7 @@ fn assert_lands_with(name: &str, flight: &Flight) -> Flown {
 
 #[test]
 fn live_mission_killed_in_flare() {
-    let flags = "--sea moderate --seed 3 --fault mission:kill:flare";
+    let flags = "--sea moderate --seed 3 --fault mission-killed:flare";
     let flown = assert_lands_with("flare", &Flight::new(Firmware::Px4, flags));
     assert_eq!(flown.outcome["outcome"], "success", "{}", flown.show());
     assert_disarmed(&flown.autopilot);
@@ -51,7 +51,7 @@ fn live_mission_killed_in_flare() {
 
 #[test]
 fn live_link_killed_after_the_stop() {
-    let flags = "--sea moderate --seed 3 --fault autopilot:kill:landed";
+    let flags = "--sea moderate --seed 3 --fault link-killed:landed";
     let flight = Flight {
         denies_s: DENIES_S,
         ..Flight::new(Firmware::ArduCopter, flags)
@@ -104,7 +104,7 @@ fn abort_to_the_successor_of_a_killed_mission() {
     let name = instance("successor");
     let flight = Flight::new(
         Firmware::Px4,
-        "--sea moderate --seed 4 --fault mission:kill:descent",
+        "--sea moderate --seed 4 --fault mission-killed:descent",
     );
     let (flown, out) = std::thread::scope(|scope| {
         let flown = scope.spawn(|| fly(&name, &flight));

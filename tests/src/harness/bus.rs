@@ -73,7 +73,9 @@ impl LockStep {
     }
     fn place<M: Plain>(&self, way: Way) -> Place<M> {
         let made = || -> Rc<dyn Any> { Rc::new(RefCell::new(None::<Wrapper<M>>)) };
-        let Some(row) = self.row else { return typed(&made()) };
+        let Some(row) = self.row else {
+            return typed(&made());
+        };
         let mut shared = self.shared.borrow_mut();
         typed(
             shared

@@ -7,7 +7,6 @@ use std::rc::Rc;
 use super::bus::{LockStep, Receiver, Sender, Way};
 use super::cameras::SimulatedCameras;
 use super::failing::{Failing, Spoiled, spoil_sensors};
-use super::fault::Part;
 use super::foresight::{Foresight, OdometryError};
 use super::link::{Checkpoints, LinkedAutopilot};
 use super::mutant::Mutant;
@@ -110,7 +109,7 @@ pub struct DroneComputer {
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
     /// Processes that stand still.
-    pub(super) frozen: Vec<Part>,
+    frozen: Vec<ProcessKind>,
     /// Packets that wait for a bridge that stands still.
     pub(super) waiting: Vec<Packet>,
     cameras: Option<SimulatedCameras>,
@@ -142,8 +141,6 @@ pub struct DroneComputer {
     twin_m: f64,
     /// It stands still as a whole.
     stands_still: bool,
-    /// When processes stand still.
-    pub(super) outages: Vec<(Part, [Time<TrueTime>; 2])>,
     /// The newest odometry, as the bridge's process reads it.
     pub odometry: Option<DroneState>,
     /// The mission's newest state.
@@ -267,7 +264,6 @@ impl DroneComputer {
             spoiled: None,
             twin_m: 0.0,
             stands_still: false,
-            outages: Vec::new(),
             odometry: None,
             mission_state: MissionState::default(),
             forecast: None,
@@ -278,7 +274,7 @@ impl DroneComputer {
 
     /// So much fails of it from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
-        self.frozen.clone_from(&failing.frozen.parts);
+        self.frozen.clone_from(&failing.frozen.processes);
         self.stands_still = failing.frozen.computer;
         self.radio.fail(failing.radio);
         self.slower = Span::from_secs(failing.solve_s);
@@ -308,49 +304,80 @@ impl DroneComputer {
     }
 
     /// A process dies; the others live on.
-    pub(super) fn kill(&mut self, part: Part) {
-        match part {
-            Part::Bridge => (self.rows.bridge, self.waiting) = (None, Vec::new()),
-            Part::Predictor => self.rows.predictor = None,
-            Part::Mission => self.rows.mission = None,
-            Part::Planner => self.rows.planner = None,
-            Part::Pilot => self.rows.pilot = None,
-            Part::Link => self.rows.autopilot = None,
-            Part::Cable => {}
-            Part::Supervisor => (self.is_dead, self.rows) = (true, DroneRows::default()),
+    pub(super) fn kill(&mut self, process: ProcessKind) {
+        let rows = &mut self.rows;
+        match process {
+            ProcessKind::Bridge => (rows.bridge, self.waiting) = (None, Vec::new()),
+            ProcessKind::Autopilot => rows.autopilot = None,
+            ProcessKind::Camera => rows.camera = None,
+            ProcessKind::Uvdar => rows.uvdar = None,
+            ProcessKind::Predictor => rows.predictor = None,
+            ProcessKind::Mission => rows.mission = None,
+            ProcessKind::Planner => rows.planner = None,
+            ProcessKind::Pilot => rows.pilot = None,
+            ProcessKind::World
+            | ProcessKind::Vessel
+            | ProcessKind::Link
+            | ProcessKind::Sensors
+            | ProcessKind::View => {}
         }
-        self.frozen.retain(|p| *p != part);
+        self.frozen.retain(|p| *p != process);
     }
-    /// It starts anew, with or without the checkpoint of the one before it; a computer whose supervisor died as a whole.
+    /// It starts anew, with or without the checkpoint of the one before it; not where its supervisor is dead.
     pub(super) fn start(
         &mut self,
-        part: Part,
+        process: ProcessKind,
+        checkpoints: Checkpoints,
+        (physics, nodes): (&Physics, &NodeConfigs),
+    ) {
+        if self.is_dead {
+            return;
+        }
+        self.begin_boot(checkpoints, physics);
+        let (bus, made, boot, rows) = (&self.bus, &self.nodes, self.boot, &mut self.rows);
+        match process {
+            ProcessKind::Bridge => rows.bridge = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Autopilot => rows.autopilot = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Camera => rows.camera = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Uvdar => rows.uvdar = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Predictor => rows.predictor = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Mission => rows.mission = row(bus, Installed::installed(made, boot)),
+            ProcessKind::Planner => rows.planner = row(bus, nodes.planner(boot)),
+            ProcessKind::Pilot => rows.pilot = row(bus, Installed::installed(made, boot)),
+            ProcessKind::World
+            | ProcessKind::Vessel
+            | ProcessKind::Link
+            | ProcessKind::Sensors
+            | ProcessKind::View => {}
+        }
+    }
+    /// Its supervisor dies, and with it all processes.
+    pub(super) fn kill_all(&mut self) {
+        (self.is_dead, self.rows) = (true, DroneRows::default());
+        self.frozen.clear();
+    }
+    /// The supervisor starts anew, and all processes.
+    pub(super) fn start_all(
+        &mut self,
         checkpoints: Checkpoints,
         (scenario, nodes, physics): (&Scenario, &NodeConfigs, &Physics),
     ) {
-        if self.is_dead && part != Part::Supervisor {
-            // Its supervisor starts it.
-            return;
-        }
-        self.kept.take(physics.drone_now(self.k) + self.ahead);
-        self.boot += 1;
-        if part == Part::Supervisor {
-            let new = DroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
-            self.succeed(new);
-            self.rows.mission = row(&self.bus, Installed::installed(&self.nodes, self.boot));
-        }
+        self.begin_boot(Checkpoints::Kept, physics);
+        let new = DroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
+        self.succeed(new);
         if checkpoints == Checkpoints::Lost {
             *self.kept.keeper_mut() = Keeper::default();
         }
         let (bus, made, boot) = (&self.bus, &self.nodes, self.boot);
-        match part {
-            Part::Bridge => self.rows.bridge = row(bus, Installed::installed(made, boot)),
-            Part::Predictor => self.rows.predictor = row(bus, Installed::installed(made, boot)),
-            Part::Mission => self.rows.mission = row(bus, Installed::installed(made, boot)),
-            Part::Planner => self.rows.planner = row(bus, nodes.planner(boot)),
-            Part::Pilot => self.rows.pilot = row(bus, Installed::installed(made, boot)),
-            Part::Link | Part::Supervisor => self.rows.autopilot = row(bus, Installed::installed(made, boot)),
-            Part::Cable => {}
+        self.rows.mission = row(bus, Installed::installed(made, boot));
+        self.rows.autopilot = row(bus, Installed::installed(made, boot));
+    }
+    /// What starts next has a new boot id, and the checkpoints that were published, or none.
+    fn begin_boot(&mut self, checkpoints: Checkpoints, physics: &Physics) {
+        self.kept.take(physics.drone_now(self.k) + self.ahead);
+        self.boot += 1;
+        if checkpoints == Checkpoints::Lost {
+            *self.kept.keeper_mut() = Keeper::default();
         }
     }
     /// A new computer in the place of this one, on the same drone.
@@ -400,11 +427,9 @@ impl DroneComputer {
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// A process runs at `t`.
-    fn runs(&self, part: Part, t: Time<TrueTime>) -> bool {
-        let away = |[from, until]: [Time<TrueTime>; 2]| from <= t && t < until;
-        let out = self.outages.iter().any(|(p, window)| *p == part && away(*window));
-        !out && !self.frozen.contains(&part)
+    /// A process runs.
+    fn runs(&self, process: ProcessKind) -> bool {
+        !self.frozen.contains(&process)
     }
 
     /// Its rows in their order, each one step; the link's a second one, with the pilot's set-point.
@@ -443,7 +468,7 @@ impl DroneComputer {
             self.step_mission((t, now), tap);
             self.step_planner((t, now), tap);
             self.step_pilot((t, now), tap);
-            let runs = self.runs(Part::Link, t);
+            let runs = self.runs(ProcessKind::Autopilot);
             if due(&mut self.rows.autopilot, runs, now).is_some() {
                 self.step_link((t, now), Vec::new());
             }
@@ -471,7 +496,7 @@ impl DroneComputer {
         reports_status: bool,
         tap: &mut impl Tap,
     ) {
-        let runs = self.runs(Part::Bridge, t);
+        let runs = self.runs(ProcessKind::Bridge);
         let Some(bridge) = &mut self.rows.bridge else {
             return;
         };
@@ -498,7 +523,7 @@ impl DroneComputer {
     }
     /// The link with what the autopilot has sent.
     fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics) {
-        let runs = self.runs(Part::Link, t);
+        let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
             // PX4 denies until set-points were streamed for long enough: the person tries again.
@@ -512,7 +537,7 @@ impl DroneComputer {
         self.step_link((t, now), frames);
     }
     fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>) {
-        let runs = self.runs(Part::Link, t);
+        let runs = self.runs(ProcessKind::Autopilot);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
         else {
             return;
@@ -550,7 +575,7 @@ impl DroneComputer {
         tap: &mut impl Tap,
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
-        let (truth, runs) = (physics.drone(self.k), self.runs(Part::Predictor, t));
+        let (truth, runs) = (physics.drone(self.k), self.runs(ProcessKind::Predictor));
         if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
             let look = |input: &PredictorIn, out: &mut PredictorOut| {
                 let of = |(d, truth)| OdometryError::of(&d, now, &truth);
@@ -564,13 +589,16 @@ impl DroneComputer {
         }
     }
     fn step_mission(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(Part::Mission, t);
+        let runs = self.runs(ProcessKind::Mission);
         if let Some(mission) = due(&mut self.rows.mission, runs, now) {
             mission.step(now, |_| {}, |input, out| tap.mission(t, now, input, out));
         }
     }
     fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let (runs, arrives) = (self.runs(Part::Planner, t), t + self.solve_delay + self.slower);
+        let (runs, arrives) = (
+            self.runs(ProcessKind::Planner),
+            t + self.solve_delay + self.slower,
+        );
         let plans = &mut self.plans;
         if let Some(planner) = due(&mut self.rows.planner, runs, now) {
             let look = |input: &PlannerIn, out: &mut PlannerOut| {
@@ -584,7 +612,7 @@ impl DroneComputer {
         }
     }
     fn step_pilot(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(Part::Pilot, t);
+        let runs = self.runs(ProcessKind::Pilot);
         if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
             pilot.step(now, |_| {}, |input, out| tap.pilot(t, now, input, out));
         }

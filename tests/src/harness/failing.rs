@@ -9,14 +9,13 @@ use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
     DroneState, GnssFix, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
 };
-use alight_shared::process::ProcessKind::{Camera, Uvdar, World};
+use alight_shared::process::ProcessKind::{self, Camera, Uvdar, World};
 use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::bus::{LockStep, Receiver, Way};
-use super::fault::Part;
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
@@ -50,11 +49,11 @@ pub struct Failing {
     pub twin_m: f64,
 }
 
-/// Processes that stand still ([`super::world::World::freeze`]), and computers.
+/// Processes that stand still, and computers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// Processes of the drone: what reaches one meanwhile waits, as much as its topics hold.
-    pub parts: Vec<Part>,
+    /// Of the drone: what reaches one meanwhile waits, as much as its topics hold.
+    pub processes: Vec<ProcessKind>,
     /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
     /// The vessel's: orders wait, measurements are lost.

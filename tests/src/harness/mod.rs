@@ -5,7 +5,6 @@ pub mod bus;
 pub mod cameras;
 mod drone_computer;
 pub mod failing;
-pub mod fault;
 mod foresight;
 pub mod link;
 pub mod mutant;

@@ -90,7 +90,8 @@ impl Mutant {
                 m.battery = Some(1.0);
             }),
             Mutant::TwoOwners => bus.wrap(Mission, Way::Read, move |now_ns, mut read: Vec<Grant>| {
-                read.iter_mut().for_each(|grant| *grant = own(grant, drone, now_ns));
+                read.iter_mut()
+                    .for_each(|grant| *grant = own(grant, drone, now_ns));
                 read
             }),
             Mutant::DeckReleased => deck_released(bus, drone),
@@ -158,36 +159,48 @@ const fn goes_down(state: State) -> bool {
 }
 
 fn abort_ignored(bus: &LockStep) {
-    by_state(bus, (Mission, Way::Read), |_, mut commands: Vec<Command>, state| {
-        commands.retain(|c| !(goes_down(state) && c.kind == CommandKind::Abort));
-        commands
-    });
+    by_state(
+        bus,
+        (Mission, Way::Read),
+        |_, mut commands: Vec<Command>, state| {
+            commands.retain(|c| !(goes_down(state) && c.kind == CommandKind::Abort));
+            commands
+        },
+    );
 }
 
 fn order_kept(bus: &LockStep) {
     let mut ordered = None;
-    by_state(bus, (Mission, Way::Read), move |now_ns, mut commands: Vec<Command>, state| {
-        let landing = |c: &Command| c.kind == CommandKind::Land;
-        ordered = commands.iter().copied().rfind(landing).or(ordered);
-        if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
-            // As an order that is new.
-            command.header.at = Time::from_nanos(now_ns);
-            command.header.sequence = command.header.sequence.wrapping_add(1);
-            commands.push(*command);
-        }
-        commands
-    });
+    by_state(
+        bus,
+        (Mission, Way::Read),
+        move |now_ns, mut commands: Vec<Command>, state| {
+            let landing = |c: &Command| c.kind == CommandKind::Land;
+            ordered = commands.iter().copied().rfind(landing).or(ordered);
+            if let (State::GaveUp, Some(command)) = (state, &mut ordered) {
+                // As an order that is new.
+                command.header.at = Time::from_nanos(now_ns);
+                command.header.sequence = command.header.sequence.wrapping_add(1);
+                commands.push(*command);
+            }
+            commands
+        },
+    );
 }
 
 fn stops_by_range(bus: &LockStep) {
     let mut ranges = bus.receiver::<RangeSample>();
-    by_state(bus, (Pilot, Way::Written), move |now_ns, mut written: Vec<SetPoint>, state| {
-        let low = ranges.all(now_ns).iter().any(|r| r.range_m < STOPS_BELOW_M);
-        if low && goes_down(state) {
-            written.iter_mut().for_each(|s| s.motors = Motors::Stop);
-        }
-        written
-    });
+    by_state(
+        bus,
+        (Pilot, Way::Written),
+        move |now_ns, mut written: Vec<SetPoint>, state| {
+            let low = ranges.all(now_ns).iter().any(|r| r.range_m < STOPS_BELOW_M);
+            if low && goes_down(state) {
+                written.iter_mut().for_each(|s| s.motors = Motors::Stop);
+            }
+            written
+        },
+    );
 }
 
 fn deck_released(bus: &LockStep, drone: u32) {
@@ -210,13 +223,17 @@ fn old_checkpoint(bus: &LockStep) {
         written.set(written.get().or(landing));
         new
     });
-    bus.wrap(Mission, Way::Read, move |now_ns, mut read: Vec<MissionCheckpoint>| {
-        for answered in read.iter_mut().filter(|c| c.header.boot != 0) {
-            if let Some(mut old) = first.get() {
-                old.header.at = Time::from_nanos(now_ns);
-                *answered = old;
+    bus.wrap(
+        Mission,
+        Way::Read,
+        move |now_ns, mut read: Vec<MissionCheckpoint>| {
+            for answered in read.iter_mut().filter(|c| c.header.boot != 0) {
+                if let Some(mut old) = first.get() {
+                    old.header.at = Time::from_nanos(now_ns);
+                    *answered = old;
+                }
             }
-        }
-        read
-    });
+            read
+        },
+    );
 }

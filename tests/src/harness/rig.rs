@@ -2,11 +2,12 @@
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
-use super::fault::{FaultKind, Part};
+use super::failing::Failing;
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
+use super::storm::{Effect, Kind, Moment};
 use super::tap::{NoTap, Tap};
-use super::world::{Checkpoints, World};
+use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
 
 /// The world of one flight, and the states that the missions went through.
@@ -19,6 +20,8 @@ pub struct Rig {
     pub nodes: NodeConfigs,
     /// Of each drone: states, with the time after the start at which each was entered, s.
     visited: Vec<Vec<(State, f64)>>,
+    /// When the first drone first touched something, after the start, s.
+    touched_s: Option<f64>,
 }
 
 impl Rig {
@@ -40,6 +43,7 @@ impl Rig {
             scenario: scenario.clone(),
             nodes: nodes.clone(),
             visited: vec![vec![(State::Idle, 0.0)]; scenario.drones as usize],
+            touched_s: None,
         })
     }
     /// At the start, with the order to land.
@@ -58,6 +62,9 @@ impl Rig {
     pub fn advance(&mut self, tap: &mut impl Tap) {
         self.world.tick(tap);
         let t_s = self.t_s();
+        if self.touched_s.is_none() && !self.world.observation().contacts.is_empty() {
+            self.touched_s = Some(t_s);
+        }
         for (drone, visited) in self.world.drones().iter().zip(&mut self.visited) {
             let state = drone.mission_state.state;
             if visited.last().is_none_or(|(last, _)| *last != state) {
@@ -89,36 +96,23 @@ impl Rig {
         }
     }
 
-    /// A part of the first drone fails.
-    pub fn fail(&mut self, part: Part) {
-        if part == Part::Cable {
-            self.cut(true);
-        }
-        self.world.kill(0, part);
-    }
-    /// It is there again; a process with or without the checkpoint of the one before it.
-    pub fn restore(&mut self, part: Part, checkpoints: Checkpoints) {
-        if part == Part::Cable {
-            self.cut(false);
-        }
-        self.world.start(0, part, checkpoints);
-    }
-    /// The fault happens to a part of the first drone.
-    pub fn begin(&mut self, part: Part, kind: FaultKind) {
-        match kind {
-            FaultKind::Kill => self.fail(part),
-            FaultKind::Freeze => self.world.freeze(0, part, true),
+    /// A fault of this kind and size begins, beside which nothing fails.
+    pub fn begin(&mut self, kind: Kind, size: f64) {
+        match kind.spec().effect {
+            Effect::Events(begin, _) => begin(self, size),
+            Effect::Lasting(fail) => {
+                let mut failing = Failing::default();
+                fail(&mut failing, size);
+                self.world.fail(&failing);
+            }
         }
     }
-    /// It is over, and the supervisor has kept the checkpoints.
-    pub fn end(&mut self, part: Part, kind: FaultKind) {
-        match kind {
-            FaultKind::Kill => self.restore(part, Checkpoints::Kept),
-            FaultKind::Freeze => self.world.freeze(0, part, false),
+    /// It is over.
+    pub fn end(&mut self, kind: Kind, size: f64) {
+        match kind.spec().effect {
+            Effect::Events(_, end) => end(self, size),
+            Effect::Lasting(_) => self.world.fail(&Failing::default()),
         }
-    }
-    fn cut(&mut self, cut: bool) {
-        self.world.linked(0).into_iter().for_each(|l| l.cut = cut);
     }
     /// The vessel's computer starts anew, with what it kept.
     pub fn restart_vessel(&mut self) {
@@ -149,6 +143,13 @@ impl Rig {
     pub fn first_entered_s(&self, k: usize, state: State) -> Option<f64> {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
+    }
+    /// When this moment of the first drone began, after the start, s.
+    pub fn began_s(&self, moment: Moment) -> Option<f64> {
+        match moment {
+            Moment::In(state) => self.first_entered_s(0, state),
+            Moment::Contact => self.touched_s,
+        }
     }
     /// Collective thrust that its autopilot commands, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {

@@ -183,9 +183,6 @@ config! {
         /// Its outage at a state of the mission.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub radio_outage: Option<StateOutage> = None;
-        /// The pilot's process stands still at a state of the mission; in lock-step only.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        pub pilot_outage: Option<StateOutage> = None;
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
@@ -212,8 +209,8 @@ config! {
         if let Some(motion) = &this.deck_motion {
             motion.check(&at.table("deck_motion"))?;
         }
-        for (key, outage) in [("radio_outage", this.radio_outage), ("pilot_outage", this.pilot_outage)] {
-            outage.map_or(Ok(()), |o| o.check(&at.table(key)))?;
+        if let Some(outage) = &this.radio_outage {
+            outage.check(&at.table("radio_outage"))?;
         }
     }
 }

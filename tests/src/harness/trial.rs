@@ -117,9 +117,6 @@ pub fn land(
             if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
                 world.radio_outage(0, &outage);
             }
-            if let Some(outage) = scenario.pilot_outage.filter(|o| o.state == state) {
-                world.pilot_outage(&outage);
-            }
         }
         if let Some(trace) = trace.as_mut()
             && t_s + 1e-9 >= next_point

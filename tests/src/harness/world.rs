@@ -7,7 +7,6 @@
 pub use super::drone_computer::DroneComputer;
 use super::drone_computer::Uplink;
 use super::failing::{Failing, shift};
-use super::fault::Part;
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
@@ -24,6 +23,7 @@ use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{
     CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
 };
+use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_usv::deck::DeckInputs;
@@ -110,12 +110,13 @@ impl World {
     pub fn fail(&mut self, failing: &Failing) {
         for (k, drone) in self.drones.iter_mut().enumerate() {
             if k == 0 {
-                drone.fail(&failing);
+                drone.fail(failing);
             }
             drone.mutate(failing.mutant);
         }
-        self.vessel.fail(&failing);
-        (self.clock_rates, self.wanted_push, self.wake_nm) = (failing.clock_rates, failing.push, failing.wake_nm);
+        self.vessel.fail(failing);
+        (self.clock_rates, self.wanted_push, self.wake_nm) =
+            (failing.clock_rates, failing.push, failing.wake_nm);
     }
     /// Runs the vessel's side until the start; the drones appear in the air a little before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
@@ -194,19 +195,21 @@ impl World {
         self.drones[k].linked.as_mut()
     }
 
-    /// A process of a drone's computer dies; the others live on, but where it is their supervisor.
-    pub fn kill(&mut self, k: usize, part: Part) {
-        self.drones[k].kill(part);
+    /// A process of a drone's computer dies; the others live on.
+    pub fn kill(&mut self, k: usize, process: ProcessKind) {
+        self.drones[k].kill(process);
     }
     /// It starts anew, with or without the checkpoint of the one before it.
-    pub fn start(&mut self, k: usize, part: Part, checkpoints: Checkpoints) {
-        self.drones[k].start(part, checkpoints, (&self.scenario, &self.nodes, &self.physics));
+    pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
+        self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
-    /// A drone's process stands still, or goes on. A cable does not stand still, and a supervisor that does stops no other.
-    pub fn freeze(&mut self, k: usize, part: Part, frozen: bool) {
-        let parts = &mut self.drones[k].frozen;
-        parts.retain(|p| *p != part);
-        parts.extend(frozen.then_some(part));
+    /// A drone's supervisor dies, and with it all of its computer's processes.
+    pub fn kill_computer(&mut self, k: usize) {
+        self.drones[k].kill_all();
+    }
+    /// It starts anew, and all of them.
+    pub fn start_computer(&mut self, k: usize, checkpoints: Checkpoints) {
+        self.drones[k].start_all(checkpoints, (&self.scenario, &self.nodes, &self.physics));
     }
     /// A steady clock goes ahead by this, as after a pause of the machine: the vessel's (None) or a drone's.
     pub fn step_clock(&mut self, drone: Option<usize>, by: Span) {
@@ -255,13 +258,6 @@ impl World {
     pub fn radio_outage(&mut self, k: usize, outage: &StateOutage) {
         let window = outage.window(self.physics.now());
         self.drones[k].radio.set_outage(window);
-    }
-    /// The standstill of the pilots that a mission's new state brings about; the first stays.
-    pub fn pilot_outage(&mut self, outage: &StateOutage) {
-        let window = outage.window(self.physics.now());
-        for drone in self.drones.iter_mut().filter(|d| d.outages.is_empty()) {
-            drone.outages.push((Part::Pilot, window));
-        }
     }
 
     /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.

@@ -3,12 +3,12 @@
 
 use alight_shared::msg::{CommandKind, Phase};
 
-use crate::harness::fault::Part;
 use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
 use crate::physics::vessel::Course;
+use alight_shared::process::ProcessKind;
 
 /// Time in which the drone comes so low, s.
 const LIMIT_S: f64 = 150.0;
@@ -109,7 +109,7 @@ pub fn fly(
             match interruption {
                 Interruption::Abort => world.command(CommandKind::Abort),
                 Interruption::Hold => world.command(CommandKind::Hold),
-                Interruption::PlanLost => world.kill(0, Part::Planner),
+                Interruption::PlanLost => world.kill(0, ProcessKind::Planner),
             }
         }
         if t > end_s || report.water {

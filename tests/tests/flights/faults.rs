@@ -5,11 +5,11 @@ use std::path::Path;
 
 use alight_shared::msg::State;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
-use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment, Part};
 use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::{Fault, Kind, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
@@ -40,32 +40,22 @@ const HARD_PERCENT: usize = 3;
 /// A contact a little harder: at most so much of a limit.
 const LITTLE_HARD: f64 = 1.5;
 
-/// What fails in a landing, if anything.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Fault {
-    /// Nothing.
-    None,
-    /// A process, at a moment.
-    Process(Part, FaultKind, Moment),
-    /// The cable, from the first contact.
-    Cable,
-}
-
-impl Fault {
-    /// The autopilot holds as it does while pilot or link stands still.
-    const fn is_uncommanded(self) -> bool {
-        matches!(
-            self,
-            Fault::Process(Part::Pilot | Part::Link, FaultKind::Freeze, _)
-        )
-    }
+/// The autopilot holds as it does while pilot or link stands still.
+const fn is_uncommanded(fault: Option<Fault>) -> bool {
+    matches!(
+        fault,
+        Some(Fault {
+            kind: Kind::PilotFrozen | Kind::LinkFrozen,
+            ..
+        })
+    )
 }
 
 /// A landing with one order, and its fault.
 #[derive(Clone, Debug)]
 struct Case {
     firmware: Firmware,
-    fault: Fault,
+    fault: Option<Fault>,
     seed: u64,
     sea: SeaConfig,
     deck_motion: Option<DeckMotionConfig>,
@@ -102,40 +92,21 @@ impl Case {
             .commands
             .iter()
             .find(|(_, c)| c.command == command::ARM_DISARM);
-        let after_the_stop = matches!(self.fault, Fault::Process(.., Moment::In(State::Landed)));
+        let after_the_stop = self.fault.is_some_and(|f| f.moment == Moment::In(State::Landed));
         after_the_stop && first.is_none_or(|(at, _)| now_s < at.secs() + DENIES_S)
     }
-    /// Lets the fault begin and end when it is time; `moment_s` is when its moment began.
-    fn fail(
-        &self,
-        rig: &mut Rig,
-        touched_s: Option<f64>,
-        moment_s: &mut Option<f64>,
-        fault_s: &mut [Option<f64>; 2],
-    ) {
-        let t = rig.t_s();
-        let (part, kind, due_s, lasts_s) = match self.fault {
-            Fault::None => return,
-            Fault::Cable => (Part::Cable, FaultKind::Kill, touched_s, CABLE_OUT_S),
-            Fault::Process(part, kind, moment) => {
-                let begins = match moment {
-                    Moment::In(state) => rig.state(0) == state,
-                    Moment::Contact => touched_s.is_some(),
-                };
-                *moment_s = moment_s.or(begins.then_some(t));
-                let times = FaultTimes::drawn(moment, self.seed);
-                let due_s = moment_s.map(|at| at + times.delay_s);
-                (part, kind, due_s, times.lasts_s(kind))
-            }
-        };
+    /// Lets the fault begin and end when it is time.
+    fn fail(&self, rig: &mut Rig, fault_s: &mut [Option<f64>; 2]) {
+        let Some(fault) = self.fault else { return };
+        let (t, due_s) = (rig.t_s(), rig.began_s(fault.moment));
         match fault_s {
-            [None, _] if due_s.is_some_and(|at| t >= at) => {
+            [None, _] if due_s.is_some_and(|at| t >= at + fault.after_s) => {
                 fault_s[0] = Some(t);
-                rig.begin(part, kind);
+                rig.begin(fault.kind, fault.size);
             }
-            [Some(began), None] if t >= *began + lasts_s => {
+            [Some(began), None] if t >= *began + fault.lasts_s => {
                 fault_s[1] = Some(t);
-                rig.end(part, kind);
+                rig.end(fault.kind, fault.size);
             }
             _ => {}
         }
@@ -145,7 +116,7 @@ impl Case {
         let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
         let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), self.seed).unwrap();
         let (mut judge, mut tilt) = (Judge::default(), Tilt::default());
-        let (mut moment_s, mut fault_s) = (None, [None; 2]);
+        let mut fault_s = [None; 2];
         let (mut motors_on_deck_s, mut judged_s) = (0.0, None);
         rig.each(TIME_LIMIT_S + CLIMB_S, |rig| {
             let (t, now_s) = (rig.t_s(), rig.world.physics().now().secs());
@@ -163,7 +134,7 @@ impl Case {
             if touched_s.is_none() {
                 tilt.observe(autopilot, &attitude);
             }
-            self.fail(rig, touched_s, &mut moment_s, &mut fault_s);
+            self.fail(rig, &mut fault_s);
             judged_s = judged_s.or(over.then_some(t));
             let clear = rig.state(0) != State::GaveUp || judged_s.is_some_and(|at| t >= at + CLIMB_S);
             let fails = fault_s[0].is_some() && fault_s[1].is_none();
@@ -205,13 +176,13 @@ impl Tilt {
 impl Flown {
     /// It rests on the deck, disarmed in time, or is away from it without having touched it; nothing met the water, and
     /// every contact was soft unless pilot or link stood still: then the autopilot's own hold does as it does.
-    fn is_safe(&self, fault: Fault) -> bool {
+    fn is_safe(&self, fault: Option<Fault>) -> bool {
         let o = &self.outcome;
         let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
         let landed = self.landed && !self.armed && rests && self.motors_on_deck_s <= MOTORS_ON_S;
         let away = o.outcome == Ending::GaveUp && o.touchdown_speed_mps.is_none();
         o.water_contacts == 0
-            && (o.unsafe_contacts == 0 || fault.is_uncommanded() || self.is_little_hard())
+            && (o.unsafe_contacts == 0 || is_uncommanded(fault) || self.is_little_hard())
             && (landed || away)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
@@ -227,11 +198,11 @@ fn assert_all_safe(cases: &[Case]) {
     let flown: Vec<_> = cases.par_iter().map(|case| (case, case.fly())).collect();
     let landed = flown.iter().filter(|(_, f)| f.landed).count();
     let late = |f: &Flown| f.fault_s[1].is_none();
-    let is_safe = |c: &Case, f: &Flown| f.is_safe(c.fault) && (c.fault == Fault::None || !late(f));
+    let is_safe = |c: &Case, f: &Flown| f.is_safe(c.fault) && (c.fault.is_none() || !late(f));
     let wrong: Vec<_> = flown.iter().filter(|(c, f)| !is_safe(c, f)).collect();
     let hard: Vec<_> = (flown
         .iter()
-        .filter(|(c, f)| !c.fault.is_uncommanded() && f.is_little_hard()))
+        .filter(|(c, f)| !is_uncommanded(c.fault) && f.is_little_hard()))
     .map(|(c, f)| (c.seed, f.outcome.limit_ratio))
     .collect();
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
@@ -260,25 +231,39 @@ const MOMENTS: [Moment; 4] = [
     Moment::In(State::Landed),
 ];
 
+const KINDS: [Kind; 8] = [
+    Kind::PredictorKilled,
+    Kind::PredictorFrozen,
+    Kind::MissionKilled,
+    Kind::MissionFrozen,
+    Kind::PilotKilled,
+    Kind::PilotFrozen,
+    Kind::LinkKilled,
+    Kind::LinkFrozen,
+];
+
 /// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots.
 #[test]
 #[ignore = "66 flights: CI flies them by name"]
 fn faults_at_every_moment_over_both_autopilots() {
-    let parts = [Part::Predictor, Part::Mission, Part::Pilot, Part::Link];
     let mut all = Vec::new();
     for firmware in BOTH {
         for moment in MOMENTS {
-            for part in parts {
-                for kind in FaultKind::ALL {
-                    all.push((firmware, Fault::Process(part, kind, moment)));
-                }
-            }
+            all.extend(KINDS.map(|kind| (firmware, kind, moment)));
         }
-        all.push((firmware, Fault::Cable));
+        all.push((firmware, Kind::CableOut, Moment::Contact));
     }
-    let case = |(seed, (firmware, fault))| Case {
+    let lasts = |fault: Fault| Fault {
+        lasts_s: if fault.kind == Kind::CableOut {
+            CABLE_OUT_S
+        } else {
+            fault.lasts_s
+        },
+        ..fault
+    };
+    let case = |(seed, (firmware, kind, moment))| Case {
         firmware,
-        fault,
+        fault: Some(lasts(Fault::drawn(kind, moment, seed))),
         seed,
         sea: SeaConfig::paper(0.5, 5.0),
         deck_motion: None,
@@ -294,19 +279,19 @@ fn faults_on_the_decks_beside_the_project() {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
     let decks = ["mono-5m-js15-6", "twin-5m-cross", "work-12m-js25-7"];
     let decks = decks.map(|d| beside.join(d).with_extension("csv"));
-    let mission = |state| Fault::Process(Part::Mission, FaultKind::Kill, Moment::In(state));
     let faults = [
-        Fault::None,
-        mission(State::Descent),
-        mission(State::Flare),
-        Fault::Process(Part::Link, FaultKind::Kill, Moment::In(State::Landed)),
+        None,
+        Some((Kind::MissionKilled, State::Descent)),
+        Some((Kind::MissionKilled, State::Flare)),
+        Some((Kind::LinkKilled, State::Landed)),
     ];
     let mut cases = Vec::new();
     for firmware in BOTH {
         for k in 0..20_usize {
             cases.push(Case {
                 firmware,
-                fault: faults[k % faults.len()],
+                fault: faults[k % faults.len()]
+                    .map(|(kind, state)| Fault::drawn(kind, Moment::In(state), 400 + k as u64)),
                 seed: 400 + k as u64,
                 sea: SeaConfig::paper(0.0, 5.0),
                 deck_motion: Some(DeckMotionConfig {

@@ -4,10 +4,10 @@
 use std::collections::VecDeque;
 
 use alight_shared::msg::{CommandKind, State};
-use alight_sim::harness::fault::Part;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::Kind;
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::message::CommandResult;
@@ -27,7 +27,7 @@ enum When {
 /// A landing with one order, and its fault.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
-    part: Part,
+    kind: Kind,
     when: When,
     away_s: f64,
     checkpoints: Checkpoints,
@@ -90,6 +90,10 @@ impl End {
 }
 
 impl Flight {
+    /// Of its fault: 1 where the successor has no checkpoint.
+    fn size(&self) -> f64 {
+        f64::from(u8::from(self.checkpoints == Checkpoints::Lost))
+    }
     fn fly(&self) -> End {
         let mut scenario = Scenario {
             sea: SeaConfig::paper(self.amplitude_m, 5.0),
@@ -104,7 +108,7 @@ impl Flight {
         let (mut end, mut contact, mut heights_m) = (End::default(), false, VecDeque::new());
         rig.each(LIMIT_S, |rig| {
             let (t, state, o) = (rig.t_s(), rig.state(0), rig.world.observation());
-            let commanded = matches!(self.part, Part::Mission | Part::Predictor);
+            let commanded = matches!(self.kind, Kind::MissionKilled | Kind::PredictorKilled);
             let abandoned = !commanded && failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
             contact |= !o.contacts.is_empty();
             for c in o.contacts.iter().filter(|_| !abandoned) {
@@ -127,11 +131,11 @@ impl Flight {
             rig.world.linked(0).unwrap().autopilot.answer = denies.then_some(CommandResult::Denied);
             if due && failed_s.is_none() {
                 failed_s = Some(t);
-                rig.fail(self.part);
+                rig.begin(self.kind, self.size());
             }
             if failed_s.is_some_and(|at| t >= at + self.away_s) && over_s.is_none() {
                 over_s = Some(t);
-                rig.restore(self.part, self.checkpoints);
+                rig.end(self.kind, self.size());
             }
             let settled = end.stopped.is_some_and(|(at, _)| t >= at + STOPPED_S)
                 || matches!(state, State::GaveUp | State::Idle) && t >= rig.entered_s(0) + CLIMB_S;
@@ -147,16 +151,16 @@ const SEAS: [(f64, u64); 2] = [(0.5, 41), (0.8, 43)];
 const MORE_SEAS: [(f64, u64); 2] = [(0.5, 42), (0.8, 44)];
 
 /// The drone of the defaults in two seas, with every fault.
-fn over_seas(part: Part, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
-    over(&SEAS, part, cases, checkpoints)
+fn over_seas(kind: Kind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
+    over(&SEAS, kind, cases, checkpoints)
 }
-fn over(seas: &[(f64, u64)], part: Part, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
+fn over(seas: &[(f64, u64)], kind: Kind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
     let mut flights = Vec::new();
     for &when in cases {
         for away_s in [0.3, 1.0] {
             for &(amplitude_m, seed) in seas {
                 flights.push(Flight {
-                    part,
+                    kind,
                     when,
                     away_s,
                     checkpoints,
@@ -171,12 +175,12 @@ fn over(seas: &[(f64, u64)], part: Part, cases: &[When], checkpoints: Checkpoint
     flights
 }
 /// Both firmwares in one sea, with every fault.
-fn over_firmwares(part: Part, cases: &[When], away_s: &[f64]) -> Vec<Flight> {
+fn over_firmwares(kind: Kind, cases: &[When], away_s: &[f64]) -> Vec<Flight> {
     let mut flights = Vec::new();
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         for (&when, seed) in cases.iter().zip(51..) {
             flights.extend(away_s.iter().map(|&away_s| Flight {
-                part,
+                kind,
                 when,
                 away_s,
                 checkpoints: Checkpoints::Kept,
@@ -241,118 +245,122 @@ const AFTER_THE_STOP: [When; 4] = [
 
 #[test]
 fn mission_killed_in_descent() {
-    all_land(&over_seas(Part::Mission, &IN_DESCENT, Checkpoints::Kept));
+    all_land(&over_seas(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Kept));
 }
 
 #[test]
 fn mission_killed_in_flare() {
-    all_land(&over_seas(Part::Mission, &IN_FLARE, Checkpoints::Kept));
+    all_land(&over_seas(Kind::MissionKilled, &IN_FLARE, Checkpoints::Kept));
 }
 
 #[test]
 fn mission_killed_on_the_deck() {
-    all_land(&over_seas(Part::Mission, &ON_THE_DECK, Checkpoints::Kept));
+    all_land(&over_seas(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Kept));
 }
 
 #[test]
 fn mission_killed_in_descent_without_checkpoint() {
-    all_safe(&over_seas(Part::Mission, &IN_DESCENT, Checkpoints::Lost));
+    all_safe(&over_seas(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Lost));
 }
 
 #[test]
 fn mission_killed_in_flare_without_checkpoint() {
-    all_safe(&over_seas(Part::Mission, &IN_FLARE, Checkpoints::Lost));
+    all_safe(&over_seas(Kind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
 }
 
 #[test]
 fn mission_killed_on_the_deck_without_checkpoint() {
-    all_land(&over_seas(Part::Mission, &ON_THE_DECK, Checkpoints::Lost));
+    all_land(&over_seas(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Lost));
 }
 
 #[test]
 fn supervisor_killed_in_descent() {
-    all_land(&over_seas(Part::Supervisor, &IN_DESCENT, Checkpoints::Kept));
+    all_land(&over_seas(Kind::ComputerKilled, &IN_DESCENT, Checkpoints::Kept));
 }
 
 #[test]
 fn supervisor_killed_in_flare() {
-    all_land(&over_seas(Part::Supervisor, &IN_FLARE, Checkpoints::Kept));
+    all_land(&over_seas(Kind::ComputerKilled, &IN_FLARE, Checkpoints::Kept));
 }
 
 #[test]
 fn supervisor_killed_on_the_deck() {
-    all_land(&over_seas(Part::Supervisor, &ON_THE_DECK, Checkpoints::Kept));
+    all_land(&over_seas(Kind::ComputerKilled, &ON_THE_DECK, Checkpoints::Kept));
 }
 
 #[test]
 #[ignore = "as many flights as the nine above: a minute and a half"]
 fn processes_killed_in_more_seas() {
-    let flown = |part, cases: &[When], checkpoints| over(&MORE_SEAS, part, cases, checkpoints);
-    for part in [Part::Mission, Part::Supervisor] {
-        all_land(&flown(part, &IN_DESCENT, Checkpoints::Kept));
-        all_land(&flown(part, &IN_FLARE, Checkpoints::Kept));
-        all_land(&flown(part, &ON_THE_DECK, Checkpoints::Kept));
+    let flown = |kind, cases: &[When], checkpoints| over(&MORE_SEAS, kind, cases, checkpoints);
+    for kind in [Kind::MissionKilled, Kind::ComputerKilled] {
+        all_land(&flown(kind, &IN_DESCENT, Checkpoints::Kept));
+        all_land(&flown(kind, &IN_FLARE, Checkpoints::Kept));
+        all_land(&flown(kind, &ON_THE_DECK, Checkpoints::Kept));
     }
-    all_safe(&flown(Part::Mission, &IN_DESCENT, Checkpoints::Lost));
-    all_safe(&flown(Part::Mission, &IN_FLARE, Checkpoints::Lost));
-    all_land(&flown(Part::Mission, &ON_THE_DECK, Checkpoints::Lost));
+    all_safe(&flown(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Lost));
+    all_safe(&flown(Kind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
+    all_land(&flown(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Lost));
 }
 
 #[test]
 fn mission_away_in_flare_until_after_contact() {
     let late = [0.3, 0.45, 0.6, 0.75].map(|s| When::In(State::Flare, s));
-    all_land(&over_firmwares(Part::Mission, &late, &[0.7, 0.9, 2.0]));
+    all_land(&over_firmwares(Kind::MissionKilled, &late, &[0.7, 0.9, 2.0]));
 }
 
 #[test]
 fn pilot_restarted_in_the_air() {
-    all_safe(&over_firmwares(Part::Pilot, &IN_THE_AIR, &[0.3, 1.0]));
+    all_safe(&over_firmwares(Kind::PilotKilled, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
 fn pilot_restarted_after_its_stop() {
-    all_land(&over_firmwares(Part::Pilot, &AFTER_THE_STOP, &[0.3, 1.0]));
+    all_land(&over_firmwares(Kind::PilotKilled, &AFTER_THE_STOP, &[0.3, 1.0]));
 }
 
 #[test]
 fn link_restarted_in_the_air() {
-    all_safe(&over_firmwares(Part::Link, &IN_THE_AIR, &[0.3, 1.0]));
+    all_safe(&over_firmwares(Kind::LinkKilled, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
 fn link_restarted_before_the_failsafe() {
-    all_land(&over_firmwares(Part::Link, &AFTER_THE_STOP, &[0.1, 0.4]));
+    all_land(&over_firmwares(Kind::LinkKilled, &AFTER_THE_STOP, &[0.1, 0.4]));
 }
 
 #[test]
 fn link_restarted_after_the_stop() {
-    most_land(&over_firmwares(Part::Link, &AFTER_THE_STOP, &[0.3, 0.6]));
+    most_land(&over_firmwares(Kind::LinkKilled, &AFTER_THE_STOP, &[0.3, 0.6]));
 }
 
 #[test]
 fn cable_out_in_the_air() {
-    all_safe(&over_firmwares(Part::Cable, &IN_THE_AIR, &[2.0]));
+    all_safe(&over_firmwares(Kind::CableOut, &IN_THE_AIR, &[2.0]));
 }
 
 #[test]
 fn cable_out_after_the_stop() {
-    most_land(&over_firmwares(Part::Cable, &AFTER_THE_STOP, &[1.0]));
+    most_land(&over_firmwares(Kind::CableOut, &AFTER_THE_STOP, &[1.0]));
 }
 
 #[test]
 fn predictor_restarted_in_the_air() {
-    all_land(&over_firmwares(Part::Predictor, &IN_THE_AIR, &[0.3, 1.0]));
+    all_land(&over_firmwares(Kind::PredictorKilled, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
 fn supervisor_restarted_in_the_air() {
-    all_land(&over_firmwares(Part::Supervisor, &IN_THE_AIR, &[0.3, 0.6, 1.0]));
+    all_land(&over_firmwares(
+        Kind::ComputerKilled,
+        &IN_THE_AIR,
+        &[0.3, 0.6, 1.0],
+    ));
 }
 
 #[test]
 fn supervisor_restarted_after_the_stop() {
     most_land(&over_firmwares(
-        Part::Supervisor,
+        Kind::ComputerKilled,
         &AFTER_THE_STOP,
         &[0.3, 0.6, 1.0],
     ));
@@ -388,7 +396,7 @@ fn motors_off_with_a_restarted_pilot() {
     };
     let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), 46).unwrap();
     assert!(rig.until(LIMIT_S, |rig| rig.state(0) == State::Landed));
-    rig.restore(Part::Pilot, Checkpoints::Kept);
+    rig.end(Kind::PilotKilled, 0.0);
     // Until its own thrust is in force (0.2 s) a new pilot presses with less than carries the drone.
     rig.run(0.4);
     rig.each(5.0, |rig| {

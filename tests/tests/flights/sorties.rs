@@ -2,7 +2,6 @@
 
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
-use alight_sim::harness::fault::Part;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::world::Checkpoints;
@@ -288,10 +287,10 @@ fn sortie_ended_out_of_radio_range() {
 
 /// The companion loses its supply for so long on a sortie, s.
 fn reboots(rig: &mut Rig, away_s: f64) {
-    rig.fail(Part::Supervisor);
+    rig.world.kill_computer(0);
     rig.run(away_s);
     rig.world.restart_clock(0);
-    rig.restore(Part::Supervisor, Checkpoints::Kept);
+    rig.world.start_computer(0, Checkpoints::Kept);
 }
 
 /// A companion that reboots on a sortie knows what the flight is for: from its hold over ground or from the autopilot's own mission

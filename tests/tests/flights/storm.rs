@@ -3,7 +3,7 @@
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Ending, Rule};
-use alight_sim::harness::storm::{Fault, Flown, Kind, Mutant, Storm, fly, fly_mutant};
+use alight_sim::harness::storm::{Fault, Flown, Kind, Moment, Mutant, Storm, fly, fly_mutant};
 use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
@@ -88,7 +88,7 @@ fn order_over_a_suspended_computer() {
     cases.into_par_iter().for_each(|(state, seed)| {
         let fault = Fault {
             kind: Kind::ComputerSuspended,
-            state,
+            moment: Moment::In(state),
             after_s: 0.3,
             size: 0.0,
             lasts_s: 1.5,
@@ -107,7 +107,7 @@ fn killed_in_the_flare(seeds: core::ops::RangeInclusive<u64>) {
         .filter_map(|&(seed, after_s)| {
             let fault = Fault {
                 kind: Kind::ComputerKilled,
-                state: State::Flare,
+                moment: Moment::In(State::Flare),
                 after_s,
                 size: 0.0,
                 lasts_s: 2.0,
@@ -134,7 +134,7 @@ fn computer_killed_in_24_flares() {
 fn mutants_that_a_short_list_shows() {
     let fault = |kind, state, after_s, lasts_s| Fault {
         kind,
-        state,
+        moment: Moment::In(state),
         after_s,
         size: 0.0,
         lasts_s,

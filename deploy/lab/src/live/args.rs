@@ -75,7 +75,7 @@ pub struct LandArgs {
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
     /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact:
-    /// PROCESS:kill|freeze:PHASE|contact, such as planner:kill:descent
+    /// KIND:PHASE|contact, such as planner-killed:descent
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// Fly this list of faults (TOML, as `alight storm --list`) on real processes: its scene, seed and faults

@@ -5,7 +5,7 @@ use core::str::FromStr;
 
 use alight_shared::msg::{MissionState, State};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment};
+use alight_sim::harness::storm::{self, Kind, Moment};
 use alight_transport::signal::Signal;
 use serde::{Deserialize, Serialize};
 
@@ -14,60 +14,54 @@ use crate::args::{PHASES, phase};
 /// The name of the first contact among the phases.
 const CONTACT: &str = "contact";
 
-/// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
+/// A fault of one process as it is asked for, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
-    /// Which process; not the world, which is the vehicles themselves.
-    pub process: ProcessKind,
-    /// What happens to it.
-    pub kind: FaultKind,
+    /// What happens.
+    pub kind: Kind,
     /// When.
     pub moment: Moment,
 }
 
-/// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
-/// of physics.
-pub const PROCESSES: [ProcessKind; 7] = [
-    ProcessKind::Vessel,
-    ProcessKind::Bridge,
-    ProcessKind::Predictor,
-    ProcessKind::Mission,
-    ProcessKind::Planner,
-    ProcessKind::Pilot,
-    ProcessKind::Autopilot,
-];
+/// The kinds that happen to one process.
+fn kinds() -> impl Iterator<Item = Kind> {
+    Kind::ALL.iter().copied().filter(|kind| kind.process().is_some())
+}
+
+/// The kind of `mission-killed`, or as it was written before, `mission:kill`.
+fn kind_of(words: &[&str]) -> Option<Kind> {
+    match words {
+        [name] => kinds().find(|kind| kind.name() == *name),
+        [process, stop @ ("kill" | "freeze")] => kinds().find(|kind| {
+            let of = kind.process().is_some_and(|p| p.name() == *process);
+            of && kind.freezes() == (*stop == "freeze")
+        }),
+        _ => None,
+    }
+}
 
 impl FromStr for FaultSpec {
     type Err = String;
     fn from_str(text: &str) -> Result<FaultSpec, String> {
-        let form = || format!("{text:?}: write PROCESS:kill|freeze:PHASE, such as planner:kill:descent");
-        let mut parts = text.split(':');
-        let (Some(process), Some(kind), Some(state), None) =
-            (parts.next(), parts.next(), parts.next(), parts.next())
-        else {
-            return Err(form());
+        let words: Vec<&str> = text.split(':').collect();
+        let [kind @ .., state] = words.as_slice() else {
+            return Err(format!(
+                "{text:?}: write KIND:PHASE, such as planner-killed:descent"
+            ));
         };
-        let named = |names: Vec<&str>, what: &str| format!("no {what} of that name: {}", names.join(", "));
-        let process = *PROCESSES.iter().find(|p| p.name() == process).ok_or_else(|| {
-            named(
-                PROCESSES.iter().map(|p| p.name()).collect(),
-                "process that can fail",
+        let kind = kind_of(kind).ok_or_else(|| {
+            let names: Vec<&str> = kinds().map(Kind::name).collect();
+            format!(
+                "{text:?}: write KIND:PHASE, such as planner-killed:descent, with a kind of these: {}",
+                names.join(", ")
             )
         })?;
-        let kind = *FaultKind::ALL
-            .iter()
-            .find(|k| k.name() == kind)
-            .ok_or_else(form)?;
-        let moment = if state == CONTACT {
+        let moment = if *state == CONTACT {
             Moment::Contact
         } else {
             Moment::In(phase(state).map_err(|e| format!("{e}, {CONTACT}"))?)
         };
-        Ok(FaultSpec {
-            process,
-            kind,
-            moment,
-        })
+        Ok(FaultSpec { kind, moment })
     }
 }
 
@@ -80,7 +74,7 @@ impl fmt::Display for FaultSpec {
             }
             Moment::Contact => CONTACT,
         };
-        write!(f, "{}:{}:{moment}", self.process.name(), self.kind.name())
+        write!(f, "{}:{moment}", self.kind.name())
     }
 }
 
@@ -143,9 +137,10 @@ enum FaultStage {
     Over,
 }
 
-/// A fault under way.
+/// A fault of a process under way.
 pub struct Fault {
     spec: FaultSpec,
+    process: ProcessKind,
     delay_ns: i64,
     /// How long a frozen process stays frozen, ns.
     freeze_ns: i64,
@@ -155,16 +150,22 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
-    pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        Fault::at(spec, FaultTimes::drawn(spec.moment, seed))
+    /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed; None: its kind
+    /// happens to no process.
+    pub fn new(spec: FaultSpec, seed: u64) -> Option<Fault> {
+        Fault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed))
     }
-    /// The fault at these times.
-    pub fn at(spec: FaultSpec, times: FaultTimes) -> Fault {
-        Fault {
+    /// A fault of a storm's list.
+    pub fn of(fault: &storm::Fault) -> Option<Fault> {
+        let spec = FaultSpec {
+            kind: fault.kind,
+            moment: fault.moment,
+        };
+        Some(Fault {
+            process: fault.kind.process()?,
             spec,
-            delay_ns: (times.delay_s * 1e9) as i64,
-            freeze_ns: (times.frozen_s * 1e9) as i64,
+            delay_ns: (fault.after_s * 1e9) as i64,
+            freeze_ns: (fault.lasts_s * 1e9) as i64,
             stage: FaultStage::Waits,
             report: FaultReport {
                 fault: spec.to_string(),
@@ -172,12 +173,16 @@ impl Fault {
                 state: None,
                 recovery_s: None,
             },
-        }
+        })
     }
 
-    /// As it was asked for.
-    pub fn spec(&self) -> FaultSpec {
-        self.spec
+    /// Its process; not the world, which is the vehicles themselves.
+    pub const fn process(&self) -> ProcessKind {
+        self.process
+    }
+    /// The process stands still, and is not killed.
+    pub fn freezes(&self) -> bool {
+        self.spec.kind.freezes()
     }
     /// It happened, and the process has not been heard again.
     pub fn is_under_way(&self) -> bool {
@@ -199,9 +204,10 @@ impl Fault {
                 None
             }
             FaultStage::Due(at_ns) if now_ns >= at_ns => {
-                let (what, frozen_until_ns) = match self.spec.kind {
-                    FaultKind::Kill => (Signal::Kill, None),
-                    FaultKind::Freeze => (Signal::Freeze, Some(now_ns + self.freeze_ns)),
+                let (what, frozen_until_ns) = if self.freezes() {
+                    (Signal::Freeze, Some(now_ns + self.freeze_ns))
+                } else {
+                    (Signal::Kill, None)
                 };
                 (self.report.at_s, self.report.state) = (Some(seen.t_s), Some(mission.state));
                 self.stage = FaultStage::Happened {
@@ -227,7 +233,7 @@ impl Fault {
                 at_ns,
                 pid,
                 frozen_until_ns: None,
-            } if process.at_ns > at_ns && (self.spec.kind == FaultKind::Freeze || process.pid != pid) => {
+            } if process.at_ns > at_ns && (self.freezes() || process.pid != pid) => {
                 self.report.recovery_s = Some((process.at_ns - at_ns) as f64 * 1e-9);
                 self.stage = FaultStage::Over;
                 None
@@ -243,24 +249,29 @@ mod tests {
 
     #[test]
     fn fault_spec_round_trip_and_rejection() {
-        for process in PROCESSES {
-            for kind in FaultKind::ALL {
-                let moments = PHASES.map(|(_, state)| Moment::In(state));
-                for moment in moments.into_iter().chain([Moment::Contact]) {
-                    let spec = FaultSpec {
-                        process,
-                        kind,
-                        moment,
-                    };
-                    assert_eq!(spec.to_string().parse(), Ok(spec));
-                }
+        for kind in kinds() {
+            let moments = PHASES.map(|(_, state)| Moment::In(state));
+            for moment in moments.into_iter().chain([Moment::Contact]) {
+                let spec = FaultSpec { kind, moment };
+                assert_eq!(spec.to_string().parse(), Ok(spec));
             }
+        }
+        // As it was written before.
+        for (text, kind) in [
+            ("autopilot:kill:landed", Kind::LinkKilled),
+            ("vessel:kill:landed", Kind::VesselRestarted),
+            ("pilot:freeze:landed", Kind::PilotFrozen),
+        ] {
+            let moment = Moment::In(State::Landed);
+            assert_eq!(text.parse(), Ok(FaultSpec { kind, moment }));
         }
         for text in [
             "planner",
             "world:kill:flare",
             "planner:hit:flare",
             "planner:kill:soon",
+            "radio-lost:flare",
+            "planner-killed",
             "a:b:c:d",
         ] {
             assert!(text.parse::<FaultSpec>().is_err(), "{text}");
@@ -269,8 +280,8 @@ mod tests {
 
     #[test]
     fn frozen_process_from_its_moment_to_its_next_report() {
-        let spec: FaultSpec = "pilot:freeze:contact".parse().unwrap();
-        let mut fault = Fault::new(spec, 7);
+        let spec: FaultSpec = "pilot-frozen:contact".parse().unwrap();
+        let mut fault = Fault::new(spec, 7).unwrap();
         let seen = |contact, at_ns| Seen {
             t_s: 12.0,
             mission: Some(MissionState::default()),

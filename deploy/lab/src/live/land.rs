@@ -406,8 +406,8 @@ impl<'a> Landing<'a> {
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
         let of_list = list.iter().flat_map(|l| &l.processes);
-        let of_list = of_list.map(|(spec, times)| Fault::at(*spec, *times));
-        let of_flag = args.fault.map(|spec| Fault::new(spec, args.seed));
+        let of_list = of_list.filter_map(Fault::of);
+        let of_flag = args.fault.and_then(|spec| Fault::new(spec, args.seed));
         Ok(Landing {
             faults: of_flag.into_iter().chain(of_list).collect(),
             orders: list.map_or_else(Vec::new, |l| l.orders.clone()),
@@ -501,7 +501,7 @@ impl<'a> Landing<'a> {
             let seen = Seen {
                 t_s,
                 mission: *snapshot.mission,
-                process: snapshot.processes.get(&fault.spec().process).copied(),
+                process: snapshot.processes.get(&fault.process()).copied(),
                 contact: self.contact,
             };
             if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {

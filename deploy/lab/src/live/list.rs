@@ -5,32 +5,12 @@ use std::path::Path;
 
 use alight_computer::exit::CliError;
 use alight_shared::msg::{CommandKind, MissionState, State};
-use alight_shared::process::ProcessKind;
-use alight_sim::harness::fault::{FaultKind, FaultTimes, Moment};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
-use alight_sim::harness::storm::{Fault, Kind, Storm};
+use alight_sim::harness::storm::{Fault, Kind, Moment, Storm};
 
-use crate::live::fault::FaultSpec;
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-/// What is done to a process. A killed one is started again by its supervisor, not after `lasts_s`.
-const SIGNALS: [(Kind, ProcessKind, FaultKind); 14] = [
-    (Kind::PredictorKilled, ProcessKind::Predictor, FaultKind::Kill),
-    (Kind::MissionKilled, ProcessKind::Mission, FaultKind::Kill),
-    (Kind::PlannerKilled, ProcessKind::Planner, FaultKind::Kill),
-    (Kind::PilotKilled, ProcessKind::Pilot, FaultKind::Kill),
-    (Kind::LinkKilled, ProcessKind::Autopilot, FaultKind::Kill),
-    (Kind::BridgeKilled, ProcessKind::Bridge, FaultKind::Kill),
-    (Kind::VesselRestarted, ProcessKind::Vessel, FaultKind::Kill),
-    (Kind::PredictorFrozen, ProcessKind::Predictor, FaultKind::Freeze),
-    (Kind::MissionFrozen, ProcessKind::Mission, FaultKind::Freeze),
-    (Kind::PlannerFrozen, ProcessKind::Planner, FaultKind::Freeze),
-    (Kind::PilotFrozen, ProcessKind::Pilot, FaultKind::Freeze),
-    (Kind::LinkFrozen, ProcessKind::Autopilot, FaultKind::Freeze),
-    (Kind::BridgeFrozen, ProcessKind::Bridge, FaultKind::Freeze),
-    (Kind::VesselFrozen, ProcessKind::Vessel, FaultKind::Freeze),
-];
 /// What is ordered.
 const ORDERS: [(Kind, CommandKind); 3] = [
     (Kind::Abort, CommandKind::Abort),
@@ -65,8 +45,8 @@ impl Order {
 /// A list as real processes fly it.
 pub struct LiveList {
     storm: Storm,
-    /// To processes.
-    pub processes: Vec<(FaultSpec, FaultTimes)>,
+    /// Of processes. A killed one is started again by its supervisor, not after `lasts_s`.
+    pub processes: Vec<Fault>,
     /// Orders.
     pub orders: Vec<Order>,
     outage: Option<StateOutage>,
@@ -100,41 +80,40 @@ impl LiveList {
 
     fn add(&mut self, fault: &Fault) -> Result<(), String> {
         let kind = fault.kind;
-        if let Some((_, process, what)) = SIGNALS.iter().find(|(k, ..)| *k == kind) {
-            if *what == FaultKind::Kill && fault.size != 0.0 {
+        if kind.process().is_some() {
+            if !kind.freezes() && fault.size != 0.0 {
                 return Err(format!(
                     "{}, size {}: a process that was killed has its checkpoint here",
                     kind.name(),
                     fault.size
                 ));
             }
-            let spec = FaultSpec {
-                process: *process,
-                kind: *what,
-                moment: Moment::In(fault.state),
-            };
-            let times = FaultTimes {
-                delay_s: fault.after_s,
-                frozen_s: fault.lasts_s,
-                away_s: fault.lasts_s,
-            };
-            self.processes.push((spec, times));
-        } else if let Some((_, order)) = ORDERS.iter().find(|(k, _)| *k == kind) {
+            self.processes.push(*fault);
+            return Ok(());
+        }
+        let Moment::In(state) = fault.moment else {
+            return Err(format!(
+                "{} at the contact: a process alone fails there",
+                kind.name()
+            ));
+        };
+        if let Some((_, order)) = ORDERS.iter().find(|(k, _)| *k == kind) {
             self.orders.push(Order {
                 kind: *order,
-                state: fault.state,
+                state,
                 after_s: fault.after_s,
                 entered_s: None,
                 given: false,
             });
         } else if kind == Kind::RadioLost && self.outage.is_none() {
             self.outage = Some(StateOutage {
-                state: fault.state,
+                state,
                 after_s: fault.after_s,
                 duration_s: fault.lasts_s,
             });
         } else {
-            let possible = SIGNALS.iter().map(|p| p.0).chain(ORDERS.iter().map(|o| o.0));
+            let of_processes = Kind::ALL.iter().copied().filter(|k| k.process().is_some());
+            let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
             let names: Vec<&str> = possible.map(Kind::name).collect();
             return Err(format!(
                 "{}: real processes have {} and radio-lost once",
@@ -177,7 +156,7 @@ mod tests {
         };
         list.add(&Fault {
             kind,
-            state: State::Descent,
+            moment: Moment::In(State::Descent),
             after_s: 0.5,
             size,
             lasts_s: 1.0,
@@ -187,7 +166,8 @@ mod tests {
     #[test]
     fn faults_of_a_list_that_processes_can_have() {
         let possible = Kind::ALL.iter().filter(|k| with(**k, 0.0).is_ok());
-        assert_eq!(possible.count(), SIGNALS.len() + ORDERS.len() + 1);
+        let of_processes = Kind::ALL.iter().filter(|k| k.process().is_some());
+        assert_eq!(possible.count(), of_processes.count() + ORDERS.len() + 1);
         assert!(with(Kind::MissionKilled, 1.0).unwrap_err().contains("checkpoint"));
         assert!(
             with(Kind::RangeStuck, 0.0)

@@ -4,7 +4,7 @@ use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
-use super::{Fault, Kind, MAX_FAULTS, Storm, kinds};
+use super::{Fault, Kind, MAX_FAULTS, Moment, Storm, kinds};
 use crate::physics::streams::Streams;
 use crate::physics::vessel::Course;
 use crate::sensors::noise::Noise;
@@ -129,7 +129,7 @@ fn of_kind(kind: Kind, state: State, within_s: f64, noise: &mut Noise) -> Fault 
     };
     Fault {
         kind,
-        state,
+        moment: Moment::In(state),
         after_s,
         size,
         lasts_s,

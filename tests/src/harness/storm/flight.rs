@@ -156,7 +156,7 @@ fn step(
     let fault = scheduled.fault;
     match scheduled.began_s {
         None if rig
-            .first_entered_s(0, fault.state)
+            .began_s(fault.moment)
             .is_some_and(|at| t_s >= at + fault.after_s) =>
         {
             scheduled.began_s = Some(t_s);

@@ -1,6 +1,7 @@
 //! The kinds of faults: of what each has a size, how large and how long they are drawn, and what they excuse.
 
 use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
+use alight_shared::process::ProcessKind;
 use alight_shared::time::Span;
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::deck::DeckInputs;
@@ -9,7 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::autopilots::simulated::mode_number;
 use crate::harness::failing::Failing;
-use crate::harness::fault::Part;
 use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
 use crate::radio::ChannelFault;
@@ -82,6 +82,14 @@ macro_rules! kinds {
                         | Kind::ComputerClockSteps
                 )
             }
+            /// The one process that it kills or lets stand still.
+            pub fn process(self) -> Option<ProcessKind> {
+                STOPS.iter().find(|(kind, ..)| *kind == self).map(|(_, process, _)| *process)
+            }
+            /// That process stands still, and knows nothing of the time between.
+            pub fn freezes(self) -> bool {
+                STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
+            }
             /// It has emptied the battery for good.
             pub const fn empties(self) -> bool {
                 matches!(self, Kind::BatteryAt | Kind::BatterySags)
@@ -121,8 +129,44 @@ const WRONG: [f64; 2] = [2.0, 30.0];
 /// Somebody or something pushes the vessel for so long, s.
 const PUSH: [f64; 2] = [0.5, 15.0];
 
+/// What happens to a process.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Stop {
+    /// It is gone at once, and started again.
+    Dies,
+    /// It stands still.
+    Freezes,
+}
+use Stop::{Dies, Freezes};
+
+/// The kinds that happen to one process.
+const STOPS: [(Kind, ProcessKind, Stop); 14] = [
+    (Kind::PredictorKilled, ProcessKind::Predictor, Dies),
+    (Kind::MissionKilled, ProcessKind::Mission, Dies),
+    (Kind::PlannerKilled, ProcessKind::Planner, Dies),
+    (Kind::PilotKilled, ProcessKind::Pilot, Dies),
+    (Kind::LinkKilled, ProcessKind::Autopilot, Dies),
+    (Kind::BridgeKilled, ProcessKind::Bridge, Dies),
+    (Kind::VesselRestarted, ProcessKind::Vessel, Dies),
+    (Kind::PredictorFrozen, ProcessKind::Predictor, Freezes),
+    (Kind::MissionFrozen, ProcessKind::Mission, Freezes),
+    (Kind::PlannerFrozen, ProcessKind::Planner, Freezes),
+    (Kind::PilotFrozen, ProcessKind::Pilot, Freezes),
+    (Kind::LinkFrozen, ProcessKind::Autopilot, Freezes),
+    (Kind::BridgeFrozen, ProcessKind::Bridge, Freezes),
+    (Kind::VesselFrozen, ProcessKind::Vessel, Freezes),
+];
+
 /// Nothing happens.
 const fn nothing(_: &mut Rig, _: f64) {}
+/// A process of the first drone dies.
+fn kill(rig: &mut Rig, process: ProcessKind) {
+    rig.world.kill(0, process);
+}
+/// It starts anew, with checkpoints by this size.
+fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
+    rig.world.start(0, process, kept(size));
+}
 /// A successor's checkpoints by this size.
 fn kept(size: f64) -> Checkpoints {
     if size >= 0.5 {
@@ -150,49 +194,49 @@ fn occupy(rig: &mut Rig, occupied: bool) {
 kinds! {
     /// The predictor's process dies.
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
-        Events(|r, _| r.fail(Part::Predictor), |r, size| r.restore(Part::Predictor, kept(size)));
+        Events(|r, _| kill(r, ProcessKind::Predictor), |r, size| start(r, ProcessKind::Predictor, size));
     /// The mission's.
     MissionKilled, "mission-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
-        Events(|r, _| r.fail(Part::Mission), |r, size| r.restore(Part::Mission, kept(size)));
+        Events(|r, _| kill(r, ProcessKind::Mission), |r, size| start(r, ProcessKind::Mission, size));
     /// The planner's.
     PlannerKilled, "planner-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| r.fail(Part::Planner), |r, _| r.restore(Part::Planner, Checkpoints::Kept));
+        Events(|r, _| kill(r, ProcessKind::Planner), |r, _| start(r, ProcessKind::Planner, 0.0));
     /// The pilot's.
     PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
-        Events(|r, _| r.fail(Part::Pilot), |r, _| r.restore(Part::Pilot, Checkpoints::Kept));
+        Events(|r, _| kill(r, ProcessKind::Pilot), |r, _| start(r, ProcessKind::Pilot, 0.0));
     /// The autopilot link's.
     LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
-        Events(|r, _| r.fail(Part::Link), |r, size| r.restore(Part::Link, kept(size)));
+        Events(|r, _| kill(r, ProcessKind::Autopilot), |r, size| start(r, ProcessKind::Autopilot, size));
     /// The supervisor, and with it all of the drone's computer.
     ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
-        Events(|r, _| r.fail(Part::Supervisor), |r, size| r.restore(Part::Supervisor, kept(size)));
+        Events(|r, _| r.world.kill_computer(0), |r, size| r.world.start_computer(0, kept(size)));
     /// The bridge's.
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| r.fail(Part::Bridge), |r, _| r.restore(Part::Bridge, Checkpoints::Kept));
+        Events(|r, _| kill(r, ProcessKind::Bridge), |r, _| start(r, ProcessKind::Bridge, 0.0));
     /// The drone's computer loses its supply and starts again, with what its memory had lost, and what lies on its disk.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
-        Events(|r, _| r.fail(Part::Supervisor), |r, _| {
+        Events(|r, _| r.world.kill_computer(0), |r, _| {
             r.world.restart_clock(0);
-            r.restore(Part::Supervisor, Checkpoints::Kept);
+            r.world.start_computer(0, Checkpoints::Kept);
         });
     /// The predictor stands still.
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.parts.push(Part::Predictor));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Predictor));
     /// The mission does.
     MissionFrozen, "mission-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.parts.push(Part::Mission));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Mission));
     /// The planner does.
     PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.parts.push(Part::Planner));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Planner));
     /// The pilot does.
     PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.parts.push(Part::Pilot));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Pilot));
     /// The link to the autopilot does.
     LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.parts.push(Part::Link));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Autopilot));
     /// The bridge does.
     BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.parts.push(Part::Bridge));
+        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Bridge));
     /// The processor is slow: plans come late.
     PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.solve_s = size.max(0.0));

@@ -7,10 +7,10 @@
 mod draw;
 mod flight;
 mod kinds;
+mod moment;
 mod shrink;
 pub mod watch;
 
-use alight_shared::msg::State;
 use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -24,6 +24,7 @@ pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
 pub use flight::{Flown, fly, fly_mutant};
 pub use kinds::{Effect, Kind, Spec, Takes};
+pub use moment::Moment;
 pub use shrink::shrink;
 pub use watch::Ending;
 
@@ -38,8 +39,9 @@ const MAX_S: f64 = 60.0;
 pub struct Fault {
     /// What.
     pub kind: Kind,
-    /// It begins when the mission first enters this state ...
-    pub state: State,
+    /// It begins at this moment ...
+    #[serde(rename = "state")]
+    pub moment: Moment,
     /// ... and so much later, s.
     #[serde(default)]
     pub after_s: f64,
@@ -169,6 +171,8 @@ impl Storm {
 
 #[cfg(test)]
 mod tests {
+    use alight_shared::msg::State;
+
     use super::*;
 
     #[test]
@@ -181,8 +185,8 @@ mod tests {
         let aimed = Storm::drawn(3, 4).aimed((Kind::RangeZero, State::Flare));
         assert_eq!(aimed.faults[..3], Storm::drawn(3, 4).faults[..3]);
         assert_eq!(
-            (aimed.faults[3].kind, aimed.faults[3].state),
-            (Kind::RangeZero, State::Flare)
+            (aimed.faults[3].kind, aimed.faults[3].moment),
+            (Kind::RangeZero, Moment::In(State::Flare))
         );
         assert_eq!(aimed.check(), Ok(()));
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");

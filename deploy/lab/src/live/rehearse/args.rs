@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use alight_computer::terminal::Form;
 use alight_shared::msg::State;
-use alight_shared::process::ProcessKind;
-use alight_sim::harness::fault::{FaultKind, Moment};
+use alight_sim::harness::storm::{Kind, Moment};
 use clap::Args;
 
 use crate::args::{Autopilot, SeaArg};
@@ -33,11 +32,11 @@ pub struct RehearseArgs {
     #[arg(long, default_value = "moderate")]
     pub sea: SeaArg,
     /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; of the vessel
-    /// the whole service is killed, and started again as systemd does: PROCESS:kill|freeze:PHASE|contact, such as
-    /// vessel:kill:tracking
+    /// the whole service is killed, and started again as systemd does: KIND:PHASE|contact, such as
+    /// vessel-restarted:tracking
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
-    /// The former name of `--fault vessel:kill:tracking`
+    /// The former name of `--fault vessel-restarted:tracking`
     #[arg(long, hide = true, value_parser = ["vessel"], conflicts_with = "fault")]
     pub restart: Option<String>,
     /// Whose character the simulated autopilot has; with --autopilot-at the firmware that flies [default: px4]
@@ -71,8 +70,7 @@ impl RehearseArgs {
     /// The fault of this rehearsal.
     pub fn fault(&self) -> Option<FaultSpec> {
         let vessel = FaultSpec {
-            process: ProcessKind::Vessel,
-            kind: FaultKind::Kill,
+            kind: Kind::VesselRestarted,
             moment: Moment::In(State::Tracking),
         };
         self.fault.or(self.restart.as_ref().map(|_| vessel))

@@ -31,7 +31,6 @@ use alight_shared::metrics::{MetricName, MetricValue};
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::process::ProcessKind;
 use alight_shared::topics;
-use alight_sim::harness::fault::FaultKind;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::signal::{Signal, signal};
@@ -178,7 +177,7 @@ impl<'a> Rehearsal<'a> {
             armed: None,
             landed: None,
             too_slow: None,
-            fault: args.fault().map(|spec| Fault::new(spec, args.seed)),
+            fault: args.fault().and_then(|spec| Fault::new(spec, args.seed)),
             contact: false,
             plan,
         })
@@ -256,7 +255,7 @@ impl<'a> Rehearsal<'a> {
         let (Some(fault), Some((_, observer))) = (&mut self.fault, &self.observer) else {
             return Ok(());
         };
-        let (process, now_ns) = (fault.spec().process, steady_ns());
+        let (process, now_ns) = (fault.process(), steady_ns());
         let aboard = self.aboard.poll().map(|(_, snapshot)| snapshot);
         let of_vessel = process == ProcessKind::Vessel;
         let of_computer = if of_vessel {
@@ -549,16 +548,12 @@ impl<'a> Rehearsal<'a> {
         Ok(Waited::Met)
     }
     fn show_fault(&mut self, list: &mut CheckList) {
-        let Some((spec, report)) = self.fault.as_ref().map(|f| (f.spec(), f.report.clone())) else {
-            return;
-        };
-        let happened = match spec.kind {
-            FaultKind::Kill => "killed",
-            FaultKind::Freeze => "frozen",
-        };
+        let Some(fault) = &self.fault else { return };
+        let (process, report) = (fault.process(), fault.report.clone());
+        let happened = if fault.freezes() { "frozen" } else { "killed" };
         let recovered = report.recovery_s.is_some();
-        if spec.process != ProcessKind::Vessel {
-            let what = format!("{}, {happened}", spec.process.name());
+        if process != ProcessKind::Vessel {
+            let what = format!("{}, {happened}", process.name());
             list.add(list::DRONE, what, recovered, report.to_string());
             return;
         }

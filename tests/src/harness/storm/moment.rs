@@ -1,0 +1,117 @@
+//! The moment at which a fault begins, and how a single fault is drawn.
+
+use alight_shared::msg::State;
+use serde::de::IntoDeserializer as _;
+use serde::de::value::{Error, StrDeserializer};
+use serde::{Deserialize, Serialize};
+
+use super::{Fault, Kind};
+use crate::physics::streams::Streams;
+use crate::sensors::noise::Noise;
+
+/// The first contact's name among the states.
+const CONTACT: &str = "Contact";
+
+/// When a fault begins. In a list it is the state's name, or `Contact`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Moment {
+    /// When the mission first enters this state. `Landed` begins with the stop of the motors.
+    In(State),
+    /// At the first contact.
+    Contact,
+}
+
+impl Moment {
+    /// The longest time that a fault waits after its moment began, s: less than the phase usually lasts; after the stop of
+    /// the motors as long as a disarm that is denied at first takes.
+    const fn max_delay_s(self) -> f64 {
+        match self {
+            Moment::In(state) => match state {
+                State::Approach | State::Search => 2.0,
+                State::GetAltitude | State::Tracking => 0.5,
+                State::TrackingStable => 0.1,
+                State::Descent => 2.5,
+                State::Flare => 0.8,
+                State::Landed => 0.3,
+                State::Idle
+                | State::Hold
+                | State::GaveUp
+                | State::Preparing
+                | State::Countdown
+                | State::SpinUp
+                | State::TakeOff
+                | State::ClimbOut
+                | State::StandDown => 0.0,
+            },
+            Moment::Contact => 0.0,
+        }
+    }
+}
+
+impl TryFrom<String> for Moment {
+    type Error = Error;
+    fn try_from(name: String) -> Result<Moment, Error> {
+        if name == CONTACT {
+            return Ok(Moment::Contact);
+        }
+        let name: StrDeserializer<'_, Error> = name.as_str().into_deserializer();
+        State::deserialize(name).map(Moment::In)
+    }
+}
+
+impl From<Moment> for String {
+    fn from(moment: Moment) -> String {
+        match moment {
+            Moment::In(state) => format!("{state:?}"),
+            Moment::Contact => CONTACT.into(),
+        }
+    }
+}
+
+/// How long a frozen process stands still, s: shorter and longer than its readers wait for its messages.
+const FROZEN_S: [f64; 2] = [0.2, 2.0];
+/// How long a killed process is away in lock-step, s: a supervisor starts it again after 0.1 s, and on a busy computer its
+/// start takes most of a second.
+const AWAY_S: [f64; 2] = [0.15, 1.0];
+
+impl Fault {
+    /// A fault of a process that begins within the phase of its moment, its times drawn from the seed.
+    pub fn drawn(kind: Kind, moment: Moment, seed: u64) -> Fault {
+        let mut noise = Noise::new(&Streams::new(seed), "fault");
+        let after_s = moment.max_delay_s() * noise.uniform();
+        let [shortest, longest] = if kind.freezes() { FROZEN_S } else { AWAY_S };
+        Fault {
+            kind,
+            moment,
+            after_s,
+            size: 0.0,
+            lasts_s: shortest + (longest - shortest) * noise.uniform(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_by_seed() {
+        let drawn = |kind| move |seed| Fault::drawn(kind, Moment::In(State::Descent), seed);
+        let all: Vec<_> = (0..20).map(drawn(Kind::PilotFrozen)).collect();
+        assert!(all.iter().all(|f| (0.0..2.5).contains(&f.after_s)), "{all:?}");
+        assert!(all.iter().all(|f| (0.2..2.0).contains(&f.lasts_s)), "{all:?}");
+        assert_eq!(drawn(Kind::PilotFrozen)(3), all[3]);
+        assert!(all.iter().any(|f| f.after_s != all[0].after_s));
+        assert!((0..20).map(drawn(Kind::PilotKilled)).all(|f| f.lasts_s < 1.0));
+    }
+
+    #[test]
+    fn moment_by_name() {
+        for moment in [Moment::In(State::TrackingStable), Moment::Contact] {
+            assert_eq!(Moment::try_from(String::from(moment)), Ok(moment));
+        }
+        let wrong = Moment::try_from(String::from("Ashore")).unwrap_err().to_string();
+        assert!(wrong.contains("Ashore"), "{wrong}");
+    }
+}
