@@ -256,7 +256,12 @@ impl SimulatedAutopilot {
             self.outer_due += OUTER;
             self.outer(truth);
         }
-        self.flight.inner(self.estimator.errors(), truth, dt)
+        let motors = self.flight.inner(self.estimator.errors(), truth, dt);
+        motors.filter(|_| !self.is_empty())
+    }
+    /// Its battery is empty: nothing turns the motors, whatever it commands.
+    pub fn is_empty(&self) -> bool {
+        self.battery <= 0.0
     }
     /// The same with the bytes of a wire, both ways.
     pub fn step_bytes(

@@ -18,6 +18,10 @@ use crate::harness::tap::NoTap;
 const LIMIT_S: f64 = 300.0;
 /// Within this time after the last fault it has landed, or waits for a stated reason, s.
 const LIVELY_S: f64 = 120.0;
+/// A fault that was over so long ago is none of several any more, s.
+const TOGETHER_S: f64 = 5.0;
+/// An abort from ashore has come to the mission within this time where nothing else fails, s.
+const ASHORE_S: f64 = 2.0;
 /// What lasts longer is seen, s.
 const SEEN_S: f64 = 1.0;
 /// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
@@ -41,6 +45,8 @@ struct Scheduled {
     fault: Fault,
     began_s: Option<f64>,
     over: bool,
+    /// What it has left of the battery where it met that, 0 to 1.
+    charge_left: Option<f64>,
 }
 
 impl Scheduled {
@@ -68,6 +74,7 @@ pub fn fly_mutant(
         fault: *fault,
         began_s: None,
         over: false,
+        charge_left: None,
     };
     let mut faults: Vec<Scheduled> = storm.faults.iter().map(pending).collect();
     let mut watches = vec![Watch::default(); storm.drones.into()];
@@ -160,6 +167,7 @@ fn step(
             .is_some_and(|at| t_s >= at + fault.after_s) =>
         {
             scheduled.began_s = Some(t_s);
+            scheduled.charge_left = fault.kind.empties().then_some(0.0);
             flown.began.push((fault.kind, rig.state(0), t_s));
             let (size, lasts) = (fault.size, fault.lasts_s);
             show(
@@ -172,6 +180,8 @@ fn step(
         }
         Some(_) if !scheduled.over && !scheduled.is_active(t_s) => {
             scheduled.over = true;
+            let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
+            scheduled.charge_left = charge.filter(|_| fault.kind.empties());
             if let Effect::Events(_, end) = fault.kind.spec().effect {
                 end(rig, fault.size);
             }
@@ -195,24 +205,19 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
 fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
-    let until_s = |f: &Fault, at: f64| {
-        if f.kind.empties() {
-            f64::INFINITY
-        } else {
-            at + f.lasts_s
-        }
-    };
+    let until = |after_s: f64| move |f: &Scheduled, at: f64| t_s < at + f.fault.lasts_s + after_s;
     let takes = |what: Takes, after_s: f64| {
-        began().any(|(f, at)| f.fault.kind.spec().takes == what && t_s < until_s(&f.fault, at) + after_s)
+        began().any(|(f, at)| f.fault.kind.spec().takes == what && until(after_s)(f, at))
     };
     let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(faults);
     let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
     let ordered_again = began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S));
     Scene {
-        faults: began().count(),
+        faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
+        charge_left: began().filter_map(|(f, _)| f.charge_left).reduce(f64::min),
         aborted_s,
         last_abort_s,
         withdrawn_s: withdrawn_s.filter(|_| !ordered_again),
@@ -229,11 +234,19 @@ fn withdrawn(faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
-    let aborts = || {
-        let ordered = began().filter(|(f, _)| f.fault.kind == Kind::Abort);
-        ordered.map(|(_, at)| at).filter(received)
+    // From ashore by radio, relay and bridge, any of which another fault may have stopped.
+    let undisturbed = |at: f64| {
+        let hides = |k: Kind| k != Kind::AbortAshore;
+        !stopped(at - ASHORE_S, at + ASHORE_S, &hides)
     };
-    let aborted_s = aborts().next();
+    let aborts = || {
+        began().filter_map(|(f, at)| match f.fault.kind {
+            Kind::Abort => Some(at).filter(received),
+            Kind::AbortAshore if undisturbed(at) => Some(at + ASHORE_S),
+            _ => None,
+        })
+    };
+    let aborted_s = aborts().reduce(f64::min);
     let last_abort_s = aborts().reduce(f64::max);
     let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {

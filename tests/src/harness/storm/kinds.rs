@@ -21,7 +21,7 @@ pub enum Takes {
     Nothing,
     /// Whoever commands: the autopilot holds a fixed place, and the deck may rise into the drone.
     Command,
-    /// Thrust or battery.
+    /// Thrust.
     Power,
 }
 
@@ -90,7 +90,7 @@ macro_rules! kinds {
             pub fn freezes(self) -> bool {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
-            /// It has emptied the battery for good.
+            /// It takes of the battery, which stays taken.
             pub const fn empties(self) -> bool {
                 matches!(self, Kind::BatteryAt | Kind::BatterySags)
             }
@@ -412,10 +412,10 @@ kinds! {
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
         Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
     /// Its battery is as empty as that.
-    BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Power,
+    BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Nothing,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
     /// Its battery empties fast.
-    BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Power,
+    BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
     /// It reports the charge that it had.
     BatteryStuck, "battery-stuck", "", NONE, [1.0, 60.0], Nothing,
@@ -424,7 +424,7 @@ kinds! {
     BatteryUnknown, "battery-unknown", "", NONE, [1.0, 30.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
     /// The remote control's signal is lost.
-    RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Command,
+    RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Nothing,
         Lasting(|f, _| f.autopilot.remote_control_lost = true);
     /// A rotor gives less.
     MotorWeak, "motor-weak", "fraction lost", [0.05, 0.3], [1.0, 60.0], Power,

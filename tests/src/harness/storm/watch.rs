@@ -5,6 +5,7 @@ use core::fmt;
 use alight_shared::msg::{BatteryPlace, ReasonCode, SetPoint, State};
 use serde::Serialize;
 
+use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
 use crate::harness::rig::Rig;
 
@@ -16,7 +17,9 @@ const SEVERAL_MPS: f64 = 2.0;
 const GRACE_S: f64 = 0.5;
 /// Rotors carry in `Landed` for at most so long, s.
 const CARRY_S: f64 = 3.0;
-/// An abort is taken within this time, s.
+/// A drone that was struck under a fault that excuses it and flies on is whole again after this, s: rules count.
+const STRUCK_S: f64 = 5.0;
+/// An abort is acted upon within this time, s.
 const ABORT_S: f64 = 1.0;
 
 /// Below this share of the battery's reserve a stopped landing goes on without an order.
@@ -57,7 +60,7 @@ pub enum Rule {
     Water,
     /// Rotors carry in `Landed`.
     CarriesLanded,
-    /// An abort was not taken.
+    /// An abort was neither acted upon nor declined with a reason.
     AbortIgnored,
     /// A descent began after an abort, with no new order and charge left.
     Unordered,
@@ -67,6 +70,8 @@ pub enum Rule {
     KeepOut,
     /// Two drones at the deck.
     TwoAtDeck,
+    /// The battery was emptied in the air, though no fault took what was to land with.
+    BatterySpent,
     /// Two drones met.
     Collision,
     /// Armed on the deck, and the status does not report it.
@@ -100,11 +105,12 @@ impl fmt::Display for Violation {
             Rule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
             Rule::Water => write!(f, "in the water"),
             Rule::CarriesLanded => write!(f, "rotors carried for {figure:.1} s on the deck"),
-            Rule::AbortIgnored => write!(f, "an abort was not taken within {figure:.1} s"),
+            Rule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
             Rule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
             Rule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
             Rule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
             Rule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
+            Rule::BatterySpent => write!(f, "its battery was emptied {figure:.2} m above the deck"),
             Rule::Collision => write!(f, "two drones met"),
             Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and no status reports it"),
             Rule::NotFinite => write!(f, "a set-point was not finite"),
@@ -117,15 +123,17 @@ impl fmt::Display for Violation {
 /// The faults as the rules see them.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
-    /// Faults that have begun.
+    /// Faults that are active, or were a moment ago.
     pub faults: usize,
     /// When the newest of them began or ended, s.
     pub newest_s: f64,
     /// Nobody commands, or has not for long.
     pub uncommanded: bool,
-    /// Thrust or battery was taken.
+    /// Thrust is taken.
     pub without_power: bool,
-    /// When the mission received an abort from aboard, s.
+    /// What a fault has left of the battery, 0 to 1: nothing while it lasts; None: no fault met it.
+    pub charge_left: Option<f64>,
+    /// When the mission received an abort, s.
     pub aborted_s: Option<f64>,
     /// When it received the newest, s.
     pub last_abort_s: Option<f64>,
@@ -134,11 +142,17 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// What is left of the battery is enough to land with: the mission's reserve.
+    fn lands_with(&self, rig: &Rig) -> bool {
+        let reserve = rig.nodes.drone.mission.battery_reserve;
+        self.charge_left.is_none_or(|left| left >= reserve)
+    }
     /// What of it excuses another drone than the one that faults meet.
     const fn of_others(&self) -> Scene {
         Scene {
             uncommanded: false,
             without_power: false,
+            charge_left: None,
             aborted_s: None,
             last_abort_s: None,
             withdrawn_s: None,
@@ -152,8 +166,8 @@ impl Scene {
 pub struct Watch {
     /// The motors turned in the last tick.
     turned: bool,
-    /// It was struck, or fell into the water, under a fault that excuses it: no rule covers what follows.
-    struck: bool,
+    /// When it was last struck, or fell into the water, under a fault that excuses it, s: no rule covers what follows at once.
+    struck_s: Option<f64>,
     /// Since when rotors carry in `Landed`, s.
     carries_since_s: Option<f64>,
     /// Since when it is low over the deck in a state that does not descend, s.
@@ -187,13 +201,24 @@ impl Watch {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
         if stopped && o.feet_height_m() > FALSE_STOP_M {
-            return Some((Rule::StopInTheAir, o.feet_height_m()));
+            match (is_empty(rig, k), scene.lands_with(rig)) {
+                (true, false) => {}
+                (true, true) => return Some((Rule::BatterySpent, o.feet_height_m())),
+                (false, _) => return Some((Rule::StopInTheAir, o.feet_height_m())),
+            }
         }
-        let too_recent = rig.t_s() < scene.newest_s + GRACE_S;
-        let excused = scene.uncommanded || scene.without_power || too_recent;
+        let t_s = rig.t_s();
+        let too_recent = t_s < scene.newest_s + GRACE_S;
+        let without_power = scene.without_power || is_empty(rig, k) && !scene.lands_with(rig);
+        let excused = scene.uncommanded || without_power || too_recent;
         let strikes = |c: &ContactEvent| !c.foot || c.normal_mps > MAX_CONTACT_MPS;
-        self.struck |= excused && o.contacts.iter().any(strikes);
-        if !(excused || self.struck) {
+        let rests = !o.motors_on || o.in_water || !o.contacts.is_empty();
+        if excused && o.contacts.iter().any(strikes) || self.struck_s.is_some() && rests {
+            self.struck_s = Some(t_s);
+        }
+        self.struck_s = self.struck_s.filter(|at| t_s < at + STRUCK_S);
+        let struck = self.struck_s.is_some();
+        if !(excused || struck) {
             let limit_mps = if scene.faults > 1 {
                 SEVERAL_MPS
             } else {
@@ -207,8 +232,10 @@ impl Watch {
                 return Some((Rule::TippedOver, contact.normal_mps));
             }
         }
-        self.struck |= scene.without_power && o.in_water;
-        (o.in_water && !self.struck).then(|| (Rule::Water, o.feet_height_m()))
+        if without_power && o.in_water {
+            self.struck_s = Some(t_s);
+        }
+        (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))
     }
 
     /// On the deck: rotors that carry, and a drone that is armed without a report.
@@ -232,11 +259,13 @@ impl Watch {
     /// An abort that is not taken, a descent whose order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-        if let Some(at) = scene.aborted_s.filter(|_| o.motors_on) {
-            let taken = rig.mission(k).abort.is_some() || state == State::Landed;
-            if !taken && t_s > at + ABORT_S {
-                return Some((Rule::AbortIgnored, t_s - at));
-            }
+        // It climbs, holds or has landed, or goes on for a reason that it states.
+        let mission = rig.mission(k);
+        let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
+        let goes_on = !stated && state.is_landing();
+        let withdrawn = scene.aborted_s.filter(|at| scene.withdrawn_s == Some(*at));
+        if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
+            return Some((Rule::AbortIgnored, t_s - at));
         }
         self.spent_s = self.spent_s.or(is_spent(rig, k).then_some(t_s));
         let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
@@ -259,7 +288,7 @@ impl Watch {
         if o.collisions > 0 {
             return Some((Rule::Collision, f64::from(o.collisions)));
         }
-        let excused = scene.uncommanded || scene.without_power || self.struck;
+        let excused = scene.uncommanded || scene.without_power || self.struck_s.is_some();
         let gap_m = o
             .keep_out_gap_m
             .filter(|gap| *gap < 0.0 && o.motors_on && !excused);
@@ -275,6 +304,14 @@ impl Watch {
         let set_point = rig.world.drones().get(k).and_then(|d| d.last_set_point);
         (!set_point.as_ref().is_none_or(is_finite)).then_some((Rule::NotFinite, f64::NAN))
     }
+}
+
+/// Its battery is empty.
+fn is_empty(rig: &Rig, k: usize) -> bool {
+    let drone = rig.world.drones().get(k);
+    drone
+        .and_then(|d| d.autopilot())
+        .is_some_and(SimulatedAutopilot::is_empty)
 }
 
 /// The drone lands on the deck for its battery, which has no more than an operator who aborts is left to decide by.
