@@ -4,6 +4,7 @@
 
 use core::fmt;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::admission::Latest;
@@ -30,8 +31,8 @@ pub enum CheckpointRejection {
     Age,
     /// A number in it is none that its writer writes.
     Damaged,
-    /// Of another boot of the computer, whose clock was another.
-    OtherBoot,
+    /// Of another boot of the computer, whose clock was another, or of another vessel.
+    OtherOwner,
 }
 
 impl fmt::Display for CheckpointRejection {
@@ -41,7 +42,7 @@ impl fmt::Display for CheckpointRejection {
             CheckpointRejection::OtherDrone => "another drone's",
             CheckpointRejection::Age => "too old",
             CheckpointRejection::Damaged => "damaged",
-            CheckpointRejection::OtherBoot => "of another boot of the computer",
+            CheckpointRejection::OtherOwner => "of another boot of the computer, or of another vessel",
         })
     }
 }
@@ -134,19 +135,48 @@ kept! {
 /// Layout of the file.
 const FILE_VERSION: u32 = 1;
 
-/// The file: [`Checkpoints`] as bytes, and what they have to fulfil to count.
+/// A file of what outlives a process, and what it has to fulfil to count.
 #[derive(Serialize, Deserialize)]
 struct File {
     version: (u32, u16),
-    computer_boot: String,
+    owner: String,
     checksum: u64,
-    checkpoints: Vec<u8>,
+    kept: Vec<u8>,
 }
 
 impl File {
     fn checksum(&self) -> Result<u64, WireError> {
-        wire::hash_record(&(self.version, &self.computer_boot, &self.checkpoints))
+        wire::hash_record(&(self.version, &self.owner, &self.kept))
     }
+}
+
+/// The content of a file that outlives a process: `kept` in this layout, with whose it is (a boot of the computer, a vessel) and a
+/// checksum.
+pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u8>, WireError> {
+    let mut file = File {
+        version: (layout, MESSAGE_VERSION),
+        owner: owner.into(),
+        checksum: 0,
+        kept: wire::encode_record(kept)?,
+    };
+    file.checksum = file.checksum()?;
+    wire::encode_record(&file)
+}
+
+/// What such a file holds, where it is whole, of this layout and this owner's.
+pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
+    let damaged = |_: WireError| CheckpointRejection::Damaged;
+    let file: File = wire::decode_record(file).map_err(damaged)?;
+    if file.version != (layout, MESSAGE_VERSION) {
+        return Err(CheckpointRejection::Version);
+    }
+    if file.checksum != file.checksum().map_err(damaged)? {
+        return Err(CheckpointRejection::Damaged);
+    }
+    if file.owner != owner {
+        return Err(CheckpointRejection::OtherOwner);
+    }
+    wire::decode_record(&file.kept).map_err(damaged)
 }
 
 impl Keeper {
@@ -179,14 +209,7 @@ impl Keeper {
     /// The content of a file that outlives the keeper. The checkpoints' times are the computer's steady clock, which
     /// begins anew when it boots: `computer_boot` names this boot.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
-        let mut file = File {
-            version: (FILE_VERSION, MESSAGE_VERSION),
-            computer_boot: computer_boot.into(),
-            checksum: 0,
-            checkpoints: wire::encode_record(&self.checkpoints())?,
-        };
-        file.checksum = file.checksum()?;
-        wire::encode_record(&file)
+        to_file(FILE_VERSION, computer_boot, &self.checkpoints())
     }
     /// Takes the checkpoints of a former keeper's file.
     pub fn restore(
@@ -195,18 +218,7 @@ impl Keeper {
         computer_boot: &str,
         file: &[u8],
     ) -> Result<(), CheckpointRejection> {
-        let damaged = |_: WireError| CheckpointRejection::Damaged;
-        let file: File = wire::decode_record(file).map_err(damaged)?;
-        if file.version != (FILE_VERSION, MESSAGE_VERSION) {
-            return Err(CheckpointRejection::Version);
-        }
-        if file.checksum != file.checksum().map_err(damaged)? {
-            return Err(CheckpointRejection::Damaged);
-        }
-        if file.computer_boot != computer_boot {
-            return Err(CheckpointRejection::OtherBoot);
-        }
-        self.take_all(now, &wire::decode_record(&file.checkpoints).map_err(damaged)?);
+        self.take_all(now, &of_file(FILE_VERSION, computer_boot, file)?);
         Ok(())
     }
 }
@@ -360,7 +372,7 @@ mod tests {
         };
         assert_eq!(
             restored("another boot", &file),
-            Err(CheckpointRejection::OtherBoot)
+            Err(CheckpointRejection::OtherOwner)
         );
         assert_eq!(restored("this boot", &[]), Err(CheckpointRejection::Damaged));
         for at in 0..file.len() {

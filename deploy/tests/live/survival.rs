@@ -7,10 +7,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use alight_shared::msg::{DroneStatus, Header, LandedState, State};
+use alight_computer::vessel::deck_file;
+use alight_shared::msg::{Closure, DroneStatus, Header, LandedState, State};
 use alight_shared::time::Time;
 use alight_shared::wire;
 use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
+use alight_usv::VesselCheckpoint;
+use alight_usv::deck::Claim;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 
@@ -70,6 +73,10 @@ impl Vessel {
         let mut paths = files.map(|f| f.path());
         let deck = |p: &PathBuf| p.extension().is_some_and(|e| e == "deck");
         paths.find(deck).expect("the deck's state")
+    }
+    /// What it holds; None: it cannot be read.
+    fn kept(&self) -> Option<VesselCheckpoint> {
+        deck_file::load(&self.deck_file(), 1).ok().flatten()
     }
     /// The radio of a drone with this number, which speaks without a bridge.
     fn drone(&self, number: u32) -> Radio {
@@ -212,6 +219,11 @@ fn vessel_with_a_recorder_size_limit() {
     );
 }
 
+/// A drone stands on the deck.
+fn stands(kept: &VesselCheckpoint) -> bool {
+    kept.deck.claims.iter().any(|c| c.claim == Claim::OnDeck)
+}
+
 #[test]
 fn occupied_and_closed_deck_of_a_killed_vessel() {
     let vessel = Vessel::prepare("deck");
@@ -227,8 +239,7 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
             ..DroneStatus::default()
         };
         drone.send(0, wire::encode(&status).expect("small"));
-        s["vessel"]["occupied"] == true
-            && std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("on_deck"))
+        s["vessel"]["occupied"] == true && vessel.kept().is_some_and(|kept| stands(&kept))
     });
     drop(drone);
     let again = |process: &mut Running| {
@@ -245,7 +256,8 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
 
     vessel.say("closed");
     vessel.status_when("it is kept", |_| {
-        std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("crew"))
+        let kept = vessel.kept();
+        kept.is_some_and(|kept| kept.deck.closed == Some(Closure::Crew))
     });
     let status = again(&mut process);
     assert_eq!(status["vessel"]["deck"]["closed"], "crew", "{status}");
@@ -253,9 +265,7 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     vessel.say("open");
     let open = |s: &Value| s["vessel"]["deck"]["closed"].is_null() && s["vessel"]["deck_owner"].is_null();
     vessel.status_when("the crew sees nobody there", open);
-    vessel.status_when("it is kept", |_| {
-        std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| !text.contains("on_deck"))
-    });
+    vessel.status_when("it is kept", |_| vessel.kept().is_some_and(|kept| !stands(&kept)));
     assert!(open(&again(&mut process)));
 
     std::fs::write(vessel.deck_file(), "half a fi").expect("written");

@@ -2,11 +2,8 @@
 //! the flight, and what it keeps outlives it in a small file. What the flight is for outlives the computer's boot, too, in a file on
 //! the disk.
 
-use std::fs::{self, File};
-use std::io::{ErrorKind, Read, Write};
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread;
+use std::fs;
+use std::path::PathBuf;
 
 use alight_shared::admission::Periodic;
 use alight_shared::checkpoint::{Keeper, Republisher};
@@ -15,6 +12,7 @@ use alight_transport::memory::Memory;
 use tracing::{info, warn};
 
 use crate::exit::CliError;
+use crate::io::store::{Holds, Store, read, remove, replace};
 
 /// Names this boot of the computer.
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
@@ -22,8 +20,8 @@ const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 const FILE_PERIOD: Span = Span::from_millis(50);
 /// In the place of a boot's name: a file of any boot counts.
 const ANY_BOOT: &str = "";
-/// Longest file, bytes.
-const MAX_BYTES: u64 = 1 << 16;
+/// Time between two looks at what lasts: the times of signed frames change with each.
+const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.
 pub struct CheckpointKeeper {
@@ -44,7 +42,7 @@ impl CheckpointKeeper {
     /// Begins with what the flight was for that a reboot of the computer has interrupted, in the file at `path` on its disk.
     #[must_use]
     pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> CheckpointKeeper {
-        self.lasting = path.map(|path| LastingFile::open(path, now, self.kept.keeper_mut()));
+        self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.keeper_mut()));
         self
     }
     /// Begins with what a crashed supervisor kept in the file at `path`, and keeps it there from now on.
@@ -58,12 +56,15 @@ impl CheckpointKeeper {
     }
     /// Nothing is to outlive a supervisor that was asked to end.
     pub fn forget(self) {
-        if let Some(file) = self.file {
-            // Checkpoints that stay are too old soon.
-            let _none = fs::remove_file(file.path);
-        }
-        if let Some(file) = self.lasting {
-            let _none = fs::remove_file(file.path);
+        // Checkpoints that stay are too old soon.
+        let of_supervisor = self.file.map(|file| file.path);
+        // What is on its way to the disk would put the file there again.
+        let of_flight = self.lasting.map(|LastingFile { path, store, .. }| {
+            drop(store);
+            path
+        });
+        for path in of_supervisor.into_iter().chain(of_flight) {
+            let _none = remove(&path);
         }
     }
     /// Takes the newest of each and publishes it ([`Republisher`]).
@@ -72,8 +73,8 @@ impl CheckpointKeeper {
         if let Some(file) = &mut self.file {
             file.poll(now, new, self.kept.keeper());
         }
-        if let Some(file) = self.lasting.as_mut().filter(|_| new) {
-            file.poll(self.kept.keeper());
+        if let Some(file) = &mut self.lasting {
+            file.poll(now, new, self.kept.keeper());
         }
     }
 }
@@ -124,7 +125,7 @@ impl CheckpointFile {
         }
         self.unwritten = false;
         let bytes = keeper.encode(&self.computer_boot).map_err(|e| e.to_string());
-        let written = bytes.and_then(|bytes| replace(&self.path, &bytes).map_err(|e| e.to_string()));
+        let written = bytes.and_then(|bytes| replace(&self.path, &bytes, false).map_err(|e| e.to_string()));
         if let Some(e) = written.as_ref().err().filter(|_| !self.failed) {
             warn!(
                 "{}: writing the checkpoints: {e}: they do not outlive the supervisor",
@@ -135,17 +136,24 @@ impl CheckpointFile {
     }
 }
 
-/// The file on the disk: [`Keeper::lasting`], written at each change by a thread of its own, since a disk may take seconds. There is
-/// none while nothing lasts.
+/// What the store says of it.
+const HOLDS: Holds = Holds {
+    what: "what the flight is for",
+    lost: "what the flight is for does not outlive a reboot of the computer",
+    misleads: false,
+};
+
+/// The file on the disk: [`Keeper::lasting`]. There is none while nothing lasts.
 struct LastingFile {
     path: PathBuf,
-    /// What was handed to the writer last; empty: nothing lasts.
-    written: Vec<u8>,
-    writer: SyncSender<Vec<u8>>,
+    store: Store,
+    unwritten: bool,
+    due: Periodic<DroneClock>,
 }
 
 impl LastingFile {
-    fn open(path: PathBuf, now: Time<DroneClock>, keeper: &mut Keeper) -> LastingFile {
+    /// None where no thread can be started that writes it.
+    fn open(path: PathBuf, now: Time<DroneClock>, keeper: &mut Keeper) -> Option<LastingFile> {
         let at = path.display();
         let found = match read(&path) {
             Ok(found) => found.unwrap_or_default(),
@@ -164,80 +172,33 @@ impl LastingFile {
                 }
             }
         }
-        let (writer, states) = sync_channel(1);
-        let to = path.clone();
-        let spawned = thread::Builder::new()
-            .name("lasting".into())
-            .spawn(move || write_each(&to, &states));
-        if let Err(e) = spawned {
-            warn!("{at}: no thread writes what the flight is for: {e}");
-        }
-        LastingFile {
-            path,
-            written: found,
-            writer,
+        match Store::open(path.clone(), found, None, HOLDS) {
+            Ok(store) => Some(LastingFile {
+                path,
+                store,
+                unwritten: false,
+                due: Periodic::default(),
+            }),
+            Err(e) => {
+                warn!("{at}: no thread writes what the flight is for: {e}");
+                None
+            }
         }
     }
-    fn poll(&mut self, keeper: &Keeper) {
+    fn poll(&mut self, now: Time<DroneClock>, new: bool, keeper: &Keeper) {
+        self.unwritten |= new;
+        if !self.unwritten || !self.due.is_due_spaced(now, LASTING_PERIOD) {
+            return;
+        }
         let lasting = keeper.lasting();
         let bytes = if lasting.is_empty() {
             Vec::new()
         } else {
             lasting.encode(ANY_BOOT).unwrap_or_default()
         };
-        // Where the writer is busy the next poll tries again.
-        if bytes != self.written && self.writer.try_send(bytes.clone()).is_ok() {
-            self.written = bytes;
-        }
+        // Where too many wait the next poll tries again.
+        self.unwritten = !self.store.keep(bytes);
     }
-}
-
-/// Writes the newest state until nobody sends one any more.
-fn write_each(path: &Path, states: &Receiver<Vec<u8>>) {
-    while let Ok(bytes) = states.recv() {
-        let done = if bytes.is_empty() {
-            match fs::remove_file(path) {
-                Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
-                Ok(()) | Err(_) => Ok(()),
-            }
-        } else {
-            replace_on_disk(path, &bytes)
-        };
-        if let Err(e) = done {
-            warn!(
-                "writing {}: {e}: what the flight is for does not outlive a reboot of the computer",
-                path.display()
-            );
-        }
-    }
-}
-
-/// Whole and under another name first, and on the disk before it returns.
-fn replace_on_disk(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let new = path.with_extension("new");
-    let mut file = File::create(&new)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    fs::rename(&new, path)?;
-    File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
-}
-
-/// A small file; None where there is none.
-fn read(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
-    let file = match fs::File::open(path) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        file => file?,
-    };
-    let mut bytes = Vec::new();
-    file.take(MAX_BYTES).read_to_end(&mut bytes)?;
-    Ok(Some(bytes))
-}
-
-/// Whole and under another name first: a reader finds the old content or the new one.
-fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let new = path.with_extension("new");
-    fs::write(&new, bytes)?;
-    fs::rename(&new, path)
 }
 
 #[cfg(test)]
@@ -247,11 +208,10 @@ mod tests {
 
     #[test]
     fn lasting_file_of_a_sortie() {
-        let now = Time::from_secs(10.0);
         let path = std::env::temp_dir().join(format!("alight-lasting-{}.flight", std::process::id()));
         let found = || {
             let mut keeper = Keeper::default();
-            let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut keeper);
+            let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut keeper).unwrap();
             (keeper.newest::<MissionCheckpoint>().sortie, file)
         };
         let mission = |sortie, at: f64| {
@@ -276,13 +236,22 @@ mod tests {
             }
             false
         };
-        for (sortie, at) in [(true, 9.0), (false, 9.5), (true, 9.8)] {
+        for (sortie, at) in [(true, 10.0), (false, 11.5), (true, 13.0)] {
+            let now = Time::from_secs(at);
             assert!(keeper.take(now, Some(&mission(sortie, at))));
-            while file.written.is_empty() == sortie {
-                file.poll(&keeper);
-            }
+            file.poll(now, true, &keeper);
+            assert_eq!(file.store.newest().is_empty(), !sortie);
             assert!(settles(sortie), "{at}");
         }
+        // What changes at once is written once it is due.
+        assert!(keeper.take(Time::from_secs(13.1), Some(&mission(false, 13.1))));
+        file.poll(Time::from_secs(13.1), true, &keeper);
+        assert!(!file.store.newest().is_empty());
+        file.poll(Time::from_secs(14.1), false, &keeper);
+        assert!(settles(false));
+        assert!(keeper.take(Time::from_secs(15.2), Some(&mission(true, 15.2))));
+        file.poll(Time::from_secs(15.2), true, &keeper);
+        drop(file);
         assert!(found().0);
         fs::write(&path, "another program's").unwrap();
         assert!(!found().0);
@@ -324,6 +293,6 @@ mod tests {
         kept.poll(now + FILE_PERIOD, true, &keeper);
         assert!(kept.failed);
         fs::remove_dir(&path).unwrap();
-        fs::remove_file(path.with_extension("new")).unwrap();
+        fs::remove_file(format!("{}.new", path.display())).unwrap();
     }
 }

@@ -5,7 +5,7 @@
 //! lives. The supervisor restarts a process that ended, at once after a long run, and kills one that reports
 //! nothing for too long, so that it is restarted too; systemd watches the supervisor.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
@@ -18,6 +18,7 @@ use tracing::{info, warn};
 use crate::config::recorder::RecorderConfig;
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Exit};
+use crate::io::store::state_directory;
 use crate::process::args::{ProcessArgs, Scheduling};
 use crate::process::flight::Flight;
 use crate::process::instance::{CHECKPOINTS_FILE, EDITED_FILE, OwnedInstance};
@@ -28,7 +29,7 @@ use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::sealed::SealedConfig;
 use crate::process::supervision::Limits;
-use crate::process::supervisor::{self, Event, STATE_VARIABLE, Supervisor};
+use crate::process::supervisor::{self, Event, Supervisor};
 
 /// Time between two looks of the supervisor.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -121,10 +122,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
 
 /// The file of what outlives the computer's boot; None where the service has no directory for its state.
 fn lasting_path(instance: &str) -> Option<PathBuf> {
-    let named = std::env::var(STATE_VARIABLE).ok()?;
-    // systemd separates several by colons.
-    let directory = named.split(':').next().filter(|first| !first.is_empty())?;
-    Some(Path::new(directory).join(format!("alight-{instance}.flight")))
+    Some(state_directory()?.join(format!("alight-{instance}.flight")))
 }
 
 /// Starts its processes, which record into this flight.

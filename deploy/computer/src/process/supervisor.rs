@@ -20,12 +20,11 @@ use alight_transport::clock::steady_ns;
 
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
+use crate::io::store::STATE_VARIABLE;
 use crate::process::life::draw_boot;
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
-/// Names the directory of what outlives a process of the vessel, as systemd does.
-pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
 /// Its name as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
 /// Processes that were asked to end have this long: the vessel's gives a boat that it steers back (`vessel/estimator.rs`), and

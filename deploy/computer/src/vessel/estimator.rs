@@ -59,7 +59,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut statuses: Publisher<VesselStatus> = memory.publisher()?;
     let wakes = Wakes::of::<alight_usv::VesselComputer>(&memory)?;
     let mut radio = VesselRadio::open(&computer)?;
-    let (mut deck_file, left) = DeckFile::open(&computer);
+    let (mut deck_file, left) = DeckFile::open(&computer)?;
     let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
     let mut helm = HelmLink::open(&computer).await?;
     let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);

@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+
+use crate::io::store::replace;
 
 /// Its name in the flight's directory.
 pub const SUMMARY_FILE: &str = "flight.json";
@@ -78,14 +80,7 @@ impl Summary {
     }
     /// Replaces the file, on the disk: a power cut leaves the old one or this one.
     pub fn write(&self, directory: &Path) -> io::Result<()> {
-        let (path, new) = (
-            directory.join(SUMMARY_FILE),
-            directory.join(format!("{SUMMARY_FILE}.new")),
-        );
-        let mut file = File::create(&new)?;
-        file.write_all(&serde_json::to_vec_pretty(self)?)?;
-        file.sync_data()?;
-        std::fs::rename(&new, &path)?;
-        File::open(directory)?.sync_all()
+        let path = directory.join(SUMMARY_FILE);
+        replace(&path, &serde_json::to_vec_pretty(self)?, true)
     }
 }

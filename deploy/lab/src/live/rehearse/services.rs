@@ -11,8 +11,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing};
+use alight_computer::io::store::STATE_VARIABLE;
 use alight_computer::process::notify::SOCKET_VARIABLE;
-use alight_computer::process::supervisor::{STATE_VARIABLE, pause};
+use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
 

@@ -1,0 +1,205 @@
+//! A small file that outlives the process: written at each change by a thread of its own, since a disk may take seconds, whole
+//! and under another name first. The next start finds the old state or the new one.
+
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tracing::{info, warn};
+
+/// Where a service manager says that a service keeps its state.
+pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
+/// Longest file, bytes.
+const MAX_BYTES: u64 = 1 << 16;
+/// States on their way to the disk.
+const MAX_WAITING: usize = 4;
+/// A file that cannot be written is tried again after this long.
+const RETRY_PERIOD: Duration = Duration::from_secs(10);
+
+/// The directory in which this service keeps its state; None where its manager names none.
+pub fn state_directory() -> Option<PathBuf> {
+    let named = std::env::var(STATE_VARIABLE).ok()?;
+    // systemd separates several by colons.
+    let first = named.split(':').next().filter(|first| !first.is_empty())?;
+    Some(first.into())
+}
+
+/// A small file; None where there is none.
+pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
+    let file = match File::open(path) {
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        file => file?,
+    };
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        let why = format!("longer than {MAX_BYTES} bytes");
+        return Err(io::Error::new(ErrorKind::InvalidData, why));
+    }
+    Ok(Some(bytes))
+}
+
+/// Whole and under another name first: a reader finds the old content or the new one. `synced`: it is on the disk before this
+/// returns.
+pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
+    let mut new = path.as_os_str().to_owned();
+    new.push(".new");
+    let mut file = File::create(&new)?;
+    file.write_all(bytes)?;
+    if synced {
+        file.sync_all()?;
+    }
+    fs::rename(&new, path)?;
+    if synced {
+        File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()?;
+    }
+    Ok(())
+}
+
+/// Removes a file, if there is one.
+pub fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+        Ok(()) | Err(_) => Ok(()),
+    }
+}
+
+/// What a file holds, for people, and what becomes of one that cannot be replaced.
+#[derive(Clone, Copy, Debug)]
+pub struct Holds {
+    /// What it holds, such as `the deck's state`.
+    pub what: &'static str,
+    /// What follows where it cannot be written.
+    pub lost: &'static str,
+    /// An older one misleads the next start, and is removed where it cannot be replaced.
+    pub misleads: bool,
+}
+
+/// Keeps the newest state in a file on the disk; an empty one removes the file.
+pub struct Store {
+    newest: Vec<u8>,
+    states: Option<SyncSender<Vec<u8>>>,
+    writer: Option<JoinHandle<()>>,
+    error: Arc<Mutex<Option<String>>>,
+}
+
+impl Store {
+    /// A store for the file at `path` that holds `found`. `unsaved`: a state that could not be written, and why.
+    pub fn open(
+        path: PathBuf,
+        found: Vec<u8>,
+        unsaved: Option<(Vec<u8>, String)>,
+        holds: Holds,
+    ) -> io::Result<Store> {
+        let (states, receiver) = sync_channel(MAX_WAITING);
+        let (unsaved, failed) = unsaved.unzip();
+        let error = Arc::new(Mutex::new(failed));
+        let mut file = StoredFile {
+            path,
+            holds,
+            error: Arc::clone(&error),
+            unsaved,
+        };
+        let writer = std::thread::Builder::new()
+            .name("store".into())
+            .spawn(move || file.write_all(&receiver))?;
+        Ok(Store {
+            newest: found,
+            states: Some(states),
+            writer: Some(writer),
+            error,
+        })
+    }
+    /// Keeps this from now on; whether it is on its way to the disk. Where too many wait, the next call tries again.
+    pub fn keep(&mut self, state: Vec<u8>) -> bool {
+        if state == self.newest {
+            return true;
+        }
+        let Some(states) = &self.states else { return false };
+        match states.try_send(state.clone()) {
+            Ok(()) => self.newest = state,
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => return false,
+        }
+        true
+    }
+    /// What it keeps.
+    pub fn newest(&self) -> &[u8] {
+        &self.newest
+    }
+    /// Why the newest state is not on the disk, if it is not.
+    pub fn error(&self) -> Option<String> {
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        // The newest state is on the disk before the process ends.
+        self.states = None;
+        let _ended = self.writer.take().map(JoinHandle::join);
+    }
+}
+
+/// The writer's side.
+struct StoredFile {
+    path: PathBuf,
+    holds: Holds,
+    error: Arc<Mutex<Option<String>>>,
+    /// A state that could not be written.
+    unsaved: Option<Vec<u8>>,
+}
+
+impl StoredFile {
+    /// Writes the newest state until nobody sends any more.
+    fn write_all(&mut self, states: &Receiver<Vec<u8>>) {
+        while let Some(next) = self.next(states) {
+            let newest = states.try_iter().last().unwrap_or(next);
+            self.write(newest);
+        }
+    }
+    fn next(&self, states: &Receiver<Vec<u8>>) -> Option<Vec<u8>> {
+        let Some(unsaved) = &self.unsaved else {
+            return states.recv().ok();
+        };
+        match states.recv_timeout(RETRY_PERIOD) {
+            Ok(newer) => Some(newer),
+            Err(RecvTimeoutError::Timeout) => Some(unsaved.clone()),
+            Err(RecvTimeoutError::Disconnected) => None,
+        }
+    }
+    fn write(&mut self, state: Vec<u8>) {
+        let (path, Holds { what, lost, misleads }) = (&self.path, self.holds);
+        let done = if state.is_empty() {
+            remove(path)
+        } else {
+            replace(path, &state, true)
+        };
+        let failed = done.err().map(|e| format!("writing {}: {e}", path.display()));
+        match (&failed, &self.unsaved) {
+            (Some(e), None) => {
+                warn!("{e}: {lost}; tried again every {} s", RETRY_PERIOD.as_secs());
+                if misleads {
+                    discard(path);
+                }
+            }
+            (None, Some(_)) => info!("{what} is in {} again", path.display()),
+            (Some(_), Some(_)) | (None, None) => {}
+        }
+        self.unsaved = failed.is_some().then_some(state);
+        *self.error.lock().unwrap_or_else(PoisonError::into_inner) = failed;
+    }
+}
+
+/// Removes a file that no start may believe any more.
+pub fn discard(path: &Path) {
+    if let Err(e) = remove(path) {
+        warn!(
+            "removing {}: {e}: once the disk is writable, a start would believe this old state: remove it by hand",
+            path.display()
+        );
+    }
+}
