@@ -7,6 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
 
 use alight_transport::radio::{Publication, TlsConfig, Urgency};
+use serde_json::Value;
 
 /// Threads of tests that use this computer, and whether one has it alone.
 static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());
@@ -92,6 +93,13 @@ pub fn errors(out: &Output) -> String {
 /// What it printed.
 pub fn printed(out: &Output) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned()
+}
+
+/// The exit code is that of the worst finding.
+pub fn assert_exit(out: &Output, status: &Value) {
+    let mut codes = (0_i32..).zip(["fine", "warning", "broken"]);
+    let worst = codes.find(|(_, level)| status["worst"] == *level);
+    assert_eq!(out.status.code(), worst.map(|(code, _)| code), "{status}");
 }
 
 /// An instance that no other test uses.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{alight, errors, instance, printed, run, signal};
+use crate::common::{alight, assert_exit, errors, instance, printed, run, signal};
 use crate::ground::{self, GroundStation};
 
 const PROCESSES: [&str; 7] = [
@@ -62,7 +62,10 @@ pub fn land(instance: &str, more: &str) -> Land {
 
 pub fn status(instance: &str) -> Value {
     let out = run(format!("status --json --instance {instance}"));
-    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", errors(&out)))
+    let status: Value =
+        serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", errors(&out)));
+    assert_exit(&out, &status);
+    status
 }
 
 /// What `status` prints once `wanted` is true; at most about two minutes.
@@ -247,7 +250,8 @@ fn killed_and_frozen_processes_and_an_interrupt() {
     let out = child.output();
     assert_eq!(out.status.code(), Some(1));
     assert_gone(&name, &pids);
-    assert_eq!(status(&name)["running"], false);
+    let left = status(&name);
+    assert!(left["running"] == false && left["worst"] == "warning", "{left}");
 }
 
 #[test]

@@ -14,14 +14,13 @@ use alight_transport::memory::Instance;
 use alight_transport::wake::end_requested;
 use clap::Args;
 
-use super::finding::Level;
 use super::{Status, watch};
 
 /// What runs.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
-Exit codes on a vessel: 0 fine, 1 warnings or nothing runs, 2 broken. On a drone: 0 runs, 1 nothing runs."
+Exit codes: 0 fine, 1 warnings or nothing runs, 2 broken; of --watch those of the last status."
 )]
 pub struct StatusArgs {
     #[command(flatten)]
@@ -90,8 +89,9 @@ pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
         if end_requested() {
             return Ok(Exit::Success);
         }
-        show(args, &Status::absent(&look.known))?;
-        return Ok(Exit::Failed);
+        let absent = Status::absent(&look.known);
+        show(args, &absent)?;
+        return Ok(absent.worst.exit());
     };
     let mut worst = first.worst;
     let mut next = Some(first);
@@ -108,12 +108,7 @@ pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
             next = args.watch.then(|| look.read(JSON_PERIOD)).flatten();
         }
     }
-    let judged = if look.known.vessel.is_some() {
-        worst
-    } else {
-        Level::Fine
-    };
-    Ok(judged.exit())
+    Ok(worst.exit())
 }
 
 fn show(args: &StatusArgs, status: &Status) -> Result<(), CliError> {

@@ -460,6 +460,7 @@ fn shadow(s: &ShadowComparison) -> Figure {
 mod tests {
     use super::*;
     use crate::status::Status;
+    use alight_computer::exit::Exit;
     use alight_computer::process::snapshot::Newest;
     use alight_computer::process::snapshot::Snapshot;
     use alight_computer::situation::Known;
@@ -537,6 +538,7 @@ mod tests {
             let line = lines.iter().find(|l| l.starts_with(label));
             assert!(line.is_some_and(|l| l.contains(part)), "{label}: {lines:?}");
         }
+        assert_eq!(status(&flying(), NOW_NS).worst.exit(), Exit::Success);
     }
 
     #[test]
@@ -581,6 +583,7 @@ mod tests {
         ] {
             assert!(has(part), "{part}: {lines:?}");
         }
+        assert_eq!(status(&s, NOW_NS).worst.exit(), Exit::Broken);
     }
 
     #[test]
