@@ -24,8 +24,8 @@ type Pose = ([f64; 7], [[f64; 6]; 6]);
 type Twist = ([f64; 6], [[f64; 6]; 6]);
 type Odometry = (Header, String, Pose, Twist);
 /// Level, name, message, hardware, values.
-type Finding = (u8, String, String, String, Vec<(String, String)>);
-type Diagnostics = (Header, Vec<Finding>);
+type DiagnosticRow = (u8, String, String, String, Vec<(String, String)>);
+type Diagnostics = (Header, Vec<DiagnosticRow>);
 /// Success, message.
 type Response = (bool, String);
 

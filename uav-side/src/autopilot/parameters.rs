@@ -23,17 +23,6 @@ const LOSS_TIME: &str = "COM_OF_LOSS_T";
 /// The same before it is reported, s: the longest with which a landing is permitted.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
-/// What is known of one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Finding {
-    /// It suits.
-    Suits,
-    /// It has not been reported after so many requests.
-    Unknown(u32),
-    /// It has this value, and must have another.
-    Wrong(f64),
-}
-
 #[derive(Clone, Debug)]
 struct Item {
     number: usize,
@@ -48,22 +37,16 @@ struct Item {
 }
 
 impl Item {
-    fn finding(&self) -> Finding {
-        match self.value {
-            None => Finding::Unknown(self.requests),
-            Some(value) if self.parameter.suits(value) => Finding::Suits,
-            Some(value) => Finding::Wrong(value),
-        }
-    }
+    /// What is against it; None: it suits.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
-        match self.finding() {
-            Finding::Suits => None,
-            Finding::Wrong(value) => Some(Reason::new(ReasonCode::AutopilotParameter, value, number)),
-            Finding::Unknown(requests) => {
+        match self.value {
+            None => {
                 let code = ReasonCode::AutopilotParameterUnknown;
-                Some(Reason::new(code, f64::from(requests), number))
+                Some(Reason::new(code, f64::from(self.requests), number))
             }
+            Some(value) if self.parameter.suits(value) => None,
+            Some(value) => Some(Reason::new(ReasonCode::AutopilotParameter, value, number)),
         }
     }
 }
@@ -129,7 +112,7 @@ impl Parameters {
         if now < self.next {
             return None;
         }
-        let due = |i: &&mut Item| now >= i.next && (i.old || i.finding() != Finding::Suits);
+        let due = |i: &&mut Item| now >= i.next && (i.old || i.reason().is_some());
         let item = self.items.iter_mut().find(due)?;
         self.next = now + SPACING;
         if item.value.is_none() {
@@ -137,10 +120,10 @@ impl Parameters {
             item.new |= item.requests == REQUESTS;
         }
         item.next = now
-            + match item.finding() {
-                Finding::Unknown(requests) if requests < REQUESTS => ANSWER,
-                Finding::Unknown(_) => SILENT,
-                Finding::Suits | Finding::Wrong(_) => REVIEW,
+            + match item.value {
+                None if item.requests < REQUESTS => ANSWER,
+                None => SILENT,
+                Some(_) => REVIEW,
             };
         Some(Message::ParameterRequest {
             to,
@@ -148,14 +131,17 @@ impl Parameters {
             index: None,
         })
     }
-    /// Each with what is known of it.
-    pub fn findings(&self) -> impl Iterator<Item = (&'static Parameter, Finding)> + '_ {
-        self.items.iter().map(|i| (i.parameter, i.finding()))
+    /// Each that does not suit or was not reported, with the reason.
+    pub fn faults(&self) -> impl Iterator<Item = (&'static Parameter, Reason)> + '_ {
+        self.items
+            .iter()
+            .filter_map(|i| i.reason().map(|why| (i.parameter, why)))
     }
     /// Every one was reported, or given up.
     pub fn complete(&self) -> bool {
-        self.findings()
-            .all(|(_, f)| !matches!(f, Finding::Unknown(requests) if requests < REQUESTS))
+        self.items
+            .iter()
+            .all(|i| i.value.is_some() || i.requests >= REQUESTS)
     }
     /// Why no landing is permitted; without a code: nothing is against it. A wrong one before one that is missing.
     pub fn rejection(&self) -> Reason {
@@ -169,10 +155,13 @@ impl Parameters {
     /// Whether a set-point's thrust is read as thrust; None: not known yet.
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
-        match self.items.iter().find(of_option).map(Item::finding) {
-            None | Some(Finding::Suits) => Some(true),
-            Some(Finding::Unknown(_)) => self.thrust_was_thrust.then_some(true),
-            Some(Finding::Wrong(_)) => Some(false),
+        let Some(why) = self.items.iter().find(of_option).and_then(Item::reason) else {
+            return Some(true);
+        };
+        if why.code == ReasonCode::AutopilotParameterUnknown {
+            self.thrust_was_thrust.then_some(true)
+        } else {
+            Some(false)
         }
     }
     /// So long after the last set-point PX4 leaves OFFBOARD (COM_OF_LOSS_T), s.
@@ -222,8 +211,9 @@ mod tests {
     /// The autopilot reports what suits of all that was not reported yet, but for these.
     fn report_the_others(p: &mut Parameters, but: &[&str]) {
         let unknown: Vec<_> = p
-            .findings()
-            .filter(|(of, f)| matches!(f, Finding::Unknown(_)) && !but.contains(&of.name))
+            .faults()
+            .filter(|(_, why)| why.code == ReasonCode::AutopilotParameterUnknown)
+            .filter(|(of, _)| !but.contains(&of.name))
             .map(|(of, _)| *of)
             .collect();
         for of in unknown {

@@ -141,7 +141,7 @@ async fn received(
     }
     *signatures = decoder.signatures().plus(speakers.rejected());
     found.map(|(_, p)| AutopilotReport {
-        parameters: p.findings().collect(),
+        parameters: p.faults().collect(),
         ..report
     })
 }

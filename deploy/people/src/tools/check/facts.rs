@@ -8,8 +8,7 @@ use alight_computer::subject::Computer;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
-use alight_shared::msg::SourceStatus;
-use alight_uav::autopilot::parameters::Finding;
+use alight_shared::msg::{Reason, SourceStatus};
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 
@@ -125,8 +124,8 @@ pub enum HelmReport {
 /// What an autopilot reported.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
-    /// The parameters that a landing relies on.
-    pub parameters: Vec<(&'static Parameter, Finding)>,
+    /// Of the parameters that a landing relies on those that do not suit or were not reported, with the reason.
+    pub parameters: Vec<(&'static Parameter, Reason)>,
     /// Where its NED begins, the height above the sea.
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.

@@ -5,8 +5,8 @@ use alight_computer::subject::Computer;
 use alight_computer::vessel::deck_inputs;
 use alight_shared::autopilot_parameters::Severity;
 use alight_shared::geoid;
+use alight_shared::msg::ReasonCode;
 use alight_transport::radio::RadioConfig;
-use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 
 use crate::status::certificate;
 use crate::status::drone::frame;
@@ -371,22 +371,17 @@ fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
     let mut all: Vec<Finding> = reported
         .parameters
         .iter()
-        .filter_map(|(p, found)| {
-            let (wrong, change) = match found {
-                ParameterFinding::Suits => return None,
-                ParameterFinding::Wrong(value) => (
-                    p.describe(*value).to_string(),
-                    format!("set {} at the autopilot", p.name),
-                ),
-                ParameterFinding::Unknown(requests) => (
-                    format!("the autopilot has not reported {} ({requests} requests)", p.name),
-                    "check the link; for a firmware without it set autopilot.check_parameters = false".into(),
-                ),
+        .map(|(p, why)| {
+            let wrong = why.to_string();
+            let change = if why.code == ReasonCode::AutopilotParameterUnknown {
+                "check the link".to_owned()
+            } else {
+                format!("set {} at the autopilot", p.name)
             };
-            Some(match p.severity {
+            match p.severity {
                 Severity::Refuse if refuses => TOPIC.broken(wrong, change),
                 Severity::Refuse | Severity::Warn => TOPIC.warning(wrong, change),
-            })
+            }
         })
         .collect();
     if all.is_empty() {

@@ -13,18 +13,17 @@ use alight_computer::io::mavlink_key;
 use alight_computer::situation::SourceHealth;
 use alight_computer::subject::Computer;
 use alight_computer::terminal::Form;
-use alight_shared::autopilot_parameters::{Parameter, of_px4};
+use alight_shared::autopilot_parameters::of_px4;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::msg::SourceStatus;
+use alight_shared::msg::{Reason, ReasonCode, SourceStatus};
 use alight_shared::time::Span;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_transport::radio::TlsConfig;
 use alight_uav::autopilot::message::{CommandLong, command};
-use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::SourceConfig;
 
@@ -134,16 +133,19 @@ fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
 
 /// PX4 reports this of one parameter, and of all others what suits.
 fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
-    let finding = |p: &Parameter| {
-        let of_it = p.name == name;
-        if of_it {
-            ParameterFinding::Wrong(value)
-        } else {
-            ParameterFinding::Suits
-        }
-    };
+    against(name, ReasonCode::AutopilotParameter, value)
+}
+/// PX4 has not reported this one after so many requests, and of all others what suits.
+fn unreported(name: &str, requests: u32) -> Option<Option<AutopilotReport>> {
+    against(name, ReasonCode::AutopilotParameterUnknown, f64::from(requests))
+}
+/// This is against one parameter.
+fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotReport>> {
+    let one = of_px4().filter(|(_, p)| p.name == name);
     Some(Some(AutopilotReport {
-        parameters: of_px4().map(|(_, p)| (p, finding(p))).collect(),
+        parameters: one
+            .map(|(number, p)| (p, Reason::new(code, value, number as f64)))
+            .collect(),
         origin: Some(Datum::new(70.1, 19.2, 3.0)),
         geoid_m: Some(30.0),
         several: None,
@@ -372,6 +374,10 @@ fn check_of_each_fault() {
                     "MC_AIRMODE is 0, 1 to 2 is needed",
                 ),
                 (
+                    |f| f.reported = unreported("MC_AIRMODE", 3),
+                    "the autopilot has not reported MC_AIRMODE (3 requests)",
+                ),
+                (
                     |f| {
                         f.reported = reported("COM_OF_LOSS_T", 1.0);
                         let mut d = DroneComputer::default();
@@ -398,6 +404,10 @@ fn check_of_each_fault() {
                 (
                     |f| f.reported = reported("COM_OF_LOSS_T", 1.0),
                     "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
+                ),
+                (
+                    |f| f.reported = unreported("COM_OF_LOSS_T", 10),
+                    "(10 requests); for a firmware without it set autopilot.check_parameters = false",
                 ),
                 (
                     |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
@@ -743,13 +753,13 @@ fn autopilot_check_over_the_link() {
     let wrong: Vec<_> = found
         .parameters
         .into_iter()
-        .filter(|(_, f)| *f != ParameterFinding::Suits)
-        .map(|(p, f)| (p.name, f))
+        .map(|(p, why)| (p.name, why.code, why.value))
         .collect();
+    let code = ReasonCode::AutopilotParameter;
     let expected = [
-        ("MPC_ACC_UP_MAX", ParameterFinding::Wrong(4.0)),
-        ("MC_AIRMODE", ParameterFinding::Wrong(0.0)),
-        ("NAV_RCL_ACT", ParameterFinding::Wrong(2.0)),
+        ("MPC_ACC_UP_MAX", code, 4.0),
+        ("MC_AIRMODE", code, 0.0),
+        ("NAV_RCL_ACT", code, 2.0),
     ];
     assert_eq!(wrong, expected);
 }
