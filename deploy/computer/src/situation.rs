@@ -146,18 +146,15 @@ pub struct Situation {
     pub seen: Snapshot,
     /// The observer's clock, ns: the steady clock where processes run.
     pub now_ns: i64,
-    /// Since when it observes, on that clock.
-    pub since_ns: i64,
 }
 
 impl Situation {
-    /// Of what was received until `now_ns`, by an observer that has waited for every report.
+    /// Of what was received until `now_ns`.
     pub fn of(known: Known, seen: &Snapshot, now_ns: i64) -> Situation {
         Situation {
             known,
             seen: seen.clone(),
             now_ns,
-            since_ns: i64::MIN,
         }
     }
     /// Since then, s.
@@ -179,7 +176,7 @@ impl Situation {
     }
     /// Whether every process has had the time to report.
     pub fn has_waited(&self) -> bool {
-        self.since_s(self.since_ns) >= OBSERVATION_S
+        self.since_s(self.seen.since_ns) >= OBSERVATION_S
     }
     /// Processes that do not report, and for how long (s), where they have.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {

@@ -57,15 +57,26 @@ impl Lateness {
 /// What to do about it.
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
-/// What is to be said of a process whose steps were late.
-pub fn finding(p: &ProcessState) -> Option<String> {
-    let late = p.count(MetricName::LateSteps);
-    let limit = p.kind.awaited().filter(|_| late > 0)?.stale_after;
+/// What is to be said of processes whose steps were late: of the one that was latest for its deadline, and who was late beside it.
+pub fn finding<'a>(processes: impl IntoIterator<Item = &'a ProcessState>) -> Option<String> {
+    let late = |p: &&ProcessState| p.count(MetricName::LateSteps) > 0;
+    let permitted = |p: &'a ProcessState| Some((p, p.kind.awaited()?.stale_after.secs()));
+    let mut all: Vec<_> = processes.into_iter().filter(late).filter_map(permitted).collect();
+    let share = |(p, limit_s): &(&ProcessState, f64)| p.seconds(MetricName::LongestStep) / limit_s;
+    let worst = (0..all.len()).max_by(|a, b| share(&all[*a]).total_cmp(&share(&all[*b])))?;
+    let (p, limit_s) = all.remove(worst);
+    let others: Vec<&str> = all.iter().map(|(p, _)| p.kind.name()).collect();
+    let beside = if others.is_empty() {
+        String::new()
+    } else {
+        format!("; so did {}", others.join(", "))
+    };
     Some(format!(
-        "{} missed its deadline (steps late in the last two minutes: {late}): up to {} between two steps, {} is permitted",
+        "{} missed its deadline (steps late in the last two minutes: {}): up to {} between two steps, {} is permitted{beside}",
         p.kind.name(),
+        p.count(MetricName::LateSteps),
         time(p.seconds(MetricName::LongestStep)),
-        time(limit.secs())
+        time(limit_s)
     ))
 }
 
@@ -85,14 +96,19 @@ mod tests {
             metrics: alight_shared::msg::Seq::filled(l.metrics()),
             ..ProcessState::default()
         };
-        let text = finding(&state(&l)).unwrap();
+        let (pilot, mut mission) = (state(&l), state(&l));
+        let text = finding([&pilot]).unwrap();
         assert!(
             text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),
             "{text}"
         );
+        // The mission reports the same 0.41 s, of which it may take more.
+        mission.kind = ProcessKind::Mission;
+        let both = finding([&mission, &pilot]).unwrap();
+        assert_eq!(both, format!("{text}; so did mission"));
         for k in 0..14_000 {
             l.step(ns(1.4 + 0.01 * f64::from(k)));
         }
-        assert_eq!(finding(&state(&l)), None);
+        assert_eq!(finding([&state(&l)]), None);
     }
 }

@@ -19,6 +19,7 @@ pub mod sealed;
 pub mod service;
 pub mod shell;
 pub mod snapshot;
+pub mod start;
 pub mod supervision;
 pub mod supervisor;
 mod tables;

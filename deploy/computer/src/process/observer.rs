@@ -49,7 +49,10 @@ impl Observer {
             set_point: memory.subscriber()?,
             vessel: memory.subscriber()?,
             sources: memory.subscriber()?,
-            snapshot: Snapshot::default(),
+            snapshot: Snapshot {
+                since_ns: steady_ns(),
+                ..Snapshot::default()
+            },
             ages_s: Vec::new(),
         })
     }

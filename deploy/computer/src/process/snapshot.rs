@@ -104,6 +104,8 @@ impl<T: Plain> Newest<T> {
 /// The newest that was received of everything.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
+    /// Since when it is received, on the observer's clock, ns.
+    pub since_ns: i64,
     /// Processes by kind.
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     /// Mission.

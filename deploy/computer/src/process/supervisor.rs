@@ -1,15 +1,10 @@
-//! Execution of the decisions of [`SupervisorNode`]: start, kill, end of all processes.
-//!
-//! Every process holds the reading end of a pipe as its standard input and ends when that closes,
-//! so that none outlives a supervisor that was killed.
+//! Execution of the decisions of [`SupervisorNode`]: start ([`start`]), kill, end of all processes.
 
 use std::ffi::OsStr;
 use std::fmt;
-use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader, Write};
-use std::os::unix::process::CommandExt;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
@@ -20,8 +15,8 @@ use alight_transport::clock::steady_ns;
 
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
-use crate::io::store::STATE_VARIABLE;
 use crate::process::life::draw_boot;
+use crate::process::start::{Surroundings, start};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
@@ -137,7 +132,6 @@ impl Supervisor {
         prefix: Vec<String>,
     ) -> Result<(), CliError> {
         let mut arguments = arguments;
-        arguments.push("--supervised".into());
         let records = !matches!(kind, ProcessKind::Link | ProcessKind::Sensors | ProcessKind::View);
         if let (Some(flight), true) = (&self.flight, records) {
             arguments.extend(["--flight".into(), flight.display().to_string()]);
@@ -169,43 +163,18 @@ impl Supervisor {
         let name = kind.name();
         let fail = |e| CliError::because(format!("starting the process {name}"), e);
         let program = own_program().map_err(fail)?;
-        let errors = if self.inherit_stderr {
-            Stdio::inherit()
-        } else {
-            let file = self.directory.join(format!("{name}.err"));
-            let file = OpenOptions::new().create(true).append(true).open(file);
-            file.map_err(fail)?.into()
+        let errors = self.directory.join(format!("{name}.err"));
+        let around = Surroundings {
+            errors: (!self.inherit_stderr).then_some(errors.as_path()),
+            state: self.state.as_deref(),
+            notified: None,
         };
         let Some(managed) = self.processes.iter_mut().find(|p| p.kind == kind) else {
             return Ok(());
         };
-        let mut words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
-        let mut command = Command::new(words.next().unwrap_or_default());
-        command.envs(self.state.iter().map(|directory| (STATE_VARIABLE, directory)));
-        // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
-        let mut child = command
-            .args(words)
-            .args(&managed.arguments)
-            .process_group(0)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(errors)
-            .spawn()
-            .map_err(fail)?;
-        if let Some(output) = child.stdout.take() {
-            let sender = self.lines.0.clone();
-            let read = move || {
-                let lines = BufReader::new(output).lines().map_while(Result::ok);
-                lines
-                    .take_while(|line| sender.send(line.clone()).is_ok())
-                    .for_each(drop);
-            };
-            if let Err(e) = std::thread::Builder::new().spawn(read) {
-                // Nobody would empty its pipe.
-                let _gone = child.kill().and_then(|()| child.wait());
-                return Err(fail(e));
-            }
-        }
+        let words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
+        let words = words.chain(managed.arguments.iter().map(OsStr::new));
+        let child = start(words, around, self.lines.0.clone()).map_err(fail)?;
         managed.child = Some(child);
         Ok(())
     }

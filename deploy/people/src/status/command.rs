@@ -64,7 +64,8 @@ impl<'a> Look<'a> {
     }
     /// Reads for so long; at first for as long as every process takes to report. None: nothing runs, or it was asked to end.
     fn read(&mut self, span: Duration) -> Option<Status> {
-        let first = Duration::from_secs_f64(OBSERVATION_S);
+        // It joins with its first poll.
+        let first = Duration::from_secs_f64(OBSERVATION_S) + 2 * POLL_PERIOD;
         let mut left = if self.has_waited { span } else { first };
         while !left.is_zero() {
             pause(left.min(POLL_PERIOD));

@@ -625,6 +625,19 @@ mod tests {
         }
     }
 
+    /// A service that was started anew: of its processes one has reported so far.
+    #[test]
+    fn processes_that_have_just_started() {
+        let mut seen = flying();
+        seen.processes.retain(|kind, _| *kind == PROCESSES[0]);
+        let mut missing = |since_s: i64| {
+            seen.since_ns = NOW_NS - since_s * 1_000_000_000;
+            let all = status(&seen, NOW_NS).findings;
+            all.iter().any(|f| f.found.starts_with("no report of"))
+        };
+        assert!(!missing(1) && missing(2));
+    }
+
     #[test]
     fn status_page_key() {
         let key = |s: &Snapshot, now_ns| status(s, now_ns).key();

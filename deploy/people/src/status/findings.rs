@@ -44,8 +44,9 @@ fn processes(s: &Situation) -> Vec<Finding> {
             format!("it ended or is frozen: systemctl status {}", unit(s)),
         ));
     }
+    let late = lateness::finding(s.seen.processes.values());
+    all.extend(late.map(|late| Topic("computer").warning(late, lateness::REMEDY)));
     for p in s.seen.processes.values() {
-        all.extend(lateness::finding(p).map(|late| Topic("computer").warning(late, lateness::REMEDY)));
         let steps = p.count(MetricName::StepsUnrecorded);
         if steps > 0 {
             all.push(Topic("recorder").warning(

@@ -141,7 +141,6 @@ fn name(computer: &Computer) -> String {
 struct Ports {
     observer: Observer,
     commands: Publisher<Command>,
-    since_ns: i64,
     /// The configuration is what these processes run by.
     is_configured: bool,
     /// Its configuration was found, so that orders have the right number.
@@ -156,7 +155,6 @@ impl Ports {
         Ok(Ports {
             observer: Observer::join(&memory)?,
             commands: memory.publisher()?,
-            since_ns: steady_ns(),
             is_configured: false,
             is_known: false,
             _memory: memory,
@@ -240,10 +238,7 @@ impl Look {
         };
         let snapshot = &mut ports.observer.snapshot;
         snapshot.edited = said(&self.instance, EDITED_FILE);
-        Status::of(Situation {
-            since_ns: ports.since_ns,
-            ..Situation::of(self.known.clone(), snapshot, steady_ns())
-        })
+        Status::of(Situation::of(self.known.clone(), snapshot, steady_ns()))
     }
 }
 

@@ -27,8 +27,6 @@ pub struct Look<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
     known: Known,
-    /// Since when its process has not reported, on the steady clock, ns; None: it has.
-    silent_since_ns: Option<i64>,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
     seen_ns: i64,
@@ -50,7 +48,6 @@ impl<'a> Look<'a> {
             computer,
             aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
             known: Known::vessel(computer),
-            silent_since_ns: None,
             motion: MotionHistory::default(),
             seen_ns: i64::MIN,
             states: BTreeMap::new(),
@@ -98,20 +95,13 @@ impl<'a> Look<'a> {
     pub fn picture(&mut self, now_ns: i64) -> Picture {
         self.known.refresh(self.computer, now_ns);
         let Some((_, seen)) = self.aboard.poll() else {
-            self.silent_since_ns = None;
             return Picture {
                 status: Status::absent(&self.known),
                 result: self.result(now_ns),
                 ..Picture::default()
             };
         };
-        let mut situation = Situation::of(self.known.clone(), seen, now_ns);
-        if situation.seen.vessel.is_some() {
-            self.silent_since_ns = None;
-        } else {
-            // Just joined: its next report is up to half a second away.
-            situation.since_ns = *self.silent_since_ns.get_or_insert(now_ns);
-        }
+        let situation = Situation::of(self.known.clone(), seen, now_ns);
         self.take(&situation);
         let ago = |(at, text): &(i64, String)| LogLine {
             ago_s: situation.since_s(*at),

@@ -111,7 +111,7 @@ impl Board {
             earlier,
             ..Board::new(known)
         };
-        self.situation.since_ns = t.nanos();
+        self.situation.seen.since_ns = t.nanos();
     }
     /// A step of the vessel.
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {

@@ -1,8 +1,7 @@
 //! Services as systemd runs them: started, notified of readiness, started again when they end (Restart=always,
 //! RestartSec=100ms), told to end.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::ffi::OsStr;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -11,8 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing};
-use alight_computer::io::store::STATE_VARIABLE;
-use alight_computer::process::notify::SOCKET_VARIABLE;
+use alight_computer::process::start::{Surroundings, start};
 use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
@@ -55,7 +53,7 @@ impl Service {
     /// Starts `program NAME --config NAME.toml` with the file in `directory`, which is its state directory and takes
     /// what it writes.
     pub fn start(name: &'static str, program: &Path, directory: &Path) -> Result<Service, CliError> {
-        let socket = directory.join(format!("{name}.notify"));
+        let socket = socket(directory, name);
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
         let mut service = Service {
             name,
@@ -79,31 +77,22 @@ impl Service {
     fn spawn(&mut self) -> Result<(), CliError> {
         let name = self.name;
         let doing = format_args!("starting {} {name}", self.program.display());
-        let config = self.config.display().to_string();
-        let errors = File::options()
-            .create(true)
-            .append(true)
-            .open(self.errors_file())
-            .doing(doing)?;
-        let mut child = command(&self.program, &[name, "--config", &config, "--supervised"])
-            .env(SOCKET_VARIABLE, self.directory.join(format!("{name}.notify")))
-            .env(STATE_VARIABLE, &self.directory)
-            .stdin(Stdio::piped())
-            .stderr(errors)
-            .spawn()
-            .doing(doing)?;
+        let (socket, errors) = (self.socket(), self.errors_file());
+        let around = Surroundings {
+            errors: Some(&errors),
+            state: Some(&self.directory),
+            notified: Some(&socket),
+        };
+        let words = [self.program.as_os_str(), OsStr::new(name), OsStr::new("--config")];
+        let words = words.into_iter().chain([self.config.as_os_str()]);
         let (sender, lines) = channel();
-        if let Some(output) = child.stdout.take() {
-            std::thread::spawn(move || {
-                let lines = BufReader::new(output).lines().map_while(Result::ok);
-                lines
-                    .take_while(|l| sender.send(l.clone()).is_ok())
-                    .for_each(drop);
-            });
-        }
+        let child = start(words, around, sender).doing(doing)?;
         (self.child, self.lines) = (Some(child), Some(lines));
         (self.started_ns, self.ended_ns, self.ready_s) = (steady_ns(), None, None);
         Ok(())
+    }
+    fn socket(&self) -> PathBuf {
+        socket(&self.directory, self.name)
     }
     fn errors_file(&self) -> PathBuf {
         self.directory.join(format!("{}.err", self.name))
@@ -164,6 +153,11 @@ impl Service {
             drop(child.stdin.take());
         }
     }
+}
+
+/// Where a service reports to.
+fn socket(directory: &Path, name: &str) -> PathBuf {
+    directory.join(format!("{name}.notify"))
 }
 
 /// The processes that the process `pid` started.
