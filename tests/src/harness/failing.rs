@@ -7,15 +7,16 @@ use std::rc::Rc;
 use alight_shared::bus::Reader as _;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{
-    DroneState, GnssFix, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
+    DroneState, GnssFix, Header, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
 };
+use alight_shared::plain::Plain;
 use alight_shared::process::ProcessKind::{self, Camera, Uvdar, World};
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::bus::{LockStep, Receiver, Way};
+use super::bus::{LockStep, Way};
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
@@ -226,26 +227,10 @@ pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
 /// Lets sensors fail by what `faults` are at the time.
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
-    let (now, mut seen) = (Rc::clone(faults), Seen::join(bus));
-    bus.wrap(Camera, Way::Written, move |_, mut tags: Vec<TagPose>| {
-        let faults = now.borrow();
-        for m in &mut tags {
-            m.header.at += Span::from_secs(faults.images_late_s);
-            seen.move_beside(&mut m.position, &faults);
-        }
-        faults.spoil_tags(&mut tags);
-        tags
-    });
-    let (now, mut seen) = (Rc::clone(faults), Seen::join(bus));
-    bus.wrap(Uvdar, Way::Written, move |_, mut fixes: Vec<UvdarFix>| {
-        let faults = now.borrow();
-        for m in &mut fixes {
-            m.header.at += Span::from_secs(faults.images_late_s);
-            seen.move_beside(&mut m.position, &faults);
-        }
-        faults.spoil_fixes(&mut fixes);
-        fixes
-    });
+    let tag = |m: &mut TagPose, by: &Seen| by.shift(&mut m.header, &mut m.position);
+    spoil_seen(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
+    let fix = |m: &mut UvdarFix, by: &Seen| by.shift(&mut m.header, &mut m.position);
+    spoil_seen(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
     let (now, mut repeated_m) = (Rc::clone(faults), None);
     bus.wrap(World, Way::Written, move |_, mut ranges: Vec<RangeSample>| {
         now.borrow().spoil_ranges(&mut ranges, &mut repeated_m);
@@ -253,27 +238,48 @@ pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     });
 }
 
-/// How the drone's camera is turned, by its autopilot.
+/// What becomes of what a camera's row has seen.
+fn spoil_seen<M: Plain>(
+    bus: &LockStep,
+    row: ProcessKind,
+    faults: &Spoiled,
+    shift: fn(&mut M, &Seen),
+    spoil: fn(&DroneSensorFaults, &mut Vec<M>),
+) {
+    let (now, mut drones) = (Rc::clone(faults), bus.receiver::<DroneState>());
+    let mut attitude = UnitQuaternion::identity();
+    bus.wrap(row, Way::Written, move |now_ns, mut seen: Vec<M>| {
+        attitude = drones.newest(now_ns).map_or(attitude, |d| d.attitude());
+        let faults = now.borrow();
+        let by = Seen::of(&faults, &attitude);
+        seen.iter_mut().for_each(|m| shift(m, &by));
+        spoil(&faults, &mut seen);
+        seen
+    });
+}
+
+/// By how much what is seen is late and elsewhere.
 struct Seen {
-    drones: Receiver<DroneState>,
-    attitude: UnitQuaternion<f64>,
+    late: Span,
+    /// Camera axes, m.
+    beside: Vector3<f64>,
 }
 
 impl Seen {
-    fn join(bus: &LockStep) -> Seen {
+    /// Of a drone with this attitude, by its autopilot.
+    fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> Seen {
+        let beside = attitude.inverse() * Vector3::from(faults.beside_m);
         Seen {
-            drones: bus.receiver(),
-            attitude: UnitQuaternion::identity(),
+            late: Span::from_secs(faults.images_late_s),
+            beside: body_from_camera().transpose() * beside,
         }
     }
-    /// Moves what is seen at `position` (camera axes, m).
-    fn move_beside(&mut self, position: &mut [f64; 3], faults: &DroneSensorFaults) {
-        if let Some(drone) = self.drones.newest(0) {
-            self.attitude = drone.attitude();
-        }
-        let by = self.attitude.inverse() * Vector3::from(faults.beside_m);
-        let by = body_from_camera().transpose() * by;
-        position.iter_mut().zip(by.iter()).for_each(|(p, by)| *p += by);
+    fn shift(&self, header: &mut Header<DroneClock>, position: &mut [f64; 3]) {
+        header.at += self.late;
+        position
+            .iter_mut()
+            .zip(self.beside.iter())
+            .for_each(|(p, by)| *p += by);
     }
 }
 

@@ -38,7 +38,7 @@ const CLIMB_S: f64 = 15.0;
 /// do without a fault, and 3 with the predictor killed in the descent.
 const HARD_PERCENT: usize = 3;
 /// A contact a little harder: at most so much of a limit.
-const LITTLE_HARD: f64 = 1.5;
+const LITTLE_HARD: f64 = 1.2;
 
 /// The autopilot holds as it does while pilot or link stands still.
 const fn is_uncommanded(fault: Option<Fault>) -> bool {
