@@ -167,9 +167,15 @@ fn lasts(b: f64, progress: &Progress, s: &Situation) -> bool {
     }
 }
 
+/// Whether the battery empties before any other place is reached than this deck: above it the measured power asks for more than the
+/// configured reserve, so that half of the reserve lasts for half of an attempt.
+fn drains(deck: &Deck, s: &Situation, c: &MissionConfig) -> bool {
+    deck.distance_m <= RESUME_DISTANCE_M && s.battery_reserve > c.battery_reserve
+}
+
 /// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
-/// while its forecast is fresh, it is neither another's nor closed, half of the reserve is left, and no operator has declined
-/// it; a descent that has begun is the quickest way down in any case. An order to land that comes below the reserve makes the
+/// while its forecast is fresh, it is neither another's nor closed, half of the reserve is left or would not last for another
+/// place, and no operator has declined it; a descent that has begun is the quickest way down in any case. An order to land that comes below the reserve makes the
 /// deck the first place. A landing that an operator has stopped, or that was given up, leaves no drone in the air until it
 /// falls.
 fn low_battery(
@@ -193,7 +199,7 @@ fn low_battery(
     let wanted = progress.landing || ended && !progress.deck_declined;
     let deck = s
         .fresh_deck()
-        .filter(|_| wanted && free && touches && (lands || lasts(b, progress, s)));
+        .filter(|d| wanted && free && touches && (lands || lasts(b, progress, s) || drains(d, s, c)));
     let had = |p: &&BatteryPlace| **p != BatteryPlace::Deck || deck.is_some();
     let ordered = (deck.is_some() && progress.ordered_below.is_some()).then_some(BatteryPlace::Deck);
     let place = ordered.or(c.battery_order.iter().find(had).copied());
