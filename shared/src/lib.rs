@@ -26,6 +26,7 @@ pub mod node;
 pub mod plain;
 pub mod process;
 pub mod schema;
+pub mod step;
 pub mod surroundings;
 pub mod tags;
 pub mod time;

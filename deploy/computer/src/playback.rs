@@ -66,17 +66,10 @@ pub struct NodeReplay {
 /// The law of a recorded planner that is none of the drone's, from what a recording has of it.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// The starts of a log that observers are shown, of each node the first; and what of others people are to know.
-pub fn shown(log: &Log) -> (Vec<PartHeader>, Vec<String>) {
-    let (mut headers, mut lines) = (Vec::new(), Vec::new());
-    for node in NODES {
-        let mut own = log.starts.iter().filter(|s| s.header.process == node);
-        headers.extend(own.next().map(|s| s.header.clone()));
-        if own.next().is_some() {
-            lines.push(format!("the recording of the {node} ends at its first exit"));
-        }
-    }
-    (headers, lines)
+/// The starts of a log that observers are shown: those of the nodes.
+pub fn shown(log: &Log) -> Vec<PartHeader> {
+    let of = |node: &'static str| log.starts.iter().filter(move |s| s.header.process == node);
+    NODES.into_iter().flat_map(of).map(|s| s.header.clone()).collect()
 }
 
 /// Replays the log before the eyes of who looks on, to whom its times are moved by `shift`.
@@ -91,8 +84,7 @@ pub fn replay(
     } else {
         Order::ByTime
     };
-    let (shown, _) = shown(log);
-    let player = |start| Player::of(log, start, law, &shown);
+    let player = |start| Player::of(log, start, law);
     let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
     let mut computed = Computed::default();
     log.steps(order, |at, t, step| {
@@ -125,12 +117,7 @@ struct Player {
 
 impl Player {
     /// None of the world, and of a start whose beginning is gone.
-    fn of(
-        log: &Log,
-        start: &Start,
-        law: ForeignLaw<'_>,
-        shown: &[PartHeader],
-    ) -> Result<Option<Player>, CliError> {
+    fn of(log: &Log, start: &Start, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
             return Ok(None);
@@ -145,9 +132,13 @@ impl Player {
         }
         let has_time = log.is_recording();
         Ok(Some(Player {
-            node: Some(node(log, start, law, shown.contains(header))?),
+            node: Some(node(log, start, law)?),
             replayed: NodeReplay {
-                node: if has_time { header.process.clone() } else { name },
+                node: if has_time && log.find(&header.process) == Some(start) {
+                    header.process.clone()
+                } else {
+                    name
+                },
                 steps: 0,
                 differs_at_s: None,
                 differs_at_step: None,
@@ -178,6 +169,7 @@ impl Player {
             self.node = None;
             return Ok(());
         }
+        observers.of(&step.header.process, step.header.boot);
         if !node.step(t, step.bytes, computed, observers)? && replayed.differs_at_step.is_none() {
             replayed.differs_at_step = Some(step.number);
             replayed.differs_at_s = self.has_time.then(|| t.secs());
@@ -188,29 +180,31 @@ impl Player {
 }
 
 /// The node of a start as it began.
-fn node(log: &Log, start: &Start, law: ForeignLaw<'_>, shown: bool) -> Result<Box<dyn Replayed>, CliError> {
-    let (boot, live) = (start.header.boot, log.is_live());
+fn node(log: &Log, start: &Start, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
+    let boot = start.header.boot;
+    // The first start in a simulated world waits for no predecessor's checkpoint.
+    let succeeds = log.is_live() || log.find(&start.header.process) != Some(start);
     let drone = || start.config::<DroneComputer>();
     Ok(match start.header.process.as_str() {
         "vessel" => {
             let node = start.config::<VesselComputer>()?.node(boot);
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Vessel(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Vessel(now, i, o))
         }
         "bridge" => {
             let node = Bridge::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Bridge(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Bridge(now, i, o))
         }
         "predictor" => {
             let node = Predictor::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Predictor(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Predictor(now, i, o))
         }
         "mission" => {
             let drone = drone()?;
-            let node = match live {
+            let node = match succeeds {
                 true => Mission::installed(&drone.nodes(), boot),
                 false => drone.nodes().mission(boot),
             };
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Mission(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Mission(now, i, o))
         }
         "planner" => {
             let drone = drone()?;
@@ -219,11 +213,11 @@ fn node(log: &Log, start: &Start, law: ForeignLaw<'_>, shown: bool) -> Result<Bo
                 None => Planner::installed(&drone.nodes(), boot),
                 Some(law) => Planner::with_law(law, &own.planner, &own.airframe, &own.deck, boot),
             };
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Planner(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Planner(now, i, o))
         }
         "pilot" => {
             let node = Pilot::installed(&drone()?.nodes(), boot);
-            ReplayedNode::of(node, shown, |now, i, o| NodeStep::Pilot(now, i, o))
+            ReplayedNode::of(node, |now, i, o| NodeStep::Pilot(now, i, o))
         }
         "autopilot" => Box::new(ReplayedNode {
             node: AutopilotLink::installed(&drone()?.nodes(), boot),
@@ -267,8 +261,8 @@ struct ReplayedNode<N: Node> {
 }
 
 impl<N: Node<In: Input, Out: Serialize> + 'static> ReplayedNode<N> {
-    fn of(node: N, shown: bool, show: Show<N>) -> Box<dyn Replayed> {
-        let show = shown.then_some(show);
+    fn of(node: N, show: Show<N>) -> Box<dyn Replayed> {
+        let show = Some(show);
         Box::new(ReplayedNode { node, show })
     }
 }

@@ -63,6 +63,7 @@ fn flown(
         nodes: &scene.nodes,
         seed: args.seed,
         sea: &scene.sea,
+        live: false,
     };
     record::fly(args.record.as_deref(), &subject, watch, watcher.as_deref_mut())
 }
@@ -78,9 +79,11 @@ fn watcher(
     };
     let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
     let known = Known {
-        title: format!("trial, sea {}, seed {}", scene.sea, args.seed),
-        deck: Some(*deck),
-        disarm: scene.nodes.autopilot.disarm,
+        title: format!("trial, sea {}, seed {}", scene.sea, args.seed)
+            .as_str()
+            .into(),
+        deck_size_m: Some([deck.length_m, deck.width_m]),
+        disarm_s: Some(scene.nodes.autopilot.disarm.longest_s()),
         ..Known::default()
     };
     let bodies = Some((*deck, *airframe));

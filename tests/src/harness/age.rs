@@ -2,8 +2,9 @@
 //! (Ten times a second, as the bridge reports it, is in step with the vessel's 30 Hz and shows one
 //! phase of the saw-tooth only.)
 
-use alight_bridge::{BridgeIn, BridgeOut};
+use alight_bridge::BridgeOut;
 use alight_shared::estimation;
+use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 
 use crate::harness::tap::Tap;
@@ -32,7 +33,11 @@ impl AgeTap {
 }
 
 impl Tap for AgeTap {
-    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, _input: &BridgeIn, output: &BridgeOut) {
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        let Some(output) = step.output::<BridgeOut>() else {
+            return;
+        };
+        let now: Time<DroneClock> = Time::from_nanos(step.now_ns);
         self.newest = output.estimate.map(|e| e.header.at).or(self.newest);
         if t >= self.from {
             self.ages_s.extend(self.newest.map(|at| (now - at).secs()));

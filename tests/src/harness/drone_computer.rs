@@ -2,6 +2,7 @@
 //! and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
 
 use core::cell::Cell;
+use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::bus::{LockStep, Receiver, Sender, Way};
@@ -26,6 +27,7 @@ use alight_shared::msg::{
     VesselEstimate, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
+use alight_shared::step::{Recorded, Step};
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
@@ -103,6 +105,8 @@ impl Observer {
 pub struct DroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
+    /// The boot id of each of its processes that was started after the computer.
+    boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
     /// Its processes; None: one is dead.
@@ -241,6 +245,7 @@ impl DroneComputer {
         DroneComputer {
             k,
             boot,
+            boots: BTreeMap::new(),
             radio: Session::new(&scenario.radio, &streams),
             rows,
             frozen: Vec::new(),
@@ -334,6 +339,7 @@ impl DroneComputer {
             return;
         }
         self.begin_boot(checkpoints, physics);
+        self.boots.insert(process, self.boot);
         let (bus, made, boot, rows) = (&self.bus, &self.nodes, self.boot, &mut self.rows);
         match process {
             ProcessKind::Bridge => rows.bridge = row(bus, Installed::installed(made, boot)),
@@ -427,6 +433,27 @@ impl DroneComputer {
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
+    /// What a tap that looks at `t` sees of this process's step at `now`.
+    fn shown<'a, T: Tap, I: Recorded, O: Recorded>(
+        &self,
+        process: ProcessKind,
+        (t, now): Moment,
+        tap: &'a mut T,
+    ) -> impl FnMut(&I, &O) + use<'a, T, I, O> {
+        let boot = self.boots.get(&process).copied().unwrap_or(self.boot);
+        move |input, output| {
+            tap.step(
+                t,
+                &Step {
+                    process,
+                    boot,
+                    now_ns: now.nanos(),
+                    input,
+                    output,
+                },
+            )
+        }
+    }
     /// A process runs.
     fn runs(&self, process: ProcessKind) -> bool {
         !self.frozen.contains(&process)
@@ -458,7 +485,7 @@ impl DroneComputer {
         self.kept.poll(now);
         self.step_bridge((t, now), packets, reports_status, tap);
         if self.linked.is_some() {
-            self.receive_from_autopilot((t, now), physics);
+            self.receive_from_autopilot((t, now), physics, tap);
             self.sense((t, now), physics);
             self.step_predictor((t, now), physics, foresight, tap);
             self.plans
@@ -470,7 +497,7 @@ impl DroneComputer {
             self.step_pilot((t, now), tap);
             let runs = self.runs(ProcessKind::Autopilot);
             if due(&mut self.rows.autopilot, runs, now).is_some() {
-                self.step_link((t, now), Vec::new());
+                self.step_link((t, now), Vec::new(), tap);
             }
         }
         self.look(now);
@@ -497,6 +524,7 @@ impl DroneComputer {
         tap: &mut impl Tap,
     ) {
         let runs = self.runs(ProcessKind::Bridge);
+        let mut shown = self.shown(ProcessKind::Bridge, (t, now), tap);
         let Some(bridge) = &mut self.rows.bridge else {
             return;
         };
@@ -510,7 +538,7 @@ impl DroneComputer {
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let packets = waited.chain(packets).collect();
         let edge = |input: &mut BridgeIn| input.packets = packets;
-        let out = bridge.step(now, edge, |input, out| tap.bridge(t, now, input, out));
+        let out = bridge.step(now, edge, |input, out| shown(input, out));
         if let Some(request) = out.time_request {
             let request = Uplink::TimeRequest(request);
             self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
@@ -522,7 +550,7 @@ impl DroneComputer {
         }
     }
     /// The link with what the autopilot has sent.
-    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics) {
+    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, tap: &mut impl Tap) {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
@@ -534,15 +562,20 @@ impl DroneComputer {
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
         // What a process that stands still does not read waits on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
-        self.step_link((t, now), frames);
+        self.step_link((t, now), frames, tap);
     }
-    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>) {
+    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>, tap: &mut impl Tap) {
         let runs = self.runs(ProcessKind::Autopilot);
+        let mut shown = self.shown(ProcessKind::Autopilot, (t, now), tap);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
         else {
             return;
         };
-        let out = link.step(now, |input| input.received = frames, |_, _| {});
+        let out = link.step(
+            now,
+            |input| input.received = frames,
+            |input, out| shown(input, out),
+        );
         linked.send(t, &out);
     }
     /// The cameras with what they have exposed, or what models measure in their place.
@@ -576,6 +609,7 @@ impl DroneComputer {
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let (truth, runs) = (physics.drone(self.k), self.runs(ProcessKind::Predictor));
+        let mut shown = self.shown(ProcessKind::Predictor, (t, now), tap);
         if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
             let look = |input: &PredictorIn, out: &mut PredictorOut| {
                 let of = |(d, truth)| OdometryError::of(&d, now, &truth);
@@ -583,15 +617,16 @@ impl DroneComputer {
                 if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
                     foresight.correct(forecast, &clock, &believed);
                 }
-                tap.predictor(t, now, input, out);
+                shown(input, out);
             };
             predictor.step(now, |_| {}, look);
         }
     }
     fn step_mission(&mut self, (t, now): Moment, tap: &mut impl Tap) {
         let runs = self.runs(ProcessKind::Mission);
+        let mut shown = self.shown(ProcessKind::Mission, (t, now), tap);
         if let Some(mission) = due(&mut self.rows.mission, runs, now) {
-            mission.step(now, |_| {}, |input, out| tap.mission(t, now, input, out));
+            mission.step(now, |_| {}, |input, out| shown(input, out));
         }
     }
     fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
@@ -599,10 +634,11 @@ impl DroneComputer {
             self.runs(ProcessKind::Planner),
             t + self.solve_delay + self.slower,
         );
+        let mut shown = self.shown(ProcessKind::Planner, (t, now), tap);
         let plans = &mut self.plans;
         if let Some(planner) = due(&mut self.rows.planner, runs, now) {
             let look = |input: &PlannerIn, out: &mut PlannerOut| {
-                tap.planner(t, now, input, out);
+                shown(input, out);
                 if let Some(plan) = out.plan.take() {
                     // A full line means plans that nobody fetches: the oldest state is lost, no more.
                     let _full = plans.push(arrives, plan);
@@ -613,8 +649,9 @@ impl DroneComputer {
     }
     fn step_pilot(&mut self, (t, now): Moment, tap: &mut impl Tap) {
         let runs = self.runs(ProcessKind::Pilot);
+        let mut shown = self.shown(ProcessKind::Pilot, (t, now), tap);
         if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
-            pilot.step(now, |_| {}, |input, out| tap.pilot(t, now, input, out));
+            pilot.step(now, |_| {}, |input, out| shown(input, out));
         }
     }
     /// Takes note of the newest messages.

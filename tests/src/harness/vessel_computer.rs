@@ -7,6 +7,8 @@ use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::{Row, Writer as _};
 use alight_shared::msg::{CrewOrder, DeckOrder, Header};
+use alight_shared::process::ProcessKind;
+use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::computer::VesselRows;
 use alight_usv::sensors::{
@@ -117,7 +119,7 @@ impl VesselSide {
         (t, now): (Time<TrueTime>, Time<VesselClock>),
         measured: Readings,
         mut edge: ComputerIn,
-        look: impl FnOnce(&ComputerIn, &ComputerOut),
+        look: impl FnOnce(&Step<'_>),
     ) -> ComputerOut {
         let measured = self.sensors.arrived(t, measured);
         let waited = core::mem::take(&mut self.waiting);
@@ -148,7 +150,16 @@ impl VesselSide {
                 ..edge
             };
         };
-        row.step(now, beside, |input, out| look(input, out))
+        let (process, boot, now_ns) = (ProcessKind::Vessel, self.boot, now.nanos());
+        row.step(now, beside, |input, output| {
+            look(&Step {
+                process,
+                boot,
+                now_ns,
+                input,
+                output,
+            });
+        })
     }
 }
 

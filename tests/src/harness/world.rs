@@ -277,8 +277,9 @@ impl World {
         let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
         input.helm = Some(self.boat.sent(t));
-        let look = |input: &ComputerIn, output: &ComputerOut| tap.vessel(t, now, input, output);
-        let output = self.vessel.tick((t, now), readings, input, look);
+        let output = self
+            .vessel
+            .tick((t, now), readings, input, |step| tap.step(t, step));
         self.boat.receive(t, &output.helm);
         self.broadcast_all(t, &output);
 

@@ -1,7 +1,8 @@
 //! The calibrations on the simulated vehicles, whose truth is known here and nowhere else.
 
 use alight_shared::msg::{CommandKind, State};
-use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::step::Step;
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::Tap;
@@ -11,10 +12,10 @@ use alight_sim::physics::vessel::{Push, VesselConfig, hull::Hull};
 use alight_uav::calibrate::{
     DeckCalibration, DeckCalibrationError, DeckCalibrationResult, DronePlacement, USABLE_M, ValueWithSd,
 };
-use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_uav::predictor::PredictorIn;
+use alight_usv::ComputerIn;
 use alight_usv::calibrate::incline::{inertia, stiffness};
 use alight_usv::calibrate::{DOF_NAMES, NotObservable, Record, Weight};
-use alight_usv::{ComputerIn, ComputerOut};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Hands the calibration what the predictor reads, once the drone stands.
@@ -24,8 +25,10 @@ struct Press {
 }
 
 impl Tap for Press {
-    fn predictor(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, i: &PredictorIn, _: &PredictorOut) {
-        self.calibration.take(i, self.stands);
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        if let Some(input) = step.input::<PredictorIn>() {
+            self.calibration.take(input, self.stands);
+        }
     }
 }
 
@@ -148,8 +151,10 @@ fn deck_calibration_with_receiver_offsets() {
 struct Recorder(Record);
 
 impl Tap for Recorder {
-    fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &ComputerIn, _: &ComputerOut) {
-        self.0.add(&i.vessel());
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        if let Some(input) = step.input::<ComputerIn>() {
+            self.0.add(&input.vessel());
+        }
     }
 }
 

@@ -1,13 +1,14 @@
 //! The ladder to a first landing: a person lands while Alight looks on, and a drone that follows the deck and climbs.
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::step::Step;
+use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::Tap;
 use alight_sim::physics::sea::SeaConfig;
-use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::mission::MissionIn;
 use nalgebra::Vector3;
 
 fn moderate() -> Scenario {
@@ -27,8 +28,8 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
 struct Received(Vec<AutopilotState>);
 
 impl Tap for Received {
-    fn mission(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, input: &MissionIn, _: &MissionOut) {
-        self.0.extend(input.autopilot);
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        self.0.extend(step.input::<MissionIn>().and_then(|i| i.autopilot));
     }
 }
 

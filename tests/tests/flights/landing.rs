@@ -1,7 +1,8 @@
 //! Landings in the simulated world, from the start to rest on the deck.
 
 use alight_shared::msg::{SetPointKind, State, VesselLevel};
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::step::Step;
+use alight_shared::time::{Time, TrueTime};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
@@ -12,7 +13,7 @@ use alight_sim::physics::streams::Streams;
 use alight_sim::physics::vessel::Course;
 use alight_sim::sensors::noise::Noise;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::pilot::PilotOut;
 
 /// A flight, and the phases that it went through.
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> (FlownTrial, Vec<&'static str>) {
@@ -65,8 +66,9 @@ fn phases_of_a_landing_in_a_moderate_sea() {
 struct Kinds(Vec<SetPointKind>);
 
 impl Tap for Kinds {
-    fn pilot(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, _: &PilotIn, output: &PilotOut) {
-        let kind = output.set_point.map(|s| s.kind);
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        let set_point = step.output::<PilotOut>().and_then(|o| o.set_point);
+        let kind = set_point.map(|s| s.kind);
         self.0.extend(kind.filter(|k| self.0.last() != Some(k)));
     }
 }

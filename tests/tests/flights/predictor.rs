@@ -4,6 +4,7 @@
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State, VesselEstimate};
+use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::Tap;
@@ -45,7 +46,10 @@ impl Tap for PredictorFlight {
         self.frames.push(self.frames.last().copied().unwrap_or_default());
         self.drone = drone.map_or(self.drone, |d| d.position.0);
     }
-    fn predictor(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        let (Some(i), Some(o)) = (step.input::<PredictorIn>(), step.output::<PredictorOut>()) else {
+            return;
+        };
         if let (Some(odometry), Some(frame)) = (i.drone, self.frames.last_mut()) {
             *frame = odometry.position() - self.drone;
         }

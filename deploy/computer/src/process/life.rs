@@ -10,11 +10,11 @@ use alight_shared::metrics::{MetricName, Metrics};
 use alight_shared::msg::Seq;
 use alight_shared::node::Node;
 use alight_shared::process::{InputState, ProcessKind, ProcessState};
+use alight_shared::step::Recorded;
 use alight_shared::time::Time;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::statistics::Quantiles;
 use alight_transport::wake::end_requested;
-use serde::Serialize;
 
 use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
@@ -137,7 +137,7 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     end
 }
 
-impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
+impl<N: Node<In: Recorded, Out: Recorded>> Process<N> {
     /// Starts a process of `kind` around the node that `make` makes for a boot id.
     pub fn start(
         kind: ProcessKind,

@@ -8,11 +8,11 @@ use alight_shared::config;
 use alight_shared::metrics::Metric;
 use alight_shared::msg::Seq;
 use alight_shared::node::Node;
+use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::wake;
 use alight_uav::computer::Installed;
-use serde::Serialize;
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
@@ -38,7 +38,7 @@ type InMemory<N> = <N as Wired>::Ports<Memory>;
 /// Runs the installed node `N` until asked to end.
 pub fn run<N>(args: &ProcessArgs, beside: impl Beside<N>) -> Result<Exit, CliError>
 where
-    N: Installed<Clock = DroneClock, In: Serialize, Out: Serialize>,
+    N: Installed<Clock = DroneClock, In: Recorded, Out: Recorded>,
 {
     run_node(
         args,
@@ -54,7 +54,7 @@ pub fn run_node<N>(
     mut beside: impl Beside<N>,
 ) -> Result<Exit, CliError>
 where
-    N: Installed<Clock = DroneClock, In: Serialize, Out: Serialize>,
+    N: Installed<Clock = DroneClock, In: Recorded, Out: Recorded>,
 {
     let computer: DroneComputer = config::load(&args.config)?;
     let mut process = Process::start(N::KIND, args, computer.clock, |boot| make(&computer, boot))?;

@@ -11,7 +11,9 @@ use std::collections::BTreeMap;
 
 use alight_bridge::BridgeIn;
 use alight_shared::msg::{DeckForecast, DroneState, Header, Plan};
-use alight_shared::time::DroneClock;
+use alight_shared::step::Recorded;
+use alight_shared::time::{Clock, DroneClock};
+use alight_shared::wire::{self, WireError};
 use alight_uav::autopilot::AutopilotIn;
 use alight_uav::mission::MissionIn;
 use alight_uav::pilot::PilotIn;
@@ -26,7 +28,7 @@ use crate::record::observer::NodeStep;
 /// Encoding of a channel of steps, as MCAP calls it.
 pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects any other.
-pub const FORMAT: u32 = 19;
+pub const FORMAT: u32 = 20;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -39,6 +41,17 @@ pub struct Entry<I> {
     pub references: References,
     /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
+}
+
+/// Appends the entry of a step with its whole input: the bytes of an [`Entry`], whatever the types of input and output.
+pub fn append(
+    to: &mut Vec<u8>,
+    now_ns: i64,
+    (input, output): (&dyn Recorded, &dyn Recorded),
+) -> Result<(), WireError> {
+    wire::append_record(to, &now_ns)?;
+    input.append(to)?;
+    wire::append_record(to, &(References::default(), output.hash()?))
 }
 
 /// Whose steps a file holds.
@@ -125,8 +138,10 @@ inputs! {
 /// What is left out of an input, and where it is: nothing in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
-    forecast: Option<u32>,
-    plan: Option<u32>,
+    /// Boot id and sequence number.
+    forecast: Option<(u32, u32)>,
+    /// The same.
+    plan: Option<(u32, u32)>,
     /// It is the newest in the file.
     drone: bool,
 }
@@ -146,11 +161,16 @@ impl References {
             .drone()
             .and_then(|slot| slot.take_if(|d| before == Some(d.header)));
         References {
-            forecast: forecast.map(|f| f.header.sequence),
-            plan: plan.map(|p| p.header.sequence),
+            forecast: forecast.map(|f| name(&f.header)),
+            plan: plan.map(|p| name(&p.header)),
             drone: drone.is_some(),
         }
     }
+}
+
+/// Boot id and number: no two messages of a kind share them.
+fn name<C: Clock>(header: &Header<C>) -> (u32, u32) {
+    (header.boot, header.sequence)
 }
 
 /// A named forecast or plan that the replay has not computed, or a drone state that no entry before
@@ -188,10 +208,10 @@ impl Computed {
             }
         }
         if let (Some(id), Some(slot)) = (references.forecast, input.forecast()) {
-            *slot = Some(find(&self.forecasts, |f| f.header.sequence == id)?);
+            *slot = Some(find(&self.forecasts, |f| name(&f.header) == id)?);
         }
         if let (Some(id), Some(slot)) = (references.plan, input.plan()) {
-            *slot = Some(find(&self.plans, |p| p.header.sequence == id)?);
+            *slot = Some(find(&self.plans, |p| name(&p.header) == id)?);
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Log of a flight: its directory, one of its files, or a recording, which holds it in one file.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use alight_shared::config::{self, Check};
@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 use crate::exit::CliError;
 use crate::record::entry::PartHeader;
 use crate::record::reading::{Beginning, LogFile, Step, parse_name, parts, read_header};
-use crate::record::{LIVE, NODES};
+use crate::record::{About, LIVE, NODES};
 
 /// One start of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,9 +68,10 @@ pub struct Log {
     path: PathBuf,
     /// By name, a process's first start first; in a recording as its data flow.
     pub starts: Vec<Start>,
-    /// What a recording says of itself: of a flight's directory and a part nothing.
-    values: BTreeMap<String, String>,
-    texts: BTreeMap<String, String>,
+    /// What it says of itself: of a flight's directory and a part nothing.
+    pub about: About,
+    /// It is a flight in one file.
+    is_recording: bool,
 }
 
 impl Log {
@@ -79,8 +80,8 @@ impl Log {
         let mut log = Log {
             path: path.into(),
             starts: Vec::new(),
-            values: BTreeMap::new(),
-            texts: BTreeMap::new(),
+            about: About::default(),
+            is_recording: false,
         };
         if path.is_dir() {
             log.starts = starts(parts(path)?)?;
@@ -95,7 +96,8 @@ impl Log {
                 files: vec![path.into()],
             })
             .collect();
-        (log.values, log.texts) = (found.values, found.texts);
+        log.is_recording = !found.about.values.is_empty();
+        log.about = found.about;
         Ok(log)
     }
     /// Its place, for errors.
@@ -104,15 +106,19 @@ impl Log {
     }
     /// Whether it is a flight in one file.
     pub fn is_recording(&self) -> bool {
-        !self.values.is_empty()
+        self.is_recording
+    }
+    /// Whether its steps bear the time of a simulated world, and not only their nodes' own.
+    fn has_world_time(&self) -> bool {
+        self.is_recording || !self.is_live()
     }
     /// Whether its nodes were processes, which begin by waiting for a predecessor's checkpoint.
     pub fn is_live(&self) -> bool {
-        self.values.get(LIVE).is_none_or(|v| v != "0")
+        self.about.values.get(LIVE).is_none_or(|v| v != "0")
     }
     /// A text attached to a recording, if it has one.
     pub fn text(&self, name: &str) -> &str {
-        self.texts.get(name).map_or("", String::as_str)
+        self.about.texts.get(name).map_or("", String::as_str)
     }
     /// The first start of this process, if there is one.
     pub fn find(&self, process: &str) -> Option<&Start> {
@@ -157,7 +163,7 @@ impl Log {
             Order::ByTime => vec![&all],
         };
         for group in groups {
-            let open = |start: &&Start| Source::open(start, self.is_recording());
+            let open = |start: &&Start| Source::open(start, self.has_world_time());
             let mut sources = group.iter().map(open).collect::<Result<Vec<_>, CliError>>()?;
             while let Some(source) = sources
                 .iter_mut()
@@ -250,7 +256,7 @@ impl Steps {
 /// What is read of one start, or of a recording.
 struct Source {
     steps: Steps,
-    /// Of a process: a recording has its own time.
+    /// Of a process: a simulated world has a time of its own.
     clock: Option<ProcessClock>,
     rank: Option<usize>,
     /// When the next step was made, and what comes first of equal times.
@@ -258,10 +264,10 @@ struct Source {
 }
 
 impl Source {
-    fn open(start: &Start, is_recording: bool) -> Result<Source, CliError> {
+    fn open(start: &Start, has_world_time: bool) -> Result<Source, CliError> {
         let mut source = Source {
             steps: Steps::of(&start.files)?,
-            clock: (!is_recording).then(|| start.clock()),
+            clock: (!has_world_time).then(|| start.clock()),
             rank: start.rank(),
             due: None,
         };

@@ -7,6 +7,8 @@
 //! - everything else: Foxglove's well-known schemas where there is one and messages of numbers
 //!   ([`schema`]) where there is none, at display rates ([`views`]).
 
+use std::collections::BTreeMap;
+
 pub mod cloud;
 pub mod entry;
 pub mod flight;
@@ -39,7 +41,23 @@ pub const LIVE: &str = "live";
 /// Name of what is attached to a recording where another planner flew than the drone's.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Where a process's steps are.
-fn topic(process: &str) -> String {
-    format!("/node/{process}")
+/// Where the steps of these starts are: those of a process that was started again in topics of their own.
+fn topics(headers: &[entry::PartHeader]) -> Vec<String> {
+    let topic = |(k, header): (usize, &entry::PartHeader)| {
+        let (process, boot) = (&header.process, header.boot);
+        match headers.iter().take(k).any(|h| h.process == *process) {
+            true => format!("/node/{process}/{boot:08x}"),
+            false => format!("/node/{process}"),
+        }
+    };
+    headers.iter().enumerate().map(topic).collect()
+}
+
+/// What a recording says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct About {
+    /// Names and values.
+    pub values: BTreeMap<String, String>,
+    /// Texts by their names.
+    pub texts: BTreeMap<String, String>,
 }

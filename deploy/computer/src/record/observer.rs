@@ -28,6 +28,8 @@ pub enum NodeStep<'a> {
 
 /// Is shown each step.
 pub trait StepObserver {
+    /// The next step is of the start of this process with this boot id.
+    fn of(&mut self, _process: &str, _boot: u32) {}
     /// A step at `t`, the world's time.
     fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>);
     /// A step of the simulated world, as its process recorded it.
@@ -38,6 +40,9 @@ pub trait StepObserver {
 
 /// All of them; nobody, where there is none.
 impl StepObserver for Vec<&mut dyn StepObserver> {
+    fn of(&mut self, process: &str, boot: u32) {
+        self.iter_mut().for_each(|o| o.of(process, boot));
+    }
     fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
         self.iter_mut().for_each(|o| o.step(t, step));
     }

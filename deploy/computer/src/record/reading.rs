@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use crate::exit::{CliError, Doing};
 use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
 use crate::record::outline::Outline;
-use crate::record::{EXTENSION, PROCESS, RECORDING, topic};
+use crate::record::{About, EXTENSION, PROCESS, RECORDING, topics};
 
 /// No file is larger, nor are its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
@@ -68,10 +68,8 @@ impl Step<'_> {
 pub struct Beginning {
     /// Whose steps follow.
     pub headers: Vec<PartHeader>,
-    /// What a recording says of itself.
-    pub values: BTreeMap<String, String>,
-    /// What is attached.
-    pub texts: BTreeMap<String, String>,
+    /// What a recording says of itself, and what is attached.
+    pub about: About,
     /// The file ends before the first chunk.
     is_cut: bool,
 }
@@ -115,10 +113,10 @@ impl Beginning {
             for record in records(file.get(..end).unwrap_or_default())? {
                 match record.map_err(|e| e.to_string())? {
                     Record::Metadata(m) if m.name == PROCESS => processes.push(m.metadata),
-                    Record::Metadata(m) if m.name == RECORDING => found.values = m.metadata,
+                    Record::Metadata(m) if m.name == RECORDING => found.about.values = m.metadata,
                     Record::Attachment { header, data, .. } => {
                         let text = String::from_utf8(data.into_owned()).map_err(|e| e.to_string())?;
-                        found.texts.insert(header.name, text);
+                        found.about.texts.insert(header.name, text);
                     }
                     Record::Chunk { .. } | Record::DataEnd(_) => {
                         found.is_cut = false;
@@ -135,12 +133,12 @@ impl Beginning {
         }
         for values in processes {
             check_format(path, values.get("format"))?;
-            let header = PartHeader::of(&values, &found.texts).ok_or_else(|| foreign(&origin))?;
+            let header = PartHeader::of(&values, &found.about.texts).ok_or_else(|| foreign(&origin))?;
             found.headers.push(header);
         }
         if found.headers.is_empty() {
             // A recording of former versions.
-            check_format(path, found.values.get("format"))?;
+            check_format(path, found.about.values.get("format"))?;
             return Err(foreign(&origin));
         }
         Ok(found)
@@ -212,7 +210,7 @@ impl LogFile {
         file.cut = file.take_steps(&bytes).map_err(|e| damaged(&origin, e))?;
         match &file.cut {
             // It was not made in flight: there is nothing to save.
-            Some(why) if !found.values.is_empty() => Err(damaged(&origin, why)),
+            Some(why) if !found.about.values.is_empty() => Err(damaged(&origin, why)),
             Some(_) | None => Ok(file),
         }
     }
@@ -247,7 +245,7 @@ impl LogFile {
             for record in chunk {
                 match record.map_err(|e| e.to_string())? {
                     Record::Channel(c) if c.message_encoding == ENCODING => {
-                        let own = self.headers.iter().position(|h| topic(&h.process) == c.topic);
+                        let own = topics(&self.headers).iter().position(|t| *t == c.topic);
                         channels.extend(own.map(|header| (c.id, header)));
                     }
                     Record::Message {

@@ -1,4 +1,4 @@
-//! Recorder of a flight in one file: every node's step to its own channel, and views for people.
+//! Export of a flight to one file: every node's step to its own channel, and views for people.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,16 +13,18 @@ use crate::record::entry::{Entry, Input, Newest, PartHeader, References};
 use crate::record::observer::{NodeStep, StepObserver};
 use crate::record::sink::{Channel, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
-use crate::record::{NODES, RECORDING};
+use crate::record::{About, RECORDING};
 
-/// Records a flight.
+/// Writes the steps of a log that is computed again.
 pub struct Recorder {
     /// The file.
     pub sink: Sink,
     /// What a person looks at.
     pub views: Views,
-    /// In the order of [`NODES`].
-    inputs: [Channel; NODES.len()],
+    /// Of each start.
+    channels: Vec<((String, u32), Channel)>,
+    /// Of the start whose step comes next.
+    current: Channel,
     newest: Newest,
     failed: Option<WireError>,
 }
@@ -33,32 +35,27 @@ fn named(values: &[(&str, String)]) -> BTreeMap<String, String> {
 }
 
 impl Recorder {
-    /// Creates the file of the nodes with these headers, with the attached `texts`, the `values` that say what is
-    /// recorded, and the channels that `more` opens beside its own.
+    /// Creates the file of these starts, with what it is to say of itself and the channels that `more` opens beside its own.
     pub fn create<T>(
         path: &Path,
         headers: &[PartHeader],
-        texts: &[(&str, String)],
-        values: &[(&str, String)],
+        about: &About,
         more: impl FnOnce(&mut Sink) -> Result<T, McapError>,
     ) -> Result<(Recorder, T), CliError> {
         let create = || -> Result<(Recorder, T), McapError> {
             let mut sink = Sink::create(path)?;
-            sink.metadata(RECORDING, named(values))?;
-            for (name, text) in texts {
+            sink.metadata(RECORDING, about.values.clone())?;
+            for (name, text) in &about.texts {
                 sink.attach(name, text)?;
             }
-            let channels = sink.processes(headers)?;
-            let mut inputs = [Channel::default(); NODES.len()];
-            for (input, node) in inputs.iter_mut().zip(NODES) {
-                let own = headers.iter().zip(&channels).find(|(h, _)| h.process == node);
-                *input = own.map_or(*input, |(_, channel)| *channel);
-            }
+            let starts = headers.iter().map(|h| (h.process.clone(), h.boot));
+            let channels = starts.zip(sink.processes(headers)?).collect();
             let (views, more) = (Views::new(&mut sink)?, more(&mut sink)?);
             let recorder = Recorder {
                 sink,
                 views,
-                inputs,
+                channels,
+                current: Channel::default(),
                 newest: Newest::default(),
                 failed: None,
             };
@@ -68,14 +65,12 @@ impl Recorder {
             .map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
 
-    fn entry(
-        &mut self,
-        node: usize,
-        t: Time<TrueTime>,
-        now_ns: i64,
-        input: &impl Input,
-        output: &impl Serialize,
-    ) {
+    /// Whether the file can be written, for a command that would else find out after the flight.
+    pub fn check(path: &Path) -> Result<(), CliError> {
+        let begun = Sink::create(path).map(drop);
+        begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
+    }
+    fn entry(&mut self, t: Time<TrueTime>, now_ns: i64, input: &impl Input, output: &impl Serialize) {
         let mut input = input.clone();
         let references = References::take(&mut input, &mut self.newest);
         let wrote = wire::hash_record(output).and_then(|output| {
@@ -86,7 +81,7 @@ impl Recorder {
                 output,
             };
             self.sink
-                .message(self.inputs[node], stamp(t), |to| wire::append_record(to, &entry))
+                .message(self.current, stamp(t), |to| wire::append_record(to, &entry))
         });
         if let Err(e) = wrote {
             self.failed.get_or_insert(e);
@@ -107,14 +102,18 @@ impl Recorder {
 }
 
 impl StepObserver for Recorder {
+    fn of(&mut self, process: &str, boot: u32) {
+        let own = |((of, number), _): &&((String, u32), Channel)| of == process && *number == boot;
+        self.current = self.channels.iter().find(own).map_or(self.current, |(_, c)| *c);
+    }
     fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {
         match step {
-            NodeStep::Vessel(now, i, o) => self.entry(0, t, now.nanos(), i, o),
-            NodeStep::Bridge(now, i, o) => self.entry(1, t, now.nanos(), i, o),
-            NodeStep::Predictor(now, i, o) => self.entry(2, t, now.nanos(), i, o),
-            NodeStep::Mission(now, i, o) => self.entry(3, t, now.nanos(), i, o),
-            NodeStep::Planner(now, i, o) => self.entry(4, t, now.nanos(), i, o),
-            NodeStep::Pilot(now, i, o) => self.entry(5, t, now.nanos(), i, o),
+            NodeStep::Vessel(now, i, o) => self.entry(t, now.nanos(), i, o),
+            NodeStep::Bridge(now, i, o) => self.entry(t, now.nanos(), i, o),
+            NodeStep::Predictor(now, i, o) => self.entry(t, now.nanos(), i, o),
+            NodeStep::Mission(now, i, o) => self.entry(t, now.nanos(), i, o),
+            NodeStep::Planner(now, i, o) => self.entry(t, now.nanos(), i, o),
+            NodeStep::Pilot(now, i, o) => self.entry(t, now.nanos(), i, o),
         }
         self.views.step(&mut self.sink, t, step);
     }

@@ -9,7 +9,7 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 
 use crate::record::entry::{ENCODING, PartHeader};
-use crate::record::{PROCESS, topic};
+use crate::record::{PROCESS, topics};
 
 /// A chunk of the file.
 const CHUNK_BYTES: u64 = 1 << 20;
@@ -110,8 +110,8 @@ impl Sink {
         }
         // A channel begins a chunk, and whoever looks at the beginning stops there.
         let none = BTreeMap::new();
-        let channel = |h: &PartHeader| self.writer.add_channel(0, &topic(&h.process), ENCODING, &none);
-        headers.iter().map(channel).map(|id| id.map(Channel)).collect()
+        let channel = |topic: &String| self.writer.add_channel(0, topic, ENCODING, &none).map(Channel);
+        topics(headers).iter().map(channel).collect()
     }
     /// A text that belongs to the file.
     pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {

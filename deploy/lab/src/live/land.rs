@@ -13,6 +13,7 @@ use alight_computer::config::supervision::Supervision;
 use alight_computer::config::view::ViewConfig;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::process::facts::{Facts, Reporter};
 use alight_computer::process::instance::OwnedInstance;
 use alight_computer::process::keeper::CheckpointKeeper;
 use alight_computer::process::life::{draw_boot, end_with_supervisor};
@@ -46,10 +47,9 @@ use crate::live::boat;
 use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::live::fault::{Fault, Seen};
 use crate::live::list::{LiveList, Order};
-use crate::live::recording;
 use crate::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::live::world::{CONTACT, WorldReport};
-use crate::record::Subject;
+use crate::record::{self, Subject};
 use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
@@ -166,10 +166,9 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
         nodes: &scene.nodes,
         seed: args.seed,
         sea: &scene.sea,
+        live: true,
     };
-    for line in recording::write(path, flight, &subject, &landed.outcome)? {
-        note(true, line);
-    }
+    record::export(flight, &subject, &landed.outcome, Some(path), None)?;
     note(args.form.alone(), format!("recording: {}", path.display()));
     Ok(())
 }
@@ -356,6 +355,7 @@ struct Landing<'a> {
     plan: &'a LandingSetup,
     supervisor: Supervisor,
     observer: Observer,
+    reporter: Reporter,
     keeper: CheckpointKeeper,
     commands: Publisher<Command>,
     boot: u32,
@@ -415,6 +415,7 @@ impl<'a> Landing<'a> {
             plan,
             supervisor,
             observer,
+            reporter: Reporter::join(memory, Facts::drone(&plan.drone))?,
             keeper,
             commands,
             boot: draw_boot(),
@@ -439,6 +440,7 @@ impl<'a> Landing<'a> {
             }
             let now: Time<DroneClock> = self.plan.clock.now();
             self.observer.poll();
+            self.reporter.poll(steady_ns(), || None);
             self.keeper.poll(now);
             let true_s = ProcessClock {
                 epoch_ns: self.plan.clock.epoch_ns,

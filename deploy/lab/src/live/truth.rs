@@ -1,7 +1,6 @@
 //! The truth as the world's process logs it: both bodies at the beginning of every tick.
 
 use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
-use alight_sim::harness::physics::Physics;
 use alight_sim::physics::body::RigidState;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -52,11 +51,11 @@ impl Body {
 }
 
 impl Truth {
-    /// The truth now.
-    pub fn of(physics: &Physics) -> Truth {
+    /// Of both bodies.
+    pub fn of(vessel: &RigidState<VesselBody>, drone: Option<&RigidState<DroneBody>>) -> Truth {
         Truth {
-            vessel: Body::of(&physics.vessel()),
-            drone: physics.drone(0).as_ref().map(Body::of),
+            vessel: Body::of(vessel),
+            drone: drone.map(Body::of),
         }
     }
     /// The vessel's reference point.

@@ -181,7 +181,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
 
         plant.place(&mut physics);
         if let Some(recorder) = &mut truth {
-            recorder.step(before, physics.now().nanos(), &Truth::of(&physics), &());
+            let truth = Truth::of(&physics.vessel(), physics.drone(0).as_ref());
+            recorder.step(before, physics.now().nanos(), &truth, &());
         }
         let measured_at = physics.vessel_now();
         sensors.send(measured_at, &physics.vessel_readings());

@@ -342,6 +342,7 @@ fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome])
             nodes: &row.nodes,
             seed: o.seed,
             sea: &row.scenario,
+            live: false,
         };
         let watch = Watch {
             on_event: &mut |_| {},

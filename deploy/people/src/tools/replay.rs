@@ -12,7 +12,7 @@ use alight_computer::record::flight::store;
 use alight_computer::record::log::{Log, Start};
 use alight_computer::record::observer::StepObserver;
 use alight_computer::record::reading::{contained, is_whole};
-use alight_computer::record::{LIVE, Recorder, WORLD};
+use alight_computer::record::{About, LIVE, Recorder, WORLD};
 use alight_computer::situation::Known;
 use alight_computer::table::{Table, verdict};
 use alight_computer::terminal::{self, Form, note};
@@ -92,8 +92,6 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     })?;
     if let (Some(to), Some(recorder)) = (&args.record, recorder) {
         recorder.finish(to, &[("flight", path.display().to_string())])?;
-        let (_, lines) = shown(&log);
-        lines.into_iter().for_each(|line| note(args.form.alone(), line));
         note(args.form.alone(), format!("recording: {}", to.display()));
     }
     if let (Some(to), Some(plot)) = (&args.plot, plot) {
@@ -153,15 +151,19 @@ fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plo
 
 /// The recording to make of a flight.
 fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
-    let (headers, _) = shown(log);
+    let headers = shown(log);
     if headers.is_empty() {
         return Err(CliError(format!(
             "{}: no node's steps to record",
             log.path().display()
         )));
     }
-    let live = [(LIVE, "1".to_string())];
-    Recorder::create(to, &headers, &[], &live, |_| Ok(())).map(|(recorder, ())| recorder)
+    let live = (LIVE.to_string(), "1".to_string());
+    let about = About {
+        values: [live].into(),
+        ..log.about.clone()
+    };
+    Recorder::create(to, &headers, &about, |_| Ok(())).map(|(recorder, ())| recorder)
 }
 
 /// Who looks on.
@@ -171,8 +173,10 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
         .map(Start::config::<DroneComputer>)
         .transpose()?;
     let known = Known {
-        title: format!("replay of {}", args.path.display()),
-        deck: drone.as_ref().map(|d| d.drone.deck),
+        title: format!("replay of {}", args.path.display()).as_str().into(),
+        deck_size_m: drone
+            .as_ref()
+            .map(|d| [d.drone.deck.length_m, d.drone.deck.width_m]),
         ..Known::default()
     };
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));

@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
+use alight_shared::step::Recorded;
 use iceoryx2_bb_posix::signal::{FetchableSignal, SignalHandler};
 use mcap::{Compression, McapError};
 use time::OffsetDateTime;
@@ -13,7 +14,7 @@ use tracing::{info, warn};
 
 use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
-use crate::record::entry::PartHeader;
+use crate::record::entry::{self, PartHeader};
 use crate::record::sink::{Channel, Sink, why};
 
 const S: i64 = 1_000_000_000;
@@ -34,6 +35,22 @@ pub struct Batch {
     pub bytes: Vec<u8>,
     /// Number of the step, the steady clock after it (ns), and the end of its entry in `bytes`.
     pub marks: Vec<(u64, i64, usize)>,
+}
+
+impl Batch {
+    /// Adds the step of this number. One that is larger than any record is left out: its number is missing.
+    pub fn add(&mut self, (step, at_ns): (u64, i64), now_ns: i64, ends: (&dyn Recorded, &dyn Recorded)) {
+        let begin = self.bytes.len();
+        if entry::append(&mut self.bytes, now_ns, ends).is_err() {
+            return self.bytes.truncate(begin);
+        }
+        self.marks.push((step, at_ns, self.bytes.len()));
+    }
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.bytes.clear();
+        self.marks.clear();
+    }
 }
 
 /// A part that is being written.
@@ -158,6 +175,14 @@ impl Parts {
             dropped: 0,
             warning_ns: steady_ns,
             utc_ahead_ns: OffsetDateTime::now_utc().unix_timestamp_nanos() - i128::from(steady_ns),
+        }
+    }
+    /// Steps bear their own time in the file in place of people's.
+    #[must_use]
+    pub fn in_own_time(self) -> Parts {
+        Parts {
+            utc_ahead_ns: 0,
+            ..self
         }
     }
     /// Steps that are not recorded because the disk refused or was too slow.

@@ -8,15 +8,13 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
-use alight_shared::wire;
+use alight_shared::step::Recorded;
 use alight_transport::clock::steady_ns;
-use serde::Serialize;
 use tracing::warn;
 
 use super::parts::{Batch, Parts};
 use super::yield_to_flight;
 use crate::exit::{CliError, Doing};
-use crate::record::entry::{Entry, References};
 
 pub use crate::record::entry::PartHeader;
 
@@ -72,27 +70,12 @@ impl NodeRecorder {
         }
     }
     /// Records one step, which ended at `at_ns` of the steady clock.
-    pub fn step<I: Serialize, O: Serialize>(&mut self, at_ns: i64, now_ns: i64, input: &I, output: &O) {
+    pub fn step(&mut self, at_ns: i64, now_ns: i64, input: &dyn Recorded, output: &dyn Recorded) {
         if self.batch.marks.is_empty() {
             self.since_ns = at_ns;
         }
-        let (step, begin) = (self.steps, self.batch.bytes.len());
+        self.batch.add((self.steps, at_ns), now_ns, (input, output));
         self.steps += 1;
-        let encoded = wire::hash_record(output).and_then(|output| {
-            let entry = Entry {
-                now_ns,
-                input,
-                references: References::default(),
-                output,
-            };
-            wire::append_record(&mut self.batch.bytes, &entry)
-        });
-        if encoded.is_err() {
-            // Larger than any record: the thread sees that its number is missing.
-            self.batch.bytes.truncate(begin);
-            return;
-        }
-        self.batch.marks.push((step, at_ns, self.batch.bytes.len()));
         if self.batch.bytes.len() >= BATCH_BYTES || at_ns >= self.since_ns.saturating_add(BATCH_NS) {
             self.hand_over();
         }
@@ -123,14 +106,51 @@ impl Drop for NodeRecorder {
     }
 }
 
+/// Records the steps of a start in a simulated world, and waits for the disk.
+pub struct SimulatedRecorder {
+    parts: Parts,
+    batch: Batch,
+    steps: u64,
+    newest_ns: i64,
+}
+
+impl SimulatedRecorder {
+    /// Records to `directory` from `t_ns` of the world's time on.
+    pub fn begin(directory: &Path, header: PartHeader, t_ns: i64) -> SimulatedRecorder {
+        SimulatedRecorder {
+            parts: Parts::new(directory, header, t_ns).in_own_time(),
+            batch: Batch::default(),
+            steps: 0,
+            newest_ns: t_ns,
+        }
+    }
+    /// Records one step at `t_ns`.
+    pub fn step(&mut self, t_ns: i64, now_ns: i64, ends: (&dyn Recorded, &dyn Recorded)) {
+        self.batch.add((self.steps, t_ns), now_ns, ends);
+        (self.steps, self.newest_ns) = (self.steps + 1, t_ns);
+        if self.batch.bytes.len() >= BATCH_BYTES {
+            self.write();
+        }
+    }
+    fn write(&mut self) {
+        self.parts.write(self.newest_ns, &self.batch);
+        self.batch.clear();
+    }
+    /// Ends the recording; the number of steps that are missing.
+    pub fn finish(mut self) -> u64 {
+        self.write();
+        self.parts.finish(self.newest_ns);
+        self.parts.missing()
+    }
+}
+
 /// Writes what comes until nothing comes any more.
 fn write(mut parts: Parts, batches: &Receiver<Batch>, give_back: &SyncSender<Batch>, missing: &AtomicU64) {
     loop {
         match batches.try_recv() {
             Ok(mut batch) => {
                 parts.write(steady_ns(), &batch);
-                batch.bytes.clear();
-                batch.marks.clear();
+                batch.clear();
                 // A full line back only means that this buffer is not used again.
                 let _unused = give_back.try_send(batch);
             }
@@ -155,6 +175,7 @@ pub fn can_write(directory: &Path) -> Result<(), CliError> {
 mod tests {
     use super::*;
     use crate::record::log::{Log, Order};
+    use alight_shared::wire;
 
     #[test]
     fn recorder_of_every_step() {
