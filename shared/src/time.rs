@@ -34,6 +34,8 @@ clocks! {
     DroneClock = "drone clock";
     /// The simulated world's own time. No node ever sees it.
     TrueTime = "true time";
+    /// The operating system's steady clock, one for all processes of a computer.
+    SteadyClock = "steady clock";
 }
 
 /// A length of time in whole nanoseconds; arithmetic saturates.

@@ -8,12 +8,12 @@ use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
+use alight_shared::msg::Certificate;
 use alight_transport::radio::TlsConfig;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
     KeyPair, KeyUsagePurpose, PublicKeyData,
 };
-use serde::Serialize;
 use time::{Duration, OffsetDateTime};
 use x509_parser::extensions::ParsedExtension;
 use x509_parser::pem::parse_x509_pem;
@@ -157,19 +157,6 @@ pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
     fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
 }
 
-/// A certificate's file.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Certificate {
-    /// Where.
-    pub path: PathBuf,
-    /// Days until it expires, negative when it has.
-    pub days_left: i64,
-    /// It holds from a time that the computer's clock has not reached.
-    pub in_future: bool,
-    /// The name in it.
-    pub name: String,
-}
-
 /// A certificate that was read.
 pub struct CertificateDetails {
     /// What a person reads of it.
@@ -202,12 +189,12 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     let name = certificate.subject().iter_common_name().next();
     Ok(CertificateDetails {
         certificate: Certificate {
-            path: path.into(),
+            path: path.display().to_string().as_str().into(),
             days_left: (validity.not_after.to_datetime() - now)
                 .whole_seconds()
                 .div_euclid(86_400),
             in_future: validity.not_before.to_datetime() > now,
-            name: name.and_then(|n| n.as_str().ok()).unwrap_or("nobody").to_owned(),
+            name: name.and_then(|n| n.as_str().ok()).unwrap_or("nobody").into(),
         },
         public_key: certificate.public_key().raw.to_vec(),
         key_id,

@@ -1,124 +1,32 @@
-//! Situation: what is known on one computer, by the topics of its processes and by its configuration.
-
-use std::path::Path;
+//! Situation: what is known on one computer, by the topics of its processes alone.
 
 use alight_shared::admission::AccessRejection;
-use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{MetricName, MetricValue};
-use alight_shared::msg::{SourceReport, SourceUse, VesselStatus, still_armed_s};
+use alight_shared::msg::{
+    ComputerReport, SourceReport, SourceUse, VesselReport, VesselStatus, still_armed_s,
+};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::Span;
 use alight_shared::{admission, topics};
-use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::autopilot::config::DisarmConfig;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-use crate::certificates::{self, Certificate};
-use crate::config::{DroneComputer, VesselComputer};
+use crate::process::facts::Facts;
 use crate::process::snapshot::Snapshot;
 use crate::subject::Computer;
 
 /// Two periods of the processes' reports: who has not reported by then is silent, s.
 pub const OBSERVATION_S: f64 = 1.2;
 
-/// A vessel's configuration, as far as people are to know it.
-#[derive(Clone, Debug)]
-pub struct KnownVessel {
-    /// Endpoints that it listens on.
-    pub listen: Vec<String>,
-    /// Endpoints that it connects to.
-    pub connect: Vec<String>,
-    /// Names that are admitted.
-    pub peers: Vec<String>,
-    /// The certificate, or why it cannot be read; None: the radio has none.
-    pub certificate: Option<Result<Certificate, String>>,
-    /// Names of the real sensors.
-    pub sources: Vec<String>,
-    /// The clock of their measurements.
-    pub clock: ProcessClock,
-    /// When the certificate's file was read, on the steady clock, ns.
-    pub read_ns: i64,
-}
+/// What does not change, as far as it is known: what the computer has told of itself.
+pub type Known = ComputerReport;
 
-/// The certificate's file is read again this often, ns.
-const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
-
-/// What does not change, as far as it is known.
-#[derive(Clone, Debug, Default)]
-pub struct Known {
-    /// Whose situation it is.
-    pub title: String,
-    /// Number of the drone whose computer it is.
-    pub drone_id: Option<u32>,
-    /// The deck.
-    pub deck: Option<DeckGeometry>,
-    /// The motors on the deck.
-    pub disarm: DisarmConfig,
-    /// Processes that report while it runs.
-    pub processes: Vec<ProcessKind>,
-    /// Of a vessel's computer.
-    pub vessel: Option<KnownVessel>,
-    /// People read winds and the vessel's speed in knots.
-    pub knots: bool,
-}
-
-impl Known {
-    /// A computer.
-    pub fn of(computer: &Computer) -> Known {
-        match computer {
-            Computer::Vessel(v) => Known::vessel(v),
-            Computer::Drone(d) => Known::drone(d),
-        }
-    }
-    /// Reads again what of a computer changes while it runs: a vessel's certificate.
-    pub fn refresh_for(&mut self, computer: &Computer, now_ns: i64) {
-        if let Computer::Vessel(vessel) = computer {
-            self.refresh(vessel, now_ns);
-        }
-    }
-    /// A drone's computer.
-    pub fn drone(computer: &DroneComputer) -> Known {
-        Known {
-            title: format!("drone {}, {}", computer.bridge.drone_id, computer.instance),
-            drone_id: Some(computer.bridge.drone_id),
-            deck: Some(computer.drone.deck),
-            disarm: computer.autopilot.disarm,
-            processes: computer.processes(),
-            vessel: None,
-            knots: computer.view.knots,
-        }
-    }
-    /// A vessel's computer, with what its certificate's file holds now.
-    pub fn vessel(computer: &VesselComputer) -> Known {
-        let file = Path::new(&computer.radio.tls.certificate);
-        let read = || {
-            certificates::read_certificate(file)
-                .map(|c| c.certificate)
-                .map_err(|e| e.to_string())
-        };
-        Known {
-            title: format!("vessel {}", computer.vessel_id),
-            processes: computer.processes(),
-            vessel: Some(KnownVessel {
-                listen: computer.radio.listen.clone(),
-                connect: computer.radio.connect.clone(),
-                peers: computer.radio.tls.peers.clone(),
-                certificate: (!file.as_os_str().is_empty()).then(read),
-                sources: computer.sensor.sources.iter().map(|s| s.name.clone()).collect(),
-                clock: computer.clock,
-                read_ns: steady_ns(),
-            }),
-            knots: computer.view.knots,
-            ..Known::default()
-        }
-    }
-    /// Reads the file of a vessel's certificate again where that is due.
-    pub fn refresh(&mut self, computer: &VesselComputer, now_ns: i64) {
-        let read_ns = self.vessel.as_ref().map_or(i64::MIN, |v| v.read_ns);
-        if now_ns.saturating_sub(read_ns) >= CERTIFICATE_PERIOD_NS {
-            *self = Known::vessel(computer);
-        }
+/// What a computer is to tell once its processes run, by the configuration that is read here.
+pub fn configured(computer: &Computer) -> Known {
+    match computer {
+        Computer::Vessel(v) => Facts::vessel(v).report,
+        Computer::Drone(d) => Facts::drone(d).report,
     }
 }
 
@@ -140,7 +48,7 @@ pub struct SourceHealth {
 /// What is known on one computer.
 #[derive(Clone, Debug, Default)]
 pub struct Situation {
-    /// What does not change.
+    /// What the computer has told of itself, or is to tell.
     pub known: Known,
     /// The newest of each topic.
     pub seen: Snapshot,
@@ -149,10 +57,14 @@ pub struct Situation {
 }
 
 impl Situation {
-    /// Of what was received until `now_ns`.
-    pub fn of(known: Known, seen: &Snapshot, now_ns: i64) -> Situation {
+    /// By what was received until `now_ns`.
+    pub fn of(seen: &Snapshot, now_ns: i64) -> Situation {
+        Situation::look(seen, &Known::default(), now_ns)
+    }
+    /// The same of a computer that is `configured` so, which counts until it has told by what its processes run.
+    pub fn look(seen: &Snapshot, configured: &Known, now_ns: i64) -> Situation {
         Situation {
-            known,
+            known: seen.computer.unwrap_or(*configured),
             seen: seen.clone(),
             now_ns,
         }
@@ -161,9 +73,10 @@ impl Situation {
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
-    /// What is known of a vessel's computer, and what its process reports.
-    pub fn vessel(&self) -> Option<(&KnownVessel, &VesselStatus)> {
-        Some((self.known.vessel.as_ref()?, self.seen.vessel.as_ref()?))
+    /// What a vessel's computer has told of itself, and what its process reports.
+    pub fn vessel(&self) -> Option<(&VesselReport, &VesselStatus)> {
+        let told = self.seen.computer.as_ref()?;
+        Some((told.vessel.as_ref()?, self.seen.vessel.as_ref()?))
     }
     /// The newest report of a process.
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
@@ -191,12 +104,9 @@ impl Situation {
     /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.seen.mission.as_ref()?, self.seen.autopilot.as_ref()?);
-        still_armed_s(
-            mission.header.at,
-            mission,
-            autopilot.armed,
-            self.known.disarm.longest_s(),
-        )
+        let disarm_s = self.known.disarm_s;
+        let disarm_s = disarm_s.unwrap_or_else(|| DisarmConfig::default().longest_s());
+        still_armed_s(mission.header.at, mission, autopilot.armed, disarm_s)
     }
     /// Age of the vessel's newest estimate on the drone, s; infinite before the first, None without a bridge.
     pub fn link_age_s(&self) -> Option<f64> {
@@ -208,11 +118,13 @@ impl Situation {
         let Some((known, status)) = self.vessel() else {
             return Vec::new();
         };
-        let now: Time<VesselClock> = known.clock.read(self.now_ns);
+        // Its clock goes on as the steady clock does: drift since the newest report is no age.
+        let since_ns = self.now_ns.saturating_sub(self.known.header.at.nanos());
+        let now = known.clock + Span::from_nanos(since_ns);
         let source = |r: &SourceReport| {
             let number = usize::try_from(r.number).unwrap_or(usize::MAX);
             Some(SourceHealth {
-                name: known.sources.get(number)?.clone(),
+                name: known.sources.get(number)?.to_string(),
                 age_s: r.status.newest_s.map(|at| now.secs() - at),
                 report: *r,
                 uses: *status.uses.get(number)?,
@@ -255,13 +167,13 @@ impl Serialize for Situation {
             "metrics": processes()
                 .map(|p| (p.kind.name().to_owned(), metrics(p).into()))
                 .collect::<Map<_, _>>(),
-            "edited": self.seen.edited,
+            "edited": self.known.edited,
         });
         let more = match &self.known.vessel {
             Some(known) => json!({
                 "vessel": *self.seen.vessel,
                 "sources": self.sources(),
-                "certificate": known.certificate.as_ref().and_then(|c| c.as_ref().ok()),
+                "certificate": known.certificate.read(),
                 "rejected": self.rejected(),
                 "rejected_last": self.rejected_last(),
             }),
@@ -279,5 +191,63 @@ impl Serialize for Situation {
             all.extend(more);
         }
         all.serialize(to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
+    use alight_shared::time::Time;
+
+    /// What runs is known by what it tells, without any file, and not by a configuration of today.
+    #[test]
+    fn situation_by_topics_alone() {
+        let told = ComputerReport {
+            header: Header::new(8, 0, 1, 1, Time::from_secs(100.0)),
+            title: "vessel 8".into(),
+            processes: Seq::filled([ProcessKind::Vessel]),
+            edited: Some("vessel.toml was edited".into()),
+            vessel: Some(VesselReport {
+                clock: Time::from_secs(40.0),
+                sources: Seq::filled(["receiver".into()]),
+                certificate: CertificateState::Read(Certificate {
+                    days_left: 12,
+                    name: "vessel-8".into(),
+                    ..Certificate::default()
+                }),
+                ..VesselReport::default()
+            }),
+            ..ComputerReport::default()
+        };
+        let mut measured = SourceReport::default();
+        measured.status.newest_s = Some(39.5);
+        let mut seen = Snapshot {
+            vessel: VesselStatus::default().into(),
+            sources: [(0, measured)].into(),
+            ..Snapshot::default()
+        };
+        let configured = Known {
+            title: "vessel 7".into(),
+            vessel: Some(VesselReport::default()),
+            ..Known::default()
+        };
+        let now_ns = 101_000_000_000;
+        let waits = Situation::look(&seen, &configured, now_ns);
+        assert_eq!(waits.known.title.as_str(), "vessel 7");
+        assert!(waits.vessel().is_none(), "it has not told what it is");
+        seen.computer = told.into();
+        let s = Situation::look(&seen, &configured, now_ns);
+        let all = serde_json::to_value(&s).unwrap();
+        assert_eq!(s.known.title.as_str(), "vessel 8");
+        assert_eq!(all["edited"], "vessel.toml was edited");
+        assert_eq!(
+            (&all["certificate"]["name"], &all["certificate"]["days_left"]),
+            (&json!("vessel-8"), &json!(12))
+        );
+        assert_eq!(all["sources"][0]["name"], "receiver");
+        let [receiver]: [SourceHealth; 1] = s.sources().try_into().unwrap();
+        assert!(receiver.age_s.is_some_and(|age| (age - 1.5).abs() < 1e-9));
+        assert_eq!(s.silent(), [(ProcessKind::Vessel, None)]);
     }
 }

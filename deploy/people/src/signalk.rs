@@ -177,8 +177,8 @@ mod tests {
     use super::*;
     use crate::status::finding::Topic;
     use alight_computer::config::VesselComputer;
+    use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;
-    use alight_computer::situation::Known;
     use alight_shared::msg::{DroneStatus, Header, Seq};
     use alight_shared::time::Time;
 
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn values_of_a_vessel_and_what_is_not_known_any_more() {
-        let known = Known::vessel(&VesselComputer::default());
+        let told = Facts::vessel(&VesselComputer::default()).report;
         let contact = |age_s| DroneContact {
             age_s,
             status: DroneStatus {
@@ -251,7 +251,10 @@ mod tests {
             },
         };
         let status = |drones: &[DroneContact]| {
-            let mut seen = Snapshot::default();
+            let mut seen = Snapshot {
+                computer: told.into(),
+                ..Snapshot::default()
+            };
             seen.vessel.set(
                 0,
                 Some(VesselStatus {
@@ -260,7 +263,7 @@ mod tests {
                     ..VesselStatus::default()
                 }),
             );
-            Status::of(Situation::of(known.clone(), &seen, 0))
+            Status::of(Situation::of(&seen, 0))
         };
         let mut deltas = Deltas::default();
         let all = sent(deltas.delta(&status(&[contact(1.0)]), 0));

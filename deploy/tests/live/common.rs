@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
 
+use alight_lab::live::service::Service;
 use alight_transport::radio::{Publication, TlsConfig, Urgency};
 use serde_json::Value;
 
@@ -113,31 +114,10 @@ pub fn scratch(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
-/// What the vessel's package leaves for the first start: the file of an open deck, on which nothing stands.
-pub fn open_deck(directory: &Path, instance: &str) {
-    std::fs::write(directory.join(format!("alight-{instance}.deck")), "\"open\"").expect("written");
-}
-
-/// Kills a service with all of its processes, as its manager does with the rest of one that ended.
-pub fn kill_service(service: &mut Child) {
-    let parent = |pid: u64| {
-        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-        let after = stat.rsplit(')').next()?.split_whitespace().nth(1)?;
-        after.parse::<u32>().ok()
-    };
-    let all = std::fs::read_dir("/proc").expect("read").flatten();
-    let all = all.filter_map(|e| e.file_name().to_str()?.parse().ok());
-    let children: Vec<u64> = all.filter(|pid| parent(*pid) == Some(service.id())).collect();
-    service.kill().expect("killed");
-    service.wait().expect("waited for");
-    for pid in children {
-        // One that has ended has no program any more, whether somebody has waited for it or not.
-        let lives = || std::fs::read_link(format!("/proc/{pid}/exe")).is_ok();
-        while lives() {
-            let _ended = Command::new("kill").args(["-KILL", &pid.to_string()]).status();
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-    }
+/// The service `name` by its file in `directory`.
+pub fn service(name: &'static str, directory: &Path, more: &[&str]) -> Service {
+    beside();
+    Service::start(name, &[env!("CARGO_BIN_EXE_alight")], directory, more).expect("starts")
 }
 
 /// A process whose standard input closes with its test, on which it ends.

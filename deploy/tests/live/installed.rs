@@ -5,17 +5,19 @@
 //! the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.
 //! Nothing here asserts a time: the bounds on waiting are only against tests that never end.
 
-use std::io::{BufRead, BufReader};
+use std::collections::BTreeMap;
 use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt;
-use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use alight_computer::vessel::deck_file;
+use alight_lab::live::service::{Service, runs};
+use alight_shared::config;
 use alight_transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
@@ -31,18 +33,22 @@ const WARM_UP_S: f64 = 15.0;
 const CALIBRATION_S: u32 = 22;
 const STAY_S: f64 = 32.0;
 
-/// The words of a command from the environment, or this test's own program.
-fn words(variable: &str) -> Vec<String> {
-    match std::env::var(variable) {
-        Ok(text) if !text.is_empty() => text.split_whitespace().map(str::to_owned).collect(),
-        Ok(_) | Err(_) => vec![env!("CARGO_BIN_EXE_alight").into()],
+/// The program of one side with what stands before it: from the environment, or this test's own.
+fn words(side: &str) -> Vec<String> {
+    let mut words = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
+    match std::env::var(format!("ALIGHT_{}", side.to_uppercase())) {
+        Ok(text) if !text.is_empty() => words.extend(text.split_whitespace().map(str::to_owned)),
+        Ok(_) | Err(_) => words.push(env!("CARGO_BIN_EXE_alight").into()),
     }
+    words
 }
 
-fn command(words: &[String]) -> Command {
-    let mut command = Command::new("nice");
-    command.args(["-n", "-15"]).args(words);
-    command
+/// The program of one side with these words, to its end.
+fn run(side: &str, what: impl AsRef<str>) -> Output {
+    let words = words(side);
+    let mut command = Command::new(&words[0]);
+    command.args(&words[1..]).args(what.as_ref().split_whitespace());
+    command.output().expect("runs")
 }
 
 fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
@@ -55,8 +61,7 @@ struct Installed {
     instance: String,
     directory: PathBuf,
     endpoint: String,
-    notified: UnixDatagram,
-    children: Vec<(&'static str, Child)>,
+    services: BTreeMap<&'static str, Service>,
 }
 
 impl Installed {
@@ -133,21 +138,18 @@ impl Installed {
         for key in ["epoch_s", "offset_s", "drift_ppm"] {
             clocks.insert(key.into(), 0.0.into());
         }
-        let name = vessel.get("instance").and_then(toml::Value::as_str);
-        common::open_deck(&directory, name.expect("a name"));
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");
         }
-        let socket = directory.join("notified");
-        let notified = UnixDatagram::bind(&socket).expect("a socket");
+        let vessel = config::load(&directory.join("vessel.toml")).expect("read");
+        deck_file::write_first(&directory, &vessel).expect("written");
         open_to_all(&directory);
         Installed {
             instance,
             directory,
             endpoint,
-            notified,
-            children: Vec::new(),
+            services: BTreeMap::new(),
         }
     }
 
@@ -163,57 +165,21 @@ impl Installed {
         self.directory.join(name).display().to_string()
     }
 
-    fn start(&mut self, name: &'static str, words: &[String]) {
-        let errors = std::fs::File::options()
-            .create(true)
-            .append(true)
-            .open(self.directory.join(format!("{name}.err")))
-            .expect("a file");
-        let config = self.file(&format!("{name}.toml"));
-        let child = command(words)
-            .args([name, "--config", &config, "--supervised"])
-            .env("NOTIFY_SOCKET", self.directory.join("notified"))
-            .env("STATE_DIRECTORY", &self.directory)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(errors)
-            .spawn()
-            .expect("starts");
-        self.children.push((name, child));
+    fn start(&mut self, name: &'static str) {
+        let service = Service::start(name, &words(name), &self.directory, &[]).expect("starts");
+        open_to_all(&service.socket());
+        self.services.insert(name, service);
     }
-    fn start_vessel(&mut self) {
-        self.start("vessel", &words("ALIGHT_VESSEL"));
-        self.await_ready();
+    /// The same, until it reports that it is ready.
+    fn start_ready(&mut self, name: &'static str) {
+        self.start(name);
+        let ready = self.services.get_mut(name).expect("it runs").await_ready();
+        ready.unwrap_or_else(|e| panic!("{e}\n{}", self.complaints()));
     }
-    fn start_drone(&mut self) {
-        self.start("drone", &words("ALIGHT_DRONE"));
-        self.await_ready();
-    }
-    /// Until a service reports that it is ready.
-    fn await_ready(&self) {
-        self.notified
-            .set_read_timeout(Some(Duration::from_secs(60)))
-            .expect("set");
-        let mut buffer = [0; 512];
-        loop {
-            let n = self.notified.recv(&mut buffer).unwrap_or_else(|e| {
-                panic!("not ready: {e}\n{}", self.complaints());
-            });
-            if buffer[..n].starts_with(b"READY=1") {
-                return;
-            }
-        }
-    }
-    /// Ends the newest process `name` as its service's manager would.
+    /// Ends a service as its manager would.
     fn stop(&mut self, name: &str) {
-        let at = self
-            .children
-            .iter()
-            .rposition(|(n, _)| *n == name)
-            .expect("it runs");
-        let (_, mut child) = self.children.remove(at);
-        drop(child.stdin.take());
-        child.wait().expect("waited for");
+        let mut service = self.services.remove(name).expect("it runs");
+        assert!(service.stop(), "killed: {}", self.complaints());
     }
     /// Kills the drone's supervisor and starts it again as its service's manager does: once all of its processes are
     /// gone, after RestartSec.
@@ -222,23 +188,18 @@ impl Installed {
         let of_drone = processes
             .iter()
             .filter(|p| p["kind"] != "World" && p["kind"] != "Vessel");
-        let pids: Vec<u64> = of_drone.filter_map(|p| p["pid"].as_u64()).collect();
+        let pids = of_drone.filter_map(|p| u32::try_from(p["pid"].as_u64()?).ok());
+        let pids: Vec<u32> = pids.collect();
         assert!(pids.len() >= 5, "{processes:?}");
-        let at = self.children.iter().rposition(|(n, _)| *n == "drone");
-        let (_, mut child) = self.children.remove(at.expect("it runs"));
+        let mut service = self.services.remove("drone").expect("it runs");
         let began_ns = steady_ns();
-        child.kill().expect("killed");
-        child.wait().expect("waited for");
-        // One that has ended has no program any more, whether somebody has waited for it or not.
-        while pids
-            .iter()
-            .any(|p| std::fs::read_link(format!("/proc/{p}/exe")).is_ok())
-        {
+        signal(service.id().expect("it runs").into(), "-KILL");
+        while service.poll() || pids.iter().any(|p| runs(*p)) {
             std::thread::sleep(Duration::from_millis(5));
         }
         let gone_ns = steady_ns();
         std::thread::sleep(Duration::from_millis(100));
-        self.start_drone();
+        self.start_ready("drone");
         let [gone_s, ready_s] = [gone_ns, steady_ns()].map(|t| (t - began_ns) as f64 * 1e-9);
         // For a person, with --nocapture.
         println!("gone after {gone_s:.3} s, ready after {ready_s:.3} s");
@@ -248,37 +209,23 @@ impl Installed {
             .map(|name| std::fs::read_to_string(self.file(&format!("{name}.err"))).unwrap_or_default())
             .concat()
     }
-    fn run(&self, what: impl AsRef<str>) -> Output {
-        let mut command = command(&words("ALIGHT_DRONE"));
-        command
-            .args(what.as_ref().split_whitespace())
-            .output()
-            .expect("runs")
-    }
     fn order(&self, order: &str) -> Output {
-        self.run(format!(
-            "command {order} --json --config {}",
-            self.file("drone.toml")
-        ))
+        let config = self.file("drone.toml");
+        run("drone", format!("command {order} --json --config {config}"))
     }
-    /// An operator's command from ashore, with the certificate in `keys`.
-    fn order_from_ashore(&self, order: &str, keys: &str) -> Output {
-        let keys = self.file(keys);
-        self.run(format!(
-            "command {order} --json --vessel {} --keys {keys}",
-            self.endpoint
-        ))
+    /// The words of an operator's command from ashore, with the certificate in `keys`.
+    fn ashore(&self, order: &str, keys: &str) -> String {
+        let (endpoint, keys) = (&self.endpoint, self.file(keys));
+        format!("command {order} --json --vessel {endpoint} --keys {keys}")
     }
     fn status(&self) -> Value {
-        let out = self.run(format!("status --json --instance {}", self.instance));
+        let out = run("drone", format!("status --json --instance {}", self.instance));
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
     /// What `status` prints on the vessel.
     fn vessel_status(&self) -> Value {
-        let out = command(&words("ALIGHT_VESSEL"))
-            .args(["status", "--json", "--config", &self.file("vessel.toml")])
-            .output()
-            .expect("runs");
+        let config = self.file("vessel.toml");
+        let out = run("vessel", format!("status --json --config {config}"));
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
     /// What `status` prints once `wanted` is true.
@@ -298,9 +245,9 @@ impl Installed {
     }
     /// Starts everything, and commands a landing once the estimator has warmed up and the vessel is received.
     fn begin_landing(&mut self) {
-        self.start_vessel();
-        self.start_drone();
-        self.start("world", &words("ALIGHT_WORLD"));
+        self.start_ready("vessel");
+        self.start_ready("drone");
+        self.start("world");
         self.status_when("the vessel is received and the drone flies", |s| {
             let t = self.time_s(s);
             t.is_some_and(|t| t > 0.0) && fresh(s)
@@ -319,37 +266,28 @@ impl Installed {
         status["mission"]["state"].as_str().unwrap_or_default().to_owned()
     }
     /// The world reports a success.
-    fn assert_success(&mut self) {
+    fn assert_success(&self) {
         let outcome = self.outcome();
         // For a person, with --nocapture.
         println!("{outcome}");
         assert_eq!(outcome["outcome"], "success", "{}", self.complaints());
     }
     /// The outcome that the world reports.
-    fn outcome(&mut self) -> Value {
-        let (_, world) = self
-            .children
-            .iter_mut()
-            .find(|(n, _)| *n == "world")
-            .expect("it runs");
-        let output = BufReader::new(world.stdout.take().expect("its output"));
-        for line in output.lines().map_while(Result::ok) {
-            if let Ok(report) = serde_json::from_str::<Value>(&line) {
-                return report["landed"]["outcome"].clone();
-            }
-        }
-        panic!("no outcome: {}", self.complaints());
+    fn outcome(&self) -> Value {
+        let lines = self.services["world"].lines();
+        let mut reports = lines.filter_map(|line| serde_json::from_str::<Value>(&line).ok());
+        let report = reports.next();
+        let report = report.unwrap_or_else(|| panic!("no outcome: {}", self.complaints()));
+        report["landed"]["outcome"].clone()
     }
 }
 
 impl Drop for Installed {
     fn drop(&mut self) {
-        for (_, child) in &mut self.children {
-            drop(child.stdin.take());
+        for service in self.services.values_mut() {
+            service.ask_to_end();
         }
-        for (_, child) in &mut self.children {
-            let _status = child.wait();
-        }
+        self.services.clear();
         if !std::thread::panicking() {
             let _left = std::fs::remove_dir_all(&self.directory);
         }
@@ -474,18 +412,18 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     air.silence(true);
     // Each waits for an answer in vain, 12 s long.
-    std::thread::scope(|scope| {
-        scope.spawn(|| all.order_from_ashore("land", "operator-1"));
-        std::thread::sleep(Duration::from_secs(2));
-        all.order_from_ashore("abort", "operator-1");
-    });
+    let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
+    let landing = std::thread::spawn(|| run("drone", land));
+    std::thread::sleep(Duration::from_secs(2));
+    run("drone", abort);
+    landing.join().expect("runs");
     let age_s = |s: &Value| s["link"]["age_s"].as_f64();
     all.status_when("10 s of silence", |s| age_s(s).is_some_and(|age| age > 10.0));
     assert_ne!(all.state(), "GaveUp");
     let vessel = pid(&all.vessel_status(), "vessel");
     signal(vessel.expect("it runs"), "-KILL");
     all.stop("vessel");
-    all.start_vessel();
+    all.start_ready("vessel");
     air.silence(false);
     all.status_when("the abort acts", |s| s["mission"]["state"] == "GaveUp");
     all.status_when("the vessel has the answer", |_| {
@@ -511,7 +449,7 @@ fn restarted_computer_killed_supervisor_calibration() {
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let before = all.status();
     all.stop("drone");
-    all.start_drone();
+    all.start_ready("drone");
     // Every process of it, and the autopilot has kept the drone in the air meanwhile.
     let after = all.status_when("flies on and hears the vessel", |s| {
         let t = all.time_s(s);
@@ -525,10 +463,9 @@ fn restarted_computer_killed_supervisor_calibration() {
     println!("{}", all.complaints());
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
-    let out = all.run(format!(
-        "calibrate deck --json --for {CALIBRATION_S} --config {}",
-        all.file("drone.toml")
-    ));
+    let config = all.file("drone.toml");
+    let words = format!("calibrate deck --json --for {CALIBRATION_S} --config {config}");
+    let out = run("drone", words);
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     let found: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|e| panic!("{e}: {out:?}\n{}", all.complaints()));
@@ -550,12 +487,13 @@ fn abort_precedence_and_a_frozen_process() {
     let mut all = Installed::prepare("abort", 105, |_, drone| steady(drone, 100.0));
     all.begin_landing();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
-    let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));
+    let config = all.file("drone.toml");
+    let out = run("drone", format!("calibrate deck --config {config}"));
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
     // Neither a stranger nor the drone itself commands through the vessel.
     for keys in ["other/operator-1", "drone-1"] {
-        let out = all.order_from_ashore("abort", keys);
+        let out = run("drone", all.ashore("abort", keys));
         assert!(!out.status.success(), "{keys}: {out:?}");
         assert_ne!(all.state(), "GaveUp");
     }
@@ -571,7 +509,7 @@ fn abort_precedence_and_a_frozen_process() {
     let vessel = all.vessel_status();
     let rejected = vessel["rejected"].as_array().expect("a list");
     assert!(!rejected.is_empty() && vessel["worst"] == "warning", "{vessel}");
-    all.assert_accepted(&all.order_from_ashore("abort", "operator-1"));
+    all.assert_accepted(&run("drone", all.ashore("abort", "operator-1")));
     assert_eq!(all.state(), "GaveUp");
     let planner = |s: &Value| pid(s, "planner");
     let frozen = planner(&all.status_when("the planner runs", |s| planner(s).is_some())).expect("it runs");

@@ -2,9 +2,11 @@
 //! hand: `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use alight_computer::vessel::deck_file;
+use alight_lab::live::service::Service;
+use alight_shared::config;
 use alight_shared::msg::{Header, SensorReadings};
 use alight_shared::wire;
 use alight_transport::memory::{Instance, Memory};
@@ -12,9 +14,7 @@ use alight_usv::ComputerIn;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{
-    Running, alight, errors, free_udp, instance, kill_service, open_deck, printed, run, scratch,
-};
+use crate::common::{alight, errors, free_udp, instance, printed, run, scratch, service};
 
 /// A step of the vessel as it is recorded: time, input, what is left out of it, hash of the output.
 type Step = (i64, ComputerIn, [u8; 3], u64);
@@ -23,7 +23,6 @@ type Step = (i64, ComputerIn, [u8; 3], u64);
 struct Vessel {
     directory: PathBuf,
     instance: String,
-    config: PathBuf,
     readings: Vec<Readings>,
 }
 
@@ -54,24 +53,17 @@ impl Vessel {
             flights.display()
         );
         std::fs::write(&config, text).expect("written");
-        open_deck(&directory, &instance);
+        let computer = config::load(&config).expect("read");
+        deck_file::write_first(&directory, &computer).expect("written");
         let readings = readings(&directory);
         Vessel {
             directory,
             instance,
-            config,
             readings,
         }
     }
-    fn start(&self) -> Child {
-        Command::new(env!("CARGO_BIN_EXE_alight"))
-            .args(["vessel", "--supervised", "--config"])
-            .arg(&self.config)
-            .env("STATE_DIRECTORY", &self.directory)
-            .stdin(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("starts")
+    fn start(&self) -> Service {
+        service("vessel", &self.directory, &[])
     }
     /// Its memory, once the process that made it has all services in it.
     fn memory(&self) -> Option<Memory> {
@@ -189,7 +181,7 @@ fn kill(rounds: u64) -> Vec<f64> {
         vessel.feed_until_synchronised(round as usize + 1);
         vessel.feed(137 * round % 1_900);
         let killed_ns = utc_ns();
-        kill_service(&mut process);
+        process.kill();
         let listed = vessel.flights("");
         let flight = listed.last().expect("a flight");
         assert_eq!(
@@ -242,7 +234,7 @@ fn hundred_kills_of_a_recording_process() {
 #[test]
 fn list_of_a_vessels_flight() {
     let vessel = Vessel::prepare("flights");
-    let process = Running(vessel.start());
+    let mut process = vessel.start();
     vessel.feed_until_synchronised(1);
     let running = &vessel.flights("--mend")[0];
     assert_eq!(
@@ -250,7 +242,7 @@ fn list_of_a_vessels_flight() {
         (&"running".into(), &"vessel-1".into())
     );
     assert_eq!(running["cut"], running["parts"], "it is not mended: {running}");
-    drop(process);
+    assert!(process.stop(), "it was killed");
     let ended = &vessel.flights("")[0];
     assert_eq!(
         (&ended["files"], &ended["cut"]),

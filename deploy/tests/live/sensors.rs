@@ -12,7 +12,7 @@ use alight_transport::memory::{Instance, Memory, Services};
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{Running, alight, errors, free_udp, instance, run, scratch, signal};
+use crate::common::{Running, alight, errors, free_udp, instance, run, scratch, service, signal};
 use crate::landing::pid;
 
 fn sentence(body: &str) -> String {
@@ -162,20 +162,16 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
 #[test]
 fn vessel_process_with_its_sensors() {
     let (udp, radio) = (free_udp(), free_udp());
-    let config = scratch("sensors-vessel.toml");
+    let directory = scratch("sensors-vessel");
+    std::fs::create_dir_all(&directory).unwrap();
+    let config = directory.join("vessel.toml");
     let text = format!(
         "instance = \"{}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
          connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n",
         instance("mast")
     );
     std::fs::write(&config, text).unwrap();
-    let child = alight(format!("vessel --supervised --config {}", config.display()))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the program runs");
-    let program = Running(child);
+    let mut program = service("vessel", &directory, &[]);
     // A mast that never falls silent, and damages one sentence in ten.
     let (end, ended) = std::sync::mpsc::channel::<()>();
     let to = udp.clone();
@@ -233,7 +229,7 @@ fn vessel_process_with_its_sensors() {
         pid(status, "sensors").is_some_and(|now| now != killed) && young(&status["sources"][0])
     });
     // With the vessel's process its sensors' ends too.
-    drop(program);
+    assert!(program.stop(), "it was killed");
     assert!(
         (0..100).any(|_| {
             std::thread::sleep(Duration::from_millis(50));
@@ -243,7 +239,7 @@ fn vessel_process_with_its_sensors() {
     );
     end.send(()).unwrap();
     mast.join().unwrap();
-    std::fs::remove_file(config).unwrap();
+    std::fs::remove_dir_all(directory).unwrap();
 }
 
 #[test]

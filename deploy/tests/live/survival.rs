@@ -4,10 +4,11 @@
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use alight_computer::vessel::deck_file;
+use alight_lab::live::service::Service;
+use alight_shared::config;
 use alight_shared::msg::{Closure, DroneStatus, Header, LandedState, State};
 use alight_shared::time::Time;
 use alight_shared::wire;
@@ -17,7 +18,7 @@ use alight_usv::deck::Claim;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 
-use crate::common::{self, Running, alight, free_udp, instance, kill_service, printed, run, scratch, signal};
+use crate::common::{self, alight, free_udp, instance, printed, run, scratch, service, signal};
 use crate::landing::{land, pid, running, status_when};
 
 /// A vessel's computer without sensors, on the loopback interface.
@@ -38,25 +39,16 @@ impl Vessel {
         let instance = instance(&format!("v-{name}"));
         let text = format!("vessel_id = 1\ninstance = \"{instance}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
         std::fs::write(&config, text).expect("written");
-        common::open_deck(&directory, &instance);
+        let computer = config::load(&config).expect("read");
+        deck_file::write_first(&directory, &computer).expect("written");
         Vessel {
             directory,
             config,
             endpoint,
         }
     }
-    /// The command that starts its process, after these words.
-    fn command(&self, before: &[&str]) -> Command {
-        let program = env!("CARGO_BIN_EXE_alight");
-        let words = [before, &[program, "vessel", "--supervised", "--config"]].concat();
-        let mut command = Command::new(words[0]);
-        command.args(&words[1..]).arg(&self.config);
-        command.stdin(Stdio::piped());
-        command.env("STATE_DIRECTORY", &self.directory);
-        command
-    }
-    fn start(&self) -> Running {
-        Running(self.command(&[]).spawn().expect("starts"))
+    fn start(&self) -> Service {
+        service("vessel", &self.directory, &[])
     }
     /// The crew's word on the deck.
     fn say(&self, word: &str) {
@@ -161,18 +153,9 @@ fn flight_with_a_camera_that_cannot_be_started() {
         free_udp()
     );
     std::fs::write(file("drone.toml"), text).expect("written");
-    let errors = file("errors");
-    let running = Command::new(&program)
-        .args(["drone", "--supervised", "--config"])
-        .arg(file("drone.toml"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(std::fs::File::create(&errors).expect("made"))
-        .spawn()
-        .map(Running)
-        .expect("starts");
+    let mut running = Service::start("drone", &[&program], &directory, &[]).expect("starts");
     let printed = |what: &str| {
-        let text = std::fs::read_to_string(&errors).expect("read");
+        let text = std::fs::read_to_string(file("drone.err")).expect("read");
         text.matches(what).count()
     };
     let both = |s: &Value| ["pilot", "autopilot"].map(|p| pid(s, p));
@@ -186,7 +169,7 @@ fn flight_with_a_camera_that_cannot_be_started() {
     permit(0o755);
     let after = status_when(&name, |_| printed(ended) > tried);
     assert_eq!(both(&after), both(&before));
-    drop(running);
+    assert!(running.stop(), "it was killed");
     std::fs::remove_dir_all(&directory).expect("removed");
 }
 
@@ -194,13 +177,8 @@ fn flight_with_a_camera_that_cannot_be_started() {
 fn vessel_with_a_recorder_size_limit() {
     let vessel = Vessel::prepare("log-limit");
     let log = vessel.directory.join("log");
-    let errors = vessel.directory.join("errors");
-    let mut running = vessel.command(&[]);
-    running
-        .arg("--flight")
-        .arg(&log)
-        .stderr(std::fs::File::create(&errors).expect("made"));
-    let mut running = Running(running.spawn().expect("starts"));
+    let flight = log.display().to_string();
+    let mut running = service("vessel", &vessel.directory, &["--flight", &flight]);
     // Its memory is there by then.
     let status = vessel.status_when("it reports", |s| pid(s, "vessel").is_some());
     let pid = pid(&status, "vessel").and_then(|p| Pid::from_raw(p.try_into().ok()?));
@@ -211,8 +189,8 @@ fn vessel_with_a_recorder_size_limit() {
     prlimit(pid, Resource::Fsize, limit).expect("limited");
     let status = vessel.status_when("the recorder is full", |s| finding(s, "recorder").is_some());
     assert_eq!(finding(&status, "recorder").expect("there")["level"], "warning");
-    assert!(running.0.try_wait().expect("asked").is_none(), "it has ended");
-    let said = std::fs::read_to_string(&errors).expect("read");
+    assert!(running.poll(), "it has ended");
+    let said = std::fs::read_to_string(vessel.directory.join("vessel.err")).expect("read");
     assert!(
         said.contains("goes on without its recorder: writing") && said.contains(&log.display().to_string()),
         "{said}"
@@ -242,9 +220,9 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
         s["vessel"]["occupied"] == true && vessel.kept().is_some_and(|kept| stands(&kept))
     });
     drop(drone);
-    let again = |process: &mut Running| {
+    let again = |process: &mut Service| {
         let before = pid(&vessel.status(), "vessel");
-        kill_service(&mut process.0);
+        process.kill();
         *process = vessel.start();
         vessel.status_when("another process reports", |s| {
             pid(s, "vessel").is_some_and(|now| Some(now) != before)

@@ -35,6 +35,7 @@ macro_rules! restamped {
 
 mod aboard;
 mod beacon;
+mod computer;
 mod deck;
 mod drone;
 mod drone_status;
@@ -55,6 +56,10 @@ pub use aboard::{
     Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S, Unheard, VesselStatus,
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
+pub use computer::{
+    Certificate, CertificateState, ComputerReport, MAX_ENDPOINTS, MAX_PEERS, MAX_PROCESSES, Name, Names,
+    VesselReport,
+};
 pub use deck::{
     CameraLight, DeckForecast, DeckStage, FORECAST_STAGES, LinkState, MIN_GLARE, PREDICTED_SLOPE_STEP_S,
     PREDICTED_SLOPES, RangeSample, SILENT_S, Source, TagPose, UvdarFix,
@@ -92,7 +97,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 25;
+pub const MESSAGE_VERSION: u16 = 26;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -5,6 +5,7 @@
 //! is denied but this: we publish our own keys, a peer publishes and answers keys under its own name, and
 //! either may subscribe and ask. zenoh does not report a rejection to the publisher.
 
+use alight_shared::msg::MAX_PEERS;
 use serde_json::{Value, json};
 
 /// The chunk below a name under which the schemas of its messages are: a `**` of others does not match it.
@@ -12,7 +13,7 @@ pub const SCHEMA: &str = "@schema";
 /// The subject of what comes through a router, whose certificate the configuration names.
 const ROUTER: &str = "router";
 /// Peers at most.
-pub const PEERS: usize = 64;
+pub const PEERS: usize = MAX_PEERS;
 
 /// Whether `name` can be one chunk of a key and a certificate's common name.
 pub fn is_name(name: &str) -> bool {

@@ -15,6 +15,7 @@ use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::io::mavlink_key;
 use crate::process::args::{Scheduling, ServiceArgs};
+use crate::process::facts::Facts;
 use crate::process::sealed::SealedConfig;
 use crate::process::service::{self, Service};
 
@@ -48,6 +49,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let kinds = computer.processes().into_iter();
     let service = Service {
         instance: &computer.instance,
+        facts: Facts::drone(&computer),
         computer: format!("drone-{}", computer.bridge.drone_id),
         recorder: &computer.recorder,
         silence_timeout_s: supervision.silent_s,

@@ -12,8 +12,6 @@ use crate::process::supervisor::pause;
 const LOCK_FILE: &str = "lock";
 /// Where a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
 pub const CHECKPOINTS_FILE: &str = "checkpoints";
-/// What people are to know of a configuration that was edited since the start.
-pub const EDITED_FILE: &str = "edited";
 /// This file exists once all services are there: observers may join. It holds the owner's process number,
 /// because the file of a killed owner stays.
 const READY_FILE: &str = "ready";
@@ -82,16 +80,6 @@ impl OwnedInstance {
         std::fs::write(&path, std::process::id().to_string())
             .doing(format_args!("writing {}", path.display()))
     }
-    /// Says something in a file of this name, or nothing any more.
-    pub fn say(&self, name: &str, text: Option<String>) {
-        let path = self.file(name);
-        // For people beside it only: what cannot be written is in the journal.
-        let _unsaid = match text {
-            Some(text) if !path.exists() => std::fs::write(path, text),
-            None if path.exists() => std::fs::remove_file(path),
-            Some(_) | None => Ok(()),
-        };
-    }
     /// A file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
         self.instance.directory().join(name)
@@ -130,11 +118,6 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
         }
     }
     Ok(())
-}
-
-/// What an instance says in its file of this name.
-pub fn said(instance: &Instance, name: &str) -> Option<String> {
-    std::fs::read_to_string(instance.directory().join(name)).ok()
 }
 
 /// Process number of the owner whose services are there, while it lives.

@@ -2,11 +2,10 @@
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, Span, SteadyClock, Time};
 
 use crate::config::DroneComputer;
 use crate::process::life::draw_boot;
-use crate::process::supervision::SteadyClock;
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz.
 const TIMEOUT: Span = Span::from_millis(2000);

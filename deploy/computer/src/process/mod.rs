@@ -2,6 +2,7 @@
 //! when asked to), and the supervisor that starts and restarts them.
 
 pub mod args;
+pub mod facts;
 pub mod flight;
 pub mod instance;
 pub mod journal;

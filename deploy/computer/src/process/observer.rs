@@ -1,8 +1,8 @@
 //! Observer of the reports of an instance's processes.
 
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, SetPoint,
-    SourceReport, VesselStatus, WaveModel,
+    AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
+    SetPoint, SourceReport, VesselStatus, WaveModel,
 };
 use alight_shared::process::ProcessState;
 use alight_shared::time::DroneClock;
@@ -10,7 +10,7 @@ use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Subscriber};
 
 use crate::exit::CliError;
-use crate::process::instance::{EDITED_FILE, is_running, owner, said};
+use crate::process::instance::{is_running, owner};
 use crate::process::snapshot::Snapshot;
 
 /// Receives the reports of an instance's processes.
@@ -27,6 +27,7 @@ pub struct Observer {
     set_point: Subscriber<SetPoint>,
     vessel: Subscriber<VesselStatus>,
     sources: Subscriber<SourceReport>,
+    computer: Subscriber<ComputerReport>,
     /// What was seen.
     pub snapshot: Snapshot,
     /// Ages of the vessel's newest state since they were taken last, s.
@@ -49,6 +50,7 @@ impl Observer {
             set_point: memory.subscriber()?,
             vessel: memory.subscriber()?,
             sources: memory.subscriber()?,
+            computer: memory.subscriber()?,
             snapshot: Snapshot {
                 since_ns: steady_ns(),
                 ..Snapshot::default()
@@ -62,6 +64,7 @@ impl Observer {
         for state in self.processes.all(now) {
             seen.processes.insert(state.kind, state);
         }
+        seen.computer.set(now, self.computer.newest(now));
         seen.vessel.set(now, self.vessel.newest(now));
         seen.sources
             .extend(self.sources.all(now).into_iter().map(|s| (s.number, s)));
@@ -87,7 +90,6 @@ pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
-    joins: u64,
     /// What was joined last.
     pub ports: Option<T>,
 }
@@ -102,7 +104,6 @@ impl<T> Rejoined<T> {
             instance: Instance::new(instance)?,
             owner: None,
             looked_ns: 0,
-            joins: 0,
             ports: None,
         })
     }
@@ -112,7 +113,6 @@ impl<T> Rejoined<T> {
         let new = join(&self.instance)?;
         // Its names are the new memory's by now: what is dropped would be removed under them.
         core::mem::forget(self.ports.replace(new));
-        self.joins += 1;
         Ok(())
     }
     /// Joins it where it is another; true while it runs.
@@ -148,10 +148,6 @@ impl Follower {
     pub fn leave(&mut self) {
         self.joined.ports = None;
     }
-    /// Sets of processes that were looked at so far: one more since the last look is another, perhaps by another configuration.
-    pub fn joins(&self) -> u64 {
-        self.joined.joins
-    }
     /// What was seen by now, with the memory that it lies in; None while nothing runs.
     pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {
         let name = self.name;
@@ -163,7 +159,6 @@ impl Follower {
         let ports = self.joined.poll(join).then_some(self.joined.ports.as_mut());
         let (memory, observer) = ports.flatten()?;
         observer.poll();
-        observer.snapshot.edited = said(&self.joined.instance, EDITED_FILE);
         Some((memory, &observer.snapshot))
     }
 }

@@ -20,8 +20,9 @@ use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Exit};
 use crate::io::store::state_directory;
 use crate::process::args::{ProcessArgs, Scheduling};
+use crate::process::facts::{Facts, Reporter};
 use crate::process::flight::Flight;
-use crate::process::instance::{CHECKPOINTS_FILE, EDITED_FILE, OwnedInstance};
+use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
 use crate::process::notify::Notify;
@@ -38,6 +39,8 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 pub struct Service<'a> {
     /// Name of the set of processes.
     pub instance: &'a str,
+    /// What people are told of the computer.
+    pub facts: Facts,
     /// The computer's name in its flights.
     pub computer: String,
     /// Where it records them.
@@ -65,6 +68,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     let services = Services::create(&memory)?;
     owned.ready()?;
     let mut observer = Observer::join(&memory)?;
+    let mut reporter = Reporter::join(&memory, service.facts.clone())?;
     let mut keeper = match service.checkpoints {
         Some(clock) => {
             let kept = CheckpointKeeper::join(&memory)?.on_disk(lasting_path(service.instance), clock.now());
@@ -79,7 +83,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     while memory.wait(POLL_PERIOD) && !told_to_end.load(Ordering::Relaxed) {
         observer.poll();
         sealed.poll(steady_ns());
-        owned.say(EDITED_FILE, sealed.edited());
+        reporter.poll(steady_ns(), || sealed.edited());
         // Before what a dead process left is cleaned up.
         if let Some((clock, keeper)) = &mut keeper {
             keeper.poll(clock.now());
@@ -114,6 +118,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
         keeper.forget();
     }
     sealed.end();
+    drop(reporter);
     drop(services);
     drop(memory);
     drop(owned);

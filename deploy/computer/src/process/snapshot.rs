@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
-    SourceReport, VesselStatus, WaveModel,
+    AttitudeResponse, AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
+    MissionState, Plan, SourceReport, VesselStatus, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -130,8 +130,8 @@ pub struct Snapshot {
     pub vessel: Newest<VesselStatus>,
     /// The vessel's real sensors by their places in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
-    /// The warning of a configuration that was edited since the start.
-    pub edited: Option<String>,
+    /// What the computer tells of itself.
+    pub computer: Newest<ComputerReport>,
 }
 
 impl Snapshot {

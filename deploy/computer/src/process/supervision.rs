@@ -3,7 +3,7 @@
 
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{Clock, Span, Time};
+use alight_shared::time::{Span, SteadyClock, Time};
 use serde::{Deserialize, Serialize};
 
 /// Delay before a process is started again that had not run for long; doubles with each further failure.
@@ -20,14 +20,6 @@ const START_FACTOR: f64 = 5.0;
 /// Each kill for silence doubles what the next start is allowed, this often at most: killing what is only slow makes
 /// nothing faster. A stable run ends it.
 const MAX_DOUBLINGS: u32 = 3;
-
-/// The operating system's steady clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct SteadyClock;
-
-impl Clock for SteadyClock {
-    const NAME: &'static str = "steady clock";
-}
 
 /// What a supervisor tolerates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -5,14 +5,13 @@ use std::time::Duration;
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{CrewOrder, DeckOrder, Header, VesselStatus};
-use alight_shared::time::{Span, Time};
+use alight_shared::time::{Span, SteadyClock, Time};
 use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Memory, Publisher, Subscriber};
 
 use crate::config::VesselComputer;
 use crate::process::life::draw_boot;
-use crate::process::supervision::SteadyClock;
 
 /// An order that is not named is repeated after this long.
 const REPEAT: Span = Span::from_millis(500);

@@ -14,6 +14,7 @@ use crate::config::VesselComputer;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{Scheduling, ServiceArgs};
+use crate::process::facts::Facts;
 use crate::process::sealed::SealedConfig;
 use crate::process::service::{self, Service};
 
@@ -34,6 +35,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let nodes = computer.processes().into_iter();
     let service = Service {
         instance: &computer.instance,
+        facts: Facts::vessel(&computer),
         computer: format!("vessel-{}", computer.vessel_id),
         recorder: &computer.recorder,
         silence_timeout_s: SILENCE_TIMEOUT_S,

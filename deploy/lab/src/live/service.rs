@@ -1,7 +1,7 @@
 //! Services as systemd runs them: started, notified of readiness, started again when they end (Restart=always,
-//! RestartSec=100ms), told to end.
+//! RestartSec=100ms), told to end, killed.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -19,6 +19,10 @@ use alight_transport::signal::{Signal, signal};
 const RESTART_NS: i64 = 100_000_000;
 /// TimeoutStopSec of the units, ns.
 const STOP_NS: i64 = 5_000_000_000;
+/// A service is ready within this time, s.
+pub const READY_S: f64 = 60.0;
+/// Time between two looks.
+const POLL: Duration = Duration::from_millis(10);
 /// Lines at the end of what a service wrote that a person is shown.
 const LAST_LINES: usize = 5;
 
@@ -38,8 +42,7 @@ pub fn command(program: &Path, words: &[&str]) -> Command {
 /// One service.
 pub struct Service {
     name: &'static str,
-    program: PathBuf,
-    config: PathBuf,
+    words: Vec<OsString>,
     directory: PathBuf,
     notified: UnixDatagram,
     child: Option<Child>,
@@ -50,15 +53,24 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts `program NAME --config NAME.toml` with the file in `directory`, which is its state directory and takes
-    /// what it writes.
-    pub fn start(name: &'static str, program: &Path, directory: &Path) -> Result<Service, CliError> {
-        let socket = socket(directory, name);
+    /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which is its state directory and
+    /// takes what it writes; `program` with what stands before it.
+    pub fn start<W: AsRef<OsStr>>(
+        name: &'static str,
+        program: &[W],
+        directory: &Path,
+        more: &[&str],
+    ) -> Result<Service, CliError> {
+        let (socket, config) = (socket(directory, name), directory.join(format!("{name}.toml")));
+        // Of a former start.
+        let _none = std::fs::remove_file(&socket);
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
+        let own = [OsStr::new(name), OsStr::new("--config"), config.as_os_str()];
+        let words = program.iter().map(W::as_ref).chain(own);
+        let words = words.chain(more.iter().map(OsStr::new));
         let mut service = Service {
             name,
-            program: program.into(),
-            config: directory.join(format!("{name}.toml")),
+            words: words.map(OsStr::to_owned).collect(),
             directory: directory.into(),
             notified: notified.doing(format_args!(
                 "receiving the reports of {name} at {}",
@@ -75,27 +87,30 @@ impl Service {
     }
 
     fn spawn(&mut self) -> Result<(), CliError> {
-        let name = self.name;
-        let doing = format_args!("starting {} {name}", self.program.display());
         let (socket, errors) = (self.socket(), self.errors_file());
         let around = Surroundings {
             errors: Some(&errors),
             state: Some(&self.directory),
             notified: Some(&socket),
         };
-        let words = [self.program.as_os_str(), OsStr::new(name), OsStr::new("--config")];
-        let words = words.into_iter().chain([self.config.as_os_str()]);
         let (sender, lines) = channel();
-        let child = start(words, around, sender).doing(doing)?;
+        let words = self.words.join(OsStr::new(" "));
+        let child = start(&self.words, around, sender);
+        let child = child.doing(format_args!("starting {}", words.display()))?;
         (self.child, self.lines) = (Some(child), Some(lines));
         (self.started_ns, self.ended_ns, self.ready_s) = (steady_ns(), None, None);
         Ok(())
     }
-    fn socket(&self) -> PathBuf {
+    /// Where it reports to.
+    pub fn socket(&self) -> PathBuf {
         socket(&self.directory, self.name)
     }
     fn errors_file(&self) -> PathBuf {
         self.directory.join(format!("{}.err", self.name))
+    }
+    /// The number of its process, while it lives.
+    pub fn id(&self) -> Option<u32> {
+        self.child.as_ref().map(Child::id)
     }
     /// From its newest start until it reported that it is ready, s.
     pub fn ready_s(&self) -> Option<f64> {
@@ -103,10 +118,11 @@ impl Service {
     }
     /// What it wrote to standard output since the last call.
     pub fn output(&self) -> Vec<String> {
-        self.lines
-            .as_ref()
-            .map(|l| l.try_iter().collect())
-            .unwrap_or_default()
+        self.lines.iter().flat_map(Receiver::try_iter).collect()
+    }
+    /// The same as it comes, until it ends.
+    pub fn lines(&self) -> impl Iterator<Item = String> {
+        self.lines.iter().flatten()
     }
     /// The end of what it wrote to standard error.
     pub fn complaints(&self) -> String {
@@ -136,15 +152,31 @@ impl Service {
         }
         Ok(())
     }
-    /// Kills it, and as its manager does what it started.
+    /// Waits until it reports that it is ready.
+    pub fn await_ready(&mut self) -> Result<(), CliError> {
+        let deadline_ns = steady_ns() + (READY_S * 1e9) as i64;
+        while self.poll() && self.ready_s.is_none() && steady_ns() < deadline_ns {
+            pause(POLL);
+        }
+        let doing = format!("waiting until {} is ready", self.name);
+        match self.ready_s {
+            Some(_) => Ok(()),
+            None => Err(CliError::because(doing, self.complaints())),
+        }
+    }
+    /// Kills it, and as its manager does what it started; waits until they are gone.
     pub fn kill(&mut self) {
-        if let Some(child) = &mut self.child {
-            let started = children(child.id());
-            // One that is gone meanwhile needs no killing.
-            let _gone = child.kill();
-            for pid in started {
-                let _gone = signal(pid, Signal::Kill);
+        let Some(child) = &mut self.child else { return };
+        let mut left = children(child.id());
+        // One that is gone meanwhile needs no killing.
+        let _gone = child.kill();
+        let deadline_ns = steady_ns() + STOP_NS;
+        while (self.poll() || !left.is_empty()) && steady_ns() < deadline_ns {
+            left.retain(|pid| runs(*pid));
+            for pid in &left {
+                let _gone = signal(*pid, Signal::Kill);
             }
+            pause(POLL);
         }
     }
     /// Asks it to end.
@@ -153,11 +185,27 @@ impl Service {
             drop(child.stdin.take());
         }
     }
+    /// Asks it to end, and kills it when that takes too long; true when it ended by itself.
+    pub fn stop(&mut self) -> bool {
+        self.ask_to_end();
+        let deadline_ns = steady_ns() + STOP_NS;
+        while self.poll() && steady_ns() < deadline_ns {
+            pause(POLL);
+        }
+        let ended = self.child.is_none();
+        self.kill();
+        ended
+    }
 }
 
 /// Where a service reports to.
 fn socket(directory: &Path, name: &str) -> PathBuf {
     directory.join(format!("{name}.notify"))
+}
+
+/// Whether the process `pid` runs. One that has ended has no program, whether somebody waited for it or not.
+pub fn runs(pid: u32) -> bool {
+    std::fs::read_link(format!("/proc/{pid}/exe")).is_ok()
 }
 
 /// The processes that the process `pid` started.
@@ -175,14 +223,6 @@ fn children(pid: u32) -> Vec<u32> {
 
 impl Drop for Service {
     fn drop(&mut self) {
-        self.ask_to_end();
-        let deadline_ns = steady_ns() + STOP_NS;
-        while self.poll() && steady_ns() < deadline_ns {
-            pause(Duration::from_millis(10));
-        }
-        if let Some(mut child) = self.child.take() {
-            let _gone = child.kill();
-            let _status = child.wait();
-        }
+        let _ended = self.stop();
     }
 }

@@ -1,6 +1,7 @@
 //! Protection of the radio, as `alight check` and the status of a running vessel judge it.
 
-use alight_computer::certificates::{Certificate, RENEWAL_DAYS};
+use alight_computer::certificates::RENEWAL_DAYS;
+use alight_shared::msg::Certificate;
 
 use super::finding::{Finding, Topic};
 
@@ -11,7 +12,7 @@ fn is_loopback(endpoint: &str) -> bool {
 }
 
 /// A radio with these endpoints and no certificate.
-pub fn none<'a>(endpoints: impl Iterator<Item = &'a String> + Clone) -> Finding {
+pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
     const TOPIC: Topic = Topic("certificate");
     if endpoints.clone().any(|e| e.starts_with("quic/")) {
         return TOPIC.broken(
@@ -19,7 +20,7 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a String> + Clone) -> Finding 
             "make them with alight keys and name them in radio.tls",
         );
     }
-    if endpoints.clone().all(|e| is_loopback(e)) {
+    if endpoints.clone().all(is_loopback) {
         return TOPIC.fine("none, and the radio stays inside this computer");
     }
     TOPIC.warning(
@@ -29,7 +30,7 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a String> + Clone) -> Finding 
 }
 
 /// A certificate, or why it cannot be read.
-pub fn judge(read: &Result<Certificate, String>) -> Finding {
+pub fn judge(read: Result<&Certificate, &str>) -> Finding {
     const TOPIC: Topic = Topic("certificate");
     let c = match read {
         Ok(certificate) => certificate,
@@ -38,7 +39,7 @@ pub fn judge(read: &Result<Certificate, String>) -> Finding {
             return TOPIC.broken(why, remedy);
         }
     };
-    let path = c.path.display();
+    let path = &c.path;
     let renew = "make a new one with alight keys, copy it here, restart";
     match c.days_left {
         _ if c.in_future => {

@@ -6,10 +6,9 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::observer::Follower;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Known, OBSERVATION_S, Situation};
+use alight_computer::situation::{Known, OBSERVATION_S, configured};
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
-use alight_transport::clock::steady_ns;
 use alight_transport::memory::Instance;
 use alight_transport::wake::end_requested;
 use clap::Args;
@@ -42,21 +41,19 @@ const JSON_PERIOD: Duration = Duration::from_secs(1);
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Looks at a computer's processes.
-struct Look<'a> {
-    computer: &'a Computer,
-    known: Known,
+struct Look {
+    configured: Known,
     instance: Instance,
     follower: Follower,
     /// It has waited for every report.
     has_waited: bool,
 }
 
-impl<'a> Look<'a> {
-    fn at(computer: &'a Computer) -> Result<Look<'a>, CliError> {
+impl Look {
+    fn at(computer: &Computer) -> Result<Look, CliError> {
         let name = computer.instance();
         Ok(Look {
-            computer,
-            known: Known::of(computer),
+            configured: configured(computer),
             instance: Instance::new(name)?,
             follower: Follower::of(name, "status")?,
             has_waited: false,
@@ -76,21 +73,19 @@ impl<'a> Look<'a> {
             self.follower.poll();
         }
         self.has_waited = true;
-        self.known.refresh_for(self.computer, steady_ns());
         let (_, seen) = self.follower.poll()?;
-        Some(Status::of(Situation::of(self.known.clone(), seen, steady_ns())))
+        Some(Status::look(Some(seen), &self.configured))
     }
 }
 
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
-    let computer = args.subject.computer()?;
-    let mut look = Look::at(&computer)?;
+    let mut look = Look::at(&args.subject.computer()?)?;
     let Some(first) = look.read(Duration::ZERO) else {
         if end_requested() {
             return Ok(Exit::Success);
         }
-        let absent = Status::absent(&look.known);
+        let absent = Status::absent(&look.configured);
         show(args, &absent)?;
         return Ok(absent.worst.exit());
     };

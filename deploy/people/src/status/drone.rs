@@ -463,8 +463,7 @@ mod tests {
     use alight_computer::exit::Exit;
     use alight_computer::process::snapshot::Newest;
     use alight_computer::process::snapshot::Snapshot;
-    use alight_computer::situation::Known;
-    use alight_shared::msg::{DeckForecast, Header, LinkState, MissionSettings, Reason};
+    use alight_shared::msg::{ComputerReport, DeckForecast, Header, LinkState, MissionSettings, Reason, Seq};
     use alight_shared::plain::Plain;
     use alight_shared::process::ProcessState;
     use alight_uav::computer::PROCESSES;
@@ -489,12 +488,14 @@ mod tests {
         newest
     }
     fn status(seen: &Snapshot, now_ns: i64) -> Status {
-        let known = Known {
+        Status::of(Situation::of(seen, now_ns))
+    }
+    fn told() -> ComputerReport {
+        ComputerReport {
             title: "default".into(),
-            processes: PROCESSES.into(),
-            ..Known::default()
-        };
-        Status::of(Situation::of(known, seen, now_ns))
+            processes: Seq::filled(PROCESSES.iter().copied()),
+            ..ComputerReport::default()
+        }
     }
     fn flying() -> Snapshot {
         let report = |kind| ProcessState {
@@ -503,6 +504,7 @@ mod tests {
             ..ProcessState::default()
         };
         Snapshot {
+            computer: told().into(),
             processes: PROCESSES.iter().map(|k| (*k, report(*k))).collect(),
             mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
             autopilot: came(AutopilotState {
@@ -545,7 +547,10 @@ mod tests {
     fn status_page_with_every_alarm() {
         let mut s = flying();
         s.processes.clear();
-        s.edited = Some("drone.toml was edited since the start".into());
+        s.computer = came(ComputerReport {
+            edited: Some("drone.toml was edited since the start".into()),
+            ..told()
+        });
         s.mission = came(MissionState {
             settings: MissionSettings {
                 mode: LandingMode::Shadow,
@@ -603,7 +608,7 @@ mod tests {
                 least_vessel,
                 ..mission(State::Tracking, ReasonCode::NotIdentified)
             });
-            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let all = findings(&Situation::of(&s, NOW_NS));
             let link = all.iter().find(|f| f.topic == "link");
             assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
         }
@@ -619,7 +624,7 @@ mod tests {
                 least_vessel,
                 ..mission(State::Search, ReasonCode::Searching)
             });
-            let all = findings(&Situation::of(Known::default(), &s, NOW_NS));
+            let all = findings(&Situation::of(&s, NOW_NS));
             let link = all.iter().find(|f| f.topic == "link");
             assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
         }

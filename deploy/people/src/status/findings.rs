@@ -55,7 +55,7 @@ fn processes(s: &Situation) -> Vec<Finding> {
             ));
         }
     }
-    all.extend(s.seen.edited.iter().map(|edited| {
+    all.extend(s.known.edited.iter().map(|edited| {
         let remedy = format!("when nothing flies: systemctl restart {}", unit(s));
         Topic("configuration").warning(edited.as_str(), remedy)
     }));

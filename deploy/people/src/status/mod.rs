@@ -14,8 +14,10 @@ pub mod text;
 pub mod vessel;
 pub mod watch;
 
+use alight_computer::process::snapshot::Snapshot;
 use alight_computer::situation::{Known, Situation};
 use alight_shared::msg::Course;
+use alight_transport::clock::steady_ns;
 use compass::Compass;
 use finding::{Finding, Level, Topic};
 use go::{Go, Stage};
@@ -131,9 +133,16 @@ pub struct Status {
 }
 
 impl Status {
+    /// The status of a computer that is `configured` so, by what was `seen` of its processes; None: nothing runs.
+    pub fn look(seen: Option<&Snapshot>, configured: &Known) -> Status {
+        match seen {
+            Some(seen) => Status::of(Situation::look(seen, configured, steady_ns())),
+            None => Status::absent(configured),
+        }
+    }
     /// The status of this situation.
     pub fn of(situation: Situation) -> Status {
-        if situation.known.vessel.is_some() && situation.seen.vessel.is_none() {
+        if situation.known.vessel.is_some() && situation.vessel().is_none() {
             const TOPIC: Topic = Topic("processes");
             const FOUND: &str = "the vessel's process does not report";
             const REMEDY: &str = "its journal says why: journalctl -u alight-vessel";
@@ -175,7 +184,7 @@ impl Status {
             figure.level = own.map(|f| f.level).max().unwrap_or_default();
         }
         Status {
-            title: situation.known.title.clone(),
+            title: situation.known.title.to_string(),
             running: true,
             headline,
             go,
@@ -207,13 +216,13 @@ impl Status {
     /// Of a computer of which no more is known.
     fn without(known: &Known, headline: &str, why: Finding) -> Status {
         Status {
-            title: known.title.clone(),
+            title: known.title.to_string(),
             headline: headline.into(),
             go: Go::of(core::slice::from_ref(&why), Some(&why.found)),
             worst: why.level,
             findings: vec![why],
             situation: Situation {
-                known: known.clone(),
+                known: *known,
                 ..Situation::default()
             },
             ..Status::default()

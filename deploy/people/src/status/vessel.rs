@@ -1,12 +1,12 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_computer::process::snapshot::time;
-use alight_computer::situation::{KnownVessel, Situation};
+use alight_computer::situation::Situation;
 use alight_computer::vessel::{deck_inputs, helm, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
-    Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus, EstimatorStatus, HelmEnd,
-    HelmState, State, VesselStatus, still_armed,
+    CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
+    EstimatorStatus, HelmEnd, HelmState, State, VesselReport, VesselStatus, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -18,14 +18,15 @@ use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, p
 pub const LOST_CONTACT_S: f64 = 5.0;
 
 /// What a vessel's situation means.
-pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Finding> {
+pub fn findings(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();
     let mut all = vec![radio(s, known)];
     all.extend(sources.iter().flat_map(sources::of));
     all.extend(estimator(&status.estimator, &sources));
     all.push(match &known.certificate {
-        None => certificate::none(known.listen.iter().chain(&known.connect)),
-        Some(read) => certificate::judge(read),
+        CertificateState::Absent => certificate::none(endpoints(known)),
+        CertificateState::Read(certificate) => certificate::judge(Ok(certificate)),
+        CertificateState::Unreadable(why) => certificate::judge(Err(why.as_str())),
     });
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
@@ -36,20 +37,27 @@ pub fn findings(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Ve
     all
 }
 
-fn radio(s: &Situation, known: &KnownVessel) -> Finding {
+/// The radio's endpoints. Of one that found no place in the report the worst is assumed: others reach it.
+fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
+    let is_whole = known.listen.left_out == 0 && known.connect.left_out == 0;
+    let told = known.listen.iter().chain(known.connect.iter());
+    told.chain((!is_whole).then_some("left out"))
+}
+
+fn radio(s: &Situation, known: &VesselReport) -> Finding {
     let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
     Topic("radio").fine(format!(
         "listens on {}, {:.1} MB sent, {} packets dropped",
-        known.listen.join(", "),
+        known.listen,
         count(MetricName::BytesSent) as f64 * 1e-6,
         count(MetricName::PacketsDropped)
     ))
 }
 
-fn unauthorised_peers(s: &Situation, known: &KnownVessel) -> Finding {
+fn unauthorised_peers(s: &Situation, known: &VesselReport) -> Finding {
     let rejected = s.rejected();
     if rejected.is_empty() {
-        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers.join(", ")));
+        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers));
     }
     let each: Vec<String> = rejected.iter().map(|(why, n)| format!("{n} for {why}")).collect();
     Topic("peers").warning(
@@ -309,7 +317,7 @@ pub fn headline(s: &Situation, worst: Level) -> String {
 }
 
 /// Its figures.
-pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec<Figure> {
+pub fn figures(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Figure> {
     let mut all = vec![if status.deck.closed.is_some() {
         Figure::of("deck", "CLOSED", owner(status))
     } else {
@@ -333,7 +341,7 @@ pub fn figures(s: &Situation, known: &KnownVessel, status: &VesselStatus) -> Vec
         let value = format!("{} of {} work", working.count(), sources.len());
         all.push(Figure::of("source", value, ""));
     }
-    if let Some(Ok(c)) = &known.certificate {
+    if let Some(c) = known.certificate.read() {
         let value = format!("{} days left", c.days_left);
         all.push(Figure::of("certificate", value, c.name.as_str()));
     }

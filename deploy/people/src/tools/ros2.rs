@@ -11,10 +11,9 @@ use std::time::Duration;
 use alight_computer::config::DroneComputer;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::wall::wall_ns;
-use alight_computer::process::instance::{EDITED_FILE, said};
 use alight_computer::process::observer::{Observer, Rejoined};
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Known, Situation};
+use alight_computer::situation::{Known, configured};
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 
@@ -166,8 +165,7 @@ impl Ports {
 struct Look {
     subject: Subject,
     computer: Computer,
-    instance: Instance,
-    known: Known,
+    configured: Known,
     joined: Rejoined<Ports>,
     runs: bool,
     /// Why the configuration cannot be read, and when it is read again.
@@ -177,11 +175,9 @@ struct Look {
 impl Look {
     fn at(subject: Subject) -> Result<Look, CliError> {
         let computer = subject.computer()?;
-        let instance = computer.instance();
         Ok(Look {
-            instance: Instance::new(instance)?,
-            known: Known::of(&computer),
-            joined: Rejoined::of(instance)?,
+            configured: configured(&computer),
+            joined: Rejoined::of(computer.instance())?,
             runs: false,
             unread: None,
             subject,
@@ -212,7 +208,7 @@ impl Look {
                             "the configuration is {is}'s now, and this node is {was}: start it again"
                         )));
                     }
-                    self.known = Known::of(&newest);
+                    self.configured = configured(&newest);
                     self.computer = newest;
                     self.unread = None;
                     ports.is_configured = true;
@@ -231,14 +227,9 @@ impl Look {
         Ok(Some((&self.computer, ports)))
     }
     /// What is known by now, and what it means.
-    fn status(&mut self) -> Status {
-        self.known.refresh_for(&self.computer, steady_ns());
-        let Some(ports) = self.joined.ports.as_mut().filter(|_| self.runs) else {
-            return Status::absent(&self.known);
-        };
-        let snapshot = &mut ports.observer.snapshot;
-        snapshot.edited = said(&self.instance, EDITED_FILE);
-        Status::of(Situation::of(self.known.clone(), snapshot, steady_ns()))
+    fn status(&self) -> Status {
+        let ports = self.joined.ports.as_ref().filter(|_| self.runs);
+        Status::look(ports.map(|p| &p.observer.snapshot), &self.configured)
     }
 }
 

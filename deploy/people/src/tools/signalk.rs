@@ -7,8 +7,8 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::runtime;
 use alight_computer::io::web_socket::{SignalKSocket, Subscribe};
 use alight_computer::process::observer::Follower;
-use alight_computer::situation::{Known, Situation};
-use alight_computer::subject::{Computer, Subject};
+use alight_computer::situation::{Known, configured};
+use alight_computer::subject::Subject;
 use alight_computer::terminal;
 use alight_transport::clock::steady_ns;
 use alight_transport::wake::end_requested;
@@ -50,7 +50,7 @@ pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
             "--connect {url}: write ws://HOST:3000, or ws://HOST:3000?token=FILE"
         )));
     };
-    let mut look = Look::at(args.subject.fixed()?)?;
+    let mut look = Look::at(&args.subject.fixed()?)?;
     runtime::block_on(async {
         let (mut deltas, mut retry) = (Deltas::default(), Retry::default());
         while !end_requested() {
@@ -155,55 +155,35 @@ async fn publish(
 
 /// Looks at the computer's processes whenever they run.
 struct Look {
-    subject: Subject,
-    computer: Computer,
-    known: Known,
+    configured: Known,
     follower: Follower,
-    /// Of the processes by whose configuration it looks.
-    joins: u64,
 }
 
 impl Look {
-    fn at(subject: Subject) -> Result<Look, CliError> {
+    fn at(subject: &Subject) -> Result<Look, CliError> {
         let computer = subject.computer()?;
         Ok(Look {
             follower: Follower::of(computer.instance(), "signalk")?,
-            known: Known::of(&computer),
-            computer,
-            subject,
-            joins: 0,
+            configured: configured(&computer),
         })
     }
-    /// Reads the configuration again where other processes run. One that is being edited leaves the one before.
-    fn follow(&mut self) {
-        let is_running = self.follower.poll().is_some();
-        let joins = self.follower.joins();
-        if !is_running || core::mem::replace(&mut self.joins, joins) == joins {
-            return;
-        }
-        if let Ok(computer) = self.subject.computer() {
-            (self.known, self.computer) = (Known::of(&computer), computer);
-        }
-    }
     fn status(&mut self) -> Status {
-        self.follow();
-        let now_ns = steady_ns();
-        self.known.refresh_for(&self.computer, now_ns);
-        match self.follower.poll() {
-            Some((_, seen)) if !seen.processes.is_empty() => {
-                Status::of(Situation::of(self.known.clone(), seen, now_ns))
-            }
-            Some(_) | None => Status::absent(&self.known),
-        }
+        let seen = self.follower.poll().map(|(_, seen)| seen);
+        Status::look(seen.filter(|s| !s.processes.is_empty()), &self.configured)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_computer::certificates;
+    use alight_computer::config::VesselComputer;
+    use alight_computer::process::facts::{Facts, Reporter};
     use alight_computer::process::instance::OwnedInstance;
     use alight_computer::process::supervisor::pause;
-    use alight_transport::memory::{Memory, Services};
+    use alight_shared::msg::VesselStatus;
+    use alight_shared::process::{ProcessKind, ProcessState};
+    use alight_transport::memory::{Memory, Publisher, Services};
 
     #[test]
     fn signalk_server_that_takes_nothing() {
@@ -216,39 +196,59 @@ mod tests {
         assert_eq!(retry.failed("closed"), (true, RETRY));
     }
 
+    /// The configuration that was read is gone and of another number than what runs, and whose certificate that is.
     #[test]
-    fn configuration_of_restarted_processes() {
+    fn restarted_processes_by_their_topics_alone() {
         let name = format!("test-signalk-{}", std::process::id());
         let path = std::env::temp_dir().join(format!("alight-{name}.toml"));
-        let write = |vessel: u32| {
-            std::fs::write(&path, format!("vessel_id = {vessel}\ninstance = \"{name}\"\n")).unwrap();
-        };
-        write(7);
+        std::fs::write(&path, format!("vessel_id = 7\ninstance = \"{name}\"\n")).unwrap();
         let subject = Subject {
             config: Some(path.clone()),
             ..Subject::default()
         };
-        let mut look = Look::at(subject).unwrap();
-        let vessel = |look: &Look| match &look.computer {
-            Computer::Vessel(v) => v.vessel_id,
-            Computer::Drone(_) => 0,
-        };
-        write(8);
-        assert!(!look.status().running);
-        assert_eq!(vessel(&look), 7, "nothing new runs");
+        let mut look = Look::at(&subject).unwrap();
+        std::fs::remove_file(path).unwrap();
+        let mut status = look.status();
+        assert!(!status.running && status.title == "vessel 7");
+
         let owned = OwnedInstance::take(&name).unwrap();
         let memory = Memory::join(owned.instance(), "test").unwrap();
         let services = Services::create(&memory).unwrap();
         owned.ready().unwrap();
+        let keys = owned.file("keys");
+        certificates::init(&keys, 400).unwrap();
+        let own = certificates::issue(&keys, "vessel", 8, &[], 400).unwrap();
+        let mut computer = VesselComputer {
+            vessel_id: 8,
+            ..VesselComputer::default()
+        };
+        let file = own.join(certificates::CERTIFICATE_FILE);
+        computer.radio.tls.certificate = file.display().to_string();
+        let mut reporter = Reporter::join(&memory, Facts::vessel(&computer)).unwrap();
+        let mut states: Publisher<ProcessState> = memory.publisher().unwrap();
+        let mut vessels: Publisher<VesselStatus> = memory.publisher().unwrap();
         for _ in 0..2000 {
-            if vessel(&look) == 7 {
+            if status.situation.vessel().is_none() {
+                reporter.poll(steady_ns(), || Some("vessel.toml was edited".into()));
+                states.send(&ProcessState {
+                    kind: ProcessKind::Vessel,
+                    at_ns: steady_ns(),
+                    ..ProcessState::default()
+                });
+                vessels.send(&VesselStatus::default());
                 pause(Duration::from_millis(5));
-                look.follow();
+                status = look.status();
             }
         }
-        assert_eq!(vessel(&look), 8);
+        let found = |topic: &str| status.findings.iter().find(|f| f.topic == topic);
+        assert_eq!((status.running, status.title.as_str()), (true, "vessel 8"));
+        let certificate = found("certificate").unwrap();
+        assert!(
+            certificate.found.contains("vessel-8, 399 days left"),
+            "{certificate:?}"
+        );
+        assert_eq!(found("configuration").unwrap().found, "vessel.toml was edited");
         look.follower.leave();
-        drop((services, memory));
-        std::fs::remove_file(path).unwrap();
+        drop((reporter, states, vessels, services, memory));
     }
 }

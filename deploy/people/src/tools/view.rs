@@ -9,7 +9,7 @@ use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::playback::{Bodies, Viewer};
-use alight_computer::process::instance::{EDITED_FILE, said};
+use alight_computer::process::facts::Facts;
 use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
 use alight_computer::process::local_command::LocalCommand;
 use alight_computer::process::observer::Rejoined;
@@ -145,9 +145,9 @@ fn drone(
     let bodies: Bodies = Some((computer.drone.deck, computer.drone.airframe));
     let served = served(view, &computer.instance)?;
     let is_live = served.foxglove.is_some();
-    let mut watcher = Watcher::start(served, Known::drone(&computer), &bodies, false)?;
+    let mut configured = Facts::drone(&computer).report;
+    let mut watcher = Watcher::start(served, configured, &bodies, false)?;
     watcher.server.lines().iter().for_each(terminal::line);
-    let instance = Instance::new(&computer.instance)?;
     let mut joined: Rejoined<Ports> = Rejoined::of(&computer.instance)?;
     let wall_ns = wall_offset_ns();
     while !ends() {
@@ -159,7 +159,7 @@ fn drone(
         let Some(ports) = joined.ports.as_mut().filter(|_| runs) else {
             watcher.show_nothing(
                 Time::from_nanos(steady_ns() + wall_ns),
-                Status::absent(&watcher.board.situation.known),
+                Status::absent(&configured),
             );
             reject(watcher.server.order());
             pause(ABSENT_PAUSE);
@@ -169,13 +169,13 @@ fn drone(
             // Processes that were started since may have another number and another clock.
             if let Ok(Computer::Drone(newest)) = subject.computer() {
                 computer = *newest;
-                watcher.board.situation.known = Known::drone(&computer);
+                configured = Facts::drone(&computer).report;
             }
+            watcher.board.situation.known = configured;
             watcher.reset(Span::from_nanos(wall_ns));
             watcher.board.earlier = flights::earlier(&computer.recorder.directory);
             watcher.board.order.label = view.abort.then_some("ABORT");
         }
-        watcher.board.situation.seen.edited = said(&instance, EDITED_FILE);
         ports.look(&computer, &mut watcher, wall_ns);
         let wait = if is_live {
             let next = LOOK_PERIOD_NS - (steady_ns() + wall_ns).rem_euclid(LOOK_PERIOD_NS);

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use alight_computer::config::VesselComputer;
 use alight_computer::exit::CliError;
+use alight_computer::process::facts::Facts;
 use alight_computer::process::observer::Follower;
 use alight_computer::situation::{Known, Situation};
 use alight_computer::vessel::crew::OrderOnItsWay;
@@ -26,7 +27,7 @@ const DRONES: usize = 32;
 pub struct Look<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
-    known: Known,
+    configured: Known,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
     seen_ns: i64,
@@ -47,7 +48,7 @@ impl<'a> Look<'a> {
         Ok(Look {
             computer,
             aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
-            known: Known::vessel(computer),
+            configured: Facts::vessel(computer).report,
             motion: MotionHistory::default(),
             seen_ns: i64::MIN,
             states: BTreeMap::new(),
@@ -93,15 +94,14 @@ impl<'a> Look<'a> {
     }
     /// The picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
-        self.known.refresh(self.computer, now_ns);
         let Some((_, seen)) = self.aboard.poll() else {
             return Picture {
-                status: Status::absent(&self.known),
+                status: Status::absent(&self.configured),
                 result: self.result(now_ns),
                 ..Picture::default()
             };
         };
-        let situation = Situation::of(self.known.clone(), seen, now_ns);
+        let situation = Situation::look(seen, &self.configured, now_ns);
         self.take(&situation);
         let ago = |(at, text): &(i64, String)| LogLine {
             ago_s: situation.since_s(*at),

@@ -6,7 +6,7 @@ use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
 use alight_computer::situation::{Known, Situation};
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{MissionState, State, VesselEstimate};
+use alight_shared::msg::{ComputerReport, MissionState, State, VesselEstimate};
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_shared::topics;
@@ -159,6 +159,10 @@ impl Board {
         let newest = o.set_point.map(|s| s.response);
         self.situation.seen.response = newest.or(self.situation.seen.response);
     }
+    /// What the computer tells of itself.
+    pub fn told(&mut self, report: Option<ComputerReport>) {
+        self.situation.known = report.unwrap_or(self.situation.known);
+    }
     /// Reports of processes.
     pub fn processes(&mut self, reports: Vec<ProcessState>) {
         let reports = reports.into_iter().map(|p| (p.kind, p));
@@ -263,12 +267,7 @@ impl Board {
         let plan = seen.plan.filter(|_| seen.plan.age_s(now) < FORGOTTEN_S);
         let [roll, pitch, yaw] = deck.euler;
         Some(SceneView {
-            size_m: self
-                .situation
-                .known
-                .deck
-                .as_ref()
-                .map(|d| [d.length_m, d.width_m]),
+            size_m: self.situation.known.deck_size_m,
             euler_deg: degrees([roll, pitch, wrap_angle(yaw - heading)]),
             heading_deg: tenth(heading.to_degrees().rem_euclid(360.0)),
             forecast: path(&mut forecast.stages.iter().map(|s| s.position)),

@@ -4,8 +4,8 @@ use alight_bridge::{BridgeIn, BridgeOut};
 use alight_computer::exit::CliError;
 use alight_computer::record::observer::{NodeStep, StepObserver};
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
-    SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+    AutopilotState, Command, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState,
+    Plan, RangeSample, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
 };
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -20,6 +20,7 @@ use crate::view::watcher::Watcher;
 
 /// Reads all that a viewer shows.
 pub struct MemoryFeed {
+    computer: Subscriber<ComputerReport>,
     processes: Subscriber<ProcessState>,
     estimate: Subscriber<VesselEstimate<DroneClock>>,
     wave: Subscriber<WaveModel<DroneClock>>,
@@ -41,6 +42,7 @@ impl MemoryFeed {
     /// Looks on.
     pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
         Ok(MemoryFeed {
+            computer: memory.subscriber()?,
             processes: memory.subscriber()?,
             estimate: memory.subscriber()?,
             wave: memory.subscriber()?,
@@ -108,6 +110,7 @@ impl MemoryFeed {
             state: self.mission.newest(ns),
             ..MissionOut::default()
         };
+        watcher.board.told(self.computer.newest(steady_ns()));
         watcher.board.processes(self.processes.all(steady_ns()));
         watcher.step(t, NodeStep::Mission(now, &asked, &decided));
         decided.state

@@ -9,7 +9,6 @@ mod checked;
 mod files;
 mod flights;
 mod list;
-mod services;
 
 use std::path::PathBuf;
 use std::process::{Child, Output};
@@ -17,14 +16,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_computer::certificates::Certificate;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::life::end_with_supervisor;
 use alight_computer::process::observer::{Follower, Observer};
 use alight_computer::process::scheduling;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Known, Situation, SourceHealth};
+use alight_computer::situation::{Situation, SourceHealth};
 use alight_computer::terminal;
 use alight_computer::vessel::deck_file;
 use alight_shared::metrics::{MetricName, MetricValue};
@@ -40,16 +38,14 @@ use serde::Serialize;
 use self::args::RehearseArgs;
 use self::files::Plan;
 use self::list::{CheckList, Row};
-use self::services::{Service, command};
 use crate::live::fault::{Fault, Seen};
+use crate::live::service::{READY_S, Service, command};
 use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 
 /// Time between two looks.
 const POLL: Duration = Duration::from_millis(20);
 /// Simulated sensors send within this time of their world's start, s.
 const WORLD_S: f64 = 20.0;
-/// A service is ready within this time, s.
-const READY_S: f64 = 60.0;
 /// Link, clocks and sensors are as install.md wants them within this time of the warm-up's end, s.
 const KNOWN_S: f64 = 30.0;
 /// What install.md waits for: age of the link and error of the clocks, s.
@@ -167,7 +163,7 @@ impl<'a> Rehearsal<'a> {
             observer: None,
             drone: None,
             vessel: None,
-            world: Service::start("world", &own()?, directory)?,
+            world: Service::start("world", &[own()?], directory, &[])?,
             aboard: Follower::of(&plan.vessel.instance, "rehearse")?,
             sensing: false,
             stop: end_with_supervisor(args.supervised),
@@ -367,12 +363,12 @@ impl<'a> Rehearsal<'a> {
         let directory = self.plan.directory.path();
         // As the package leaves it: the crew found the deck free.
         deck_file::write_first(directory, &self.plan.vessel).map_err(CliError)?;
-        self.vessel = Some(Service::start("vessel", &self.program, directory)?);
+        self.vessel = Some(Service::start("vessel", &[&self.program], directory, &[])?);
         self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
     }
     fn start_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
-        self.drone = Some(Service::start("drone", &self.program, directory)?);
+        self.drone = Some(Service::start("drone", &[&self.program], directory, &[])?);
         let waited = self.await_ready(list, list::DRONE, "alight-drone", |r| r.drone.as_ref())?;
         let instance = Instance::new(&self.plan.drone.instance)?;
         if waited == Waited::Met && is_running(&instance) {
@@ -452,9 +448,8 @@ impl<'a> Rehearsal<'a> {
         link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
     }
     fn vessel_status(&mut self) -> Option<Situation> {
-        let known = Known::vessel(&self.plan.vessel);
         let (_, seen) = self.aboard.poll()?;
-        Some(Situation::of(known, seen, steady_ns())).filter(|s| s.vessel().is_some())
+        Some(Situation::of(seen, steady_ns())).filter(|s| s.vessel().is_some())
     }
     /// Each sensor with the rate at which the estimator used it since `before`.
     fn show_sources(&self, list: &mut CheckList, before: Option<Situation>, now: Option<Situation>) {
@@ -571,16 +566,17 @@ impl<'a> Rehearsal<'a> {
         let vessel = status.as_ref().and_then(Situation::vessel);
         let drones = vessel.map(|(_, v)| &v.drones[..]).unwrap_or_default();
         let received = drones.iter().find(|d| d.status.header.drone == number);
-        let figure = match (received, vessel.and_then(|(known, _)| known.certificate.as_ref())) {
+        let figure = match (received, vessel.and_then(|(known, _)| known.certificate.read())) {
             (None, _) => format!("it does not receive drone {number}"),
-            (Some(d), Some(Ok(Certificate { name, .. }))) => {
+            (Some(d), Some(certificate)) => {
                 format!(
-                    "{name} received it {:.1} s ago: {}",
+                    "{} received it {:.1} s ago: {}",
+                    certificate.name,
                     d.age_s,
                     d.status.state.name()
                 )
             }
-            (Some(d), Some(_) | None) => format!("received {:.1} s ago: {}", d.age_s, d.status.state.name()),
+            (Some(d), None) => format!("received {:.1} s ago: {}", d.age_s, d.status.state.name()),
         };
         list.add(
             list::DRONE,

@@ -1,13 +1,13 @@
 use alight_shared::admission::AccessRejection;
 use alight_shared::metrics::Metric;
-use alight_shared::msg::{EstimatorStatus, FollowsAnother, Header, Seq, SourceReport, Starved, State};
+use alight_shared::msg::{
+    Certificate, ComputerReport, EstimatorStatus, FollowsAnother, Header, Line, Names, Seq, SourceReport,
+    Starved, State,
+};
 use alight_shared::process::ProcessState;
-use alight_transport::clock::ProcessClock;
 
 use super::*;
-use alight_computer::certificates::Certificate;
-use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::Known;
+use alight_computer::process::snapshot::{Newest, Snapshot};
 
 use crate::status::Status;
 
@@ -16,17 +16,17 @@ struct Vessel {
     process: ProcessState,
     status: VesselStatus,
     source: SourceReport,
-    certificate: Option<Result<Certificate, String>>,
-    edited: Option<String>,
+    certificate: CertificateState,
+    edited: Option<Line>,
 }
 
-fn held(days_left: i64) -> Option<Result<Certificate, String>> {
-    Some(Ok(Certificate {
+fn held(days_left: i64) -> CertificateState {
+    CertificateState::Read(Certificate {
         path: "certificate.pem".into(),
         days_left,
         in_future: false,
         name: "vessel-1".into(),
-    }))
+    })
 }
 fn vessel() -> Vessel {
     let drone = DroneStatus {
@@ -68,29 +68,28 @@ fn vessel() -> Vessel {
     }
 }
 fn status(v: &Vessel, now_s: i64) -> Status {
-    let known = KnownVessel {
-        connect: Vec::new(),
-        read_ns: 0,
-        listen: vec!["tls/0.0.0.0:7447".into()],
-        peers: vec!["drone-1".into()],
-        certificate: v.certificate.clone(),
-        sources: vec!["receiver".into()],
-        clock: ProcessClock::default(),
+    let told = VesselReport {
+        listen: Names::of(&["tls/0.0.0.0:7447".into()]),
+        peers: Names::of(&["drone-1".into()]),
+        certificate: v.certificate,
+        sources: Seq::filled(["receiver".into()]),
+        ..VesselReport::default()
+    };
+    let told = ComputerReport {
+        title: "vessel 1".into(),
+        processes: Seq::filled([ProcessKind::Vessel]),
+        edited: v.edited,
+        vessel: Some(told),
+        ..ComputerReport::default()
     };
     let seen = Snapshot {
         processes: [(ProcessKind::Vessel, v.process)].into(),
         vessel: v.status.into(),
         sources: [(0, v.source)].into(),
-        edited: v.edited.clone(),
+        computer: told.into(),
         ..Snapshot::default()
     };
-    let known = Known {
-        title: "vessel 1".into(),
-        processes: vec![ProcessKind::Vessel],
-        vessel: Some(known),
-        ..Known::default()
-    };
-    Status::of(Situation::of(known, &seen, now_s * 1_000_000_000))
+    Status::of(Situation::of(&seen, now_s * 1_000_000_000))
 }
 fn measured(v: &mut Vessel, metrics: &[Metric]) {
     v.process.metrics = Seq::filled(metrics.iter().copied());
@@ -282,7 +281,7 @@ fn vessel_text_with_each_fault() {
     wrong.status.drones[0].status.still_armed_s = Some(14.0);
     wrong.status.deck.closed = Some(Closure::Crew);
     wrong.status.estimator.estimate_age_s = None;
-    wrong.certificate = None;
+    wrong.certificate = CertificateState::Absent;
     let expired = MetricName::PeersRejectedFor(AccessRejection::Expired);
     measured(&mut wrong, &[expired.count(3_u32)]);
     wrong.status.uses[0].is_stuck = true;
@@ -294,4 +293,45 @@ fn vessel_text_with_each_fault() {
     );
     assert!(lines[0].contains("BROKEN"), "{lines:?}");
     assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
+}
+
+/// What is not told in full is not judged as if it were.
+#[test]
+fn vessel_with_more_endpoints_than_are_told() {
+    let told = |left_out| {
+        let listen = Names {
+            left_out,
+            ..Names::of(&["udp/127.0.0.1:7447".into()])
+        };
+        let known = VesselReport {
+            listen,
+            ..VesselReport::default()
+        };
+        certificate::none(endpoints(&known)).level
+    };
+    assert_eq!((told(0), told(1)), (Level::Fine, Level::Warning));
+}
+
+/// It is known by its topics alone, and before it has told what it is no part of that is judged.
+#[test]
+fn vessel_certificate_by_its_topic_alone() {
+    let mut v = vessel();
+    v.certificate = CertificateState::Unreadable("reading certificate.pem: no such file".into());
+    v.edited = Some("vessel.toml was edited".into());
+    let found = |s: &Status, topic: &str| -> Vec<String> {
+        let of = s.findings.iter().filter(|f| f.topic == topic);
+        of.map(|f| f.found.clone()).collect()
+    };
+    let told = status(&v, 100);
+    assert_eq!(
+        found(&told, "certificate"),
+        ["reading certificate.pem: no such file"]
+    );
+    assert_eq!(found(&told, "configuration"), ["vessel.toml was edited"]);
+    assert_eq!(told.title, "vessel 1");
+    let mut silent = told.situation.seen.clone();
+    silent.computer = Newest::default();
+    let untold = Status::of(Situation::look(&silent, &told.situation.known, 100_000_000_000));
+    assert_eq!(untold.headline, "does not report");
+    assert!(found(&untold, "certificate").is_empty());
 }

@@ -2,13 +2,12 @@
 
 use std::path::PathBuf;
 
-use alight_computer::certificates::Certificate;
 use alight_computer::situation::SourceHealth;
 use alight_computer::subject::Computer;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
-use alight_shared::msg::{Reason, SourceStatus};
+use alight_shared::msg::{Certificate, Reason, SourceStatus};
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Remark;
 

@@ -170,7 +170,7 @@ fn clock(facts: &Facts) -> Vec<Finding> {
 
 fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
     const TOPIC: Topic = Topic("certificate");
-    let endpoints = || radio.listen.iter().chain(&radio.connect);
+    let endpoints = || radio.listen.iter().chain(&radio.connect).map(String::as_str);
     let Some(identity) = &facts.identity else {
         return vec![certificate::none(endpoints())];
     };
@@ -181,10 +181,11 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
             "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
     }
-    all.extend([&identity.authority, &identity.own].map(certificate::judge));
+    let read = [&identity.authority, &identity.own].map(|c| c.as_ref().map_err(String::as_str));
+    all.extend(read.map(certificate::judge));
     let wanted = common_name(side, id);
     if let Ok(own) = &identity.own
-        && own.name != wanted
+        && own.name.as_str() != wanted
     {
         all.push(TOPIC.broken(
             format!(

@@ -11,7 +11,7 @@ use alight_computer::io::peer::Speaks;
 use alight_computer::io::runtime;
 use alight_computer::process::sealed;
 use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::{Known, Situation, SourceHealth};
+use alight_computer::situation::{Situation, SourceHealth};
 use alight_computer::vessel::sensors::{self, strangers_remark};
 use alight_shared::config;
 use alight_shared::msg::SourceStatus;
@@ -39,10 +39,7 @@ pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<Sour
         flown.is_some_and(|sources| sources.contains(source))
     };
     let (held, open): (Vec<_>, Vec<_>) = v.sensor.sources.iter().cloned().partition(is_flown);
-    let mut reported = Vec::new();
-    if let (Some(flown), Some(seen)) = (&flown, seen) {
-        reported = Situation::of(Known::vessel(flown), seen, steady_ns()).sources();
-    }
+    let mut reported = seen.map_or_else(Vec::new, |seen| Situation::of(seen, steady_ns()).sources());
     reported.retain(|r| held.iter().any(|s| s.name == r.name));
     let mut others = v.clone();
     others.sensor.sources = open;
@@ -125,6 +122,7 @@ async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_computer::process::facts::Facts;
     use alight_computer::process::sealed::SealedConfig;
     use alight_shared::msg::{SourceReport, VesselStatus};
 
@@ -144,7 +142,10 @@ mod tests {
         let path = std::env::temp_dir().join(name);
         std::fs::write(&path, file(&["imu", "compass"])).unwrap();
         let computer: VesselComputer = config::load(&path).unwrap();
-        let mut seen = Snapshot::default();
+        let mut seen = Snapshot {
+            computer: Facts::vessel(&computer).report.into(),
+            ..Snapshot::default()
+        };
         let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
         // It runs by another file.
         let (held, listened) = of(&path, &computer, Some(&seen));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_computer::certificates::{self, Certificate};
+use alight_computer::certificates;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::Exit;
 use alight_computer::io::mavlink_key;
@@ -17,7 +17,7 @@ use alight_shared::autopilot_parameters::of_px4;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::msg::{Reason, ReasonCode, SourceStatus};
+use alight_shared::msg::{Certificate, Reason, ReasonCode, SourceStatus};
 use alight_shared::time::Span;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
@@ -37,7 +37,7 @@ use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 
 fn certificate(name: &str, days_left: i64) -> Certificate {
     Certificate {
-        path: format!("/etc/alight/keys/{name}.pem").into(),
+        path: format!("/etc/alight/keys/{name}.pem").as_str().into(),
         days_left,
         in_future: false,
         name: name.into(),

@@ -7,7 +7,6 @@ use std::time::Duration;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::life::draw_boot;
 use alight_computer::process::radio_keys::vessel_key;
-use alight_computer::process::supervision::SteadyClock;
 use alight_computer::{certificates, terminal};
 use alight_shared::admission::Retransmission;
 use alight_shared::config::{Check, Keys};
@@ -15,7 +14,7 @@ use alight_shared::msg::{
     Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
     MESSAGE_VERSION, OperatorCommand,
 };
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, SteadyClock, Time, VesselClock};
 use alight_shared::{topics, wire};
 use alight_transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_transport::wake::end_requested;
@@ -296,7 +295,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
             next = radio.receive(Duration::ZERO);
         }
     }
-    report_ashore(args, (endpoint, &own), &ashore)
+    report_ashore(args, (endpoint, own.as_str()), &ashore)
 }
 
 fn report_ashore(

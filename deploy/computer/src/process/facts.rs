@@ -1,0 +1,127 @@
+//! The facts by which a computer runs, as its supervisor tells them to people: of the configuration with which it began, of the
+//! radio's certificate, and whether the configuration was edited since. Who looks on knows the computer by this report alone.
+
+use std::path::{Path, PathBuf};
+
+use alight_shared::msg::{CertificateState, ComputerReport, Header, Line, Name, Names, Seq, VesselReport};
+use alight_shared::time::Time;
+use alight_transport::clock::ProcessClock;
+use alight_transport::memory::{Memory, Publisher};
+
+use crate::certificates::read_certificate;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::CliError;
+use crate::process::life::draw_boot;
+
+/// Time between two reports, ns.
+const PERIOD_NS: i64 = 500_000_000;
+/// The certificate's file is read again this often, ns.
+const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
+
+/// What a computer is by its configuration.
+#[derive(Clone, Debug)]
+pub struct Facts {
+    /// What it tells; what changes while it runs is not known yet.
+    pub report: ComputerReport,
+    /// File of the radio's certificate, which people are told of on a vessel; empty: the radio has none.
+    certificate: PathBuf,
+    /// The computer's clock.
+    clock: ProcessClock,
+}
+
+impl Facts {
+    /// Of a drone's computer.
+    pub fn drone(computer: &DroneComputer) -> Facts {
+        let (bridge, deck) = (&computer.bridge, &computer.drone.deck);
+        let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
+        Facts {
+            report: ComputerReport {
+                header: Header::new(bridge.vessel_id, bridge.drone_id, 0, 0, Time::EPOCH),
+                title: title.as_str().into(),
+                drone_id: Some(bridge.drone_id),
+                deck_size_m: Some([deck.length_m, deck.width_m]),
+                disarm_s: Some(computer.autopilot.disarm.longest_s()),
+                processes: Seq::filled(computer.processes()),
+                knots: computer.view.knots,
+                ..ComputerReport::default()
+            },
+            certificate: PathBuf::new(),
+            clock: computer.clock,
+        }
+    }
+    /// Of a vessel's computer.
+    pub fn vessel(computer: &VesselComputer) -> Facts {
+        let (radio, sources) = (&computer.radio, &computer.sensor.sources);
+        let vessel = VesselReport {
+            listen: Names::of(&radio.listen),
+            connect: Names::of(&radio.connect),
+            peers: Names::of(&radio.tls.peers),
+            sources: Seq::filled(sources.iter().map(|s| Name::from(s.name.as_str()))),
+            ..VesselReport::default()
+        };
+        Facts {
+            report: ComputerReport {
+                header: Header::new(computer.vessel_id, 0, 0, 0, Time::EPOCH),
+                title: format!("vessel {}", computer.vessel_id).as_str().into(),
+                processes: Seq::filled(computer.processes()),
+                knots: computer.view.knots,
+                vessel: Some(vessel),
+                ..ComputerReport::default()
+            },
+            certificate: PathBuf::from(&radio.tls.certificate),
+            clock: computer.clock,
+        }
+    }
+}
+
+/// Tells the facts to whoever looks on.
+pub struct Reporter {
+    facts: Facts,
+    reports: Publisher<ComputerReport>,
+    /// When they are told next, and the certificate's file is read next, on the steady clock, ns.
+    due_ns: i64,
+    read_due_ns: i64,
+}
+
+impl Reporter {
+    /// Of these facts; nothing is told yet.
+    pub fn join(memory: &Memory, mut facts: Facts) -> Result<Reporter, CliError> {
+        facts.report.header.boot = draw_boot();
+        Ok(Reporter {
+            facts,
+            reports: memory.publisher()?,
+            due_ns: i64::MIN,
+            read_due_ns: i64::MIN,
+        })
+    }
+    /// Tells them when that is due, with what is to be said of a configuration that was `edited`.
+    pub fn poll(&mut self, now_ns: i64, edited: impl FnOnce() -> Option<String>) {
+        if now_ns < self.due_ns {
+            return;
+        }
+        self.due_ns = now_ns.saturating_add(PERIOD_NS);
+        let report = &mut self.facts.report;
+        report.header.at = Time::from_nanos(now_ns);
+        report.header.sequence = report.header.sequence.wrapping_add(1);
+        report.edited = edited().as_deref().map(Line::from);
+        if let Some(vessel) = &mut report.vessel {
+            vessel.clock = self.facts.clock.read(now_ns);
+            if now_ns >= self.read_due_ns {
+                self.read_due_ns = now_ns.saturating_add(CERTIFICATE_PERIOD_NS);
+                vessel.certificate = certificate(&self.facts.certificate);
+            }
+        }
+        self.reports.send(report);
+    }
+}
+
+/// What a certificate's file holds now.
+fn certificate(file: &Path) -> CertificateState {
+    if file.as_os_str().is_empty() {
+        return CertificateState::Absent;
+    }
+    match read_certificate(file) {
+        Ok(read) => CertificateState::Read(read.certificate),
+        Err(e) => CertificateState::Unreadable(e.to_string().as_str().into()),
+    }
+}
