@@ -1,4 +1,4 @@
-//! `alight storm`: landings with several drawn faults each, what must hold in every tick, and the shortest list of what
+//! `alight storm`: flights with several drawn faults each, what must hold in every tick, and the shortest list of what
 //! broke it.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -6,8 +6,11 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal::{self, Form, note};
+use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Rule, Violation};
-use alight_sim::harness::storm::{Ending, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink};
+use alight_sim::harness::storm::{
+    Ending, FlightKind, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink,
+};
 use alight_transport::wake::end_requested;
 use clap::Args;
 use serde::Serialize;
@@ -75,6 +78,7 @@ struct BrokenRow<'a> {
 
 /// A storm's end.
 struct StormEnd {
+    flight: FlightKind,
     flown: Flown,
     broken: Option<Box<Broken>>,
 }
@@ -92,6 +96,11 @@ struct Summary {
     kinds_begun: usize,
     kinds: usize,
     pairs_begun: usize,
+    /// In how many flights each kind began, summed up, and in how many it can; the same of the states in which faults began.
+    kinds_in_flights_begun: usize,
+    kinds_in_flights: usize,
+    states_in_flights_begun: usize,
+    states_in_flights: usize,
     storms_per_s: f64,
     broken: Vec<Broken>,
 }
@@ -122,13 +131,13 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
         let batch = seeds(next, left.min(BATCH * workers))?;
         next = next.saturating_add(batch.len() as u64);
         // Pairs of kind and state that began seldom are flown next.
-        let aims = coverage.aims(batch.len());
-        let batch: Vec<_> = batch.into_iter().zip(aims).collect();
-        let flown = in_parallel(args.jobs, "storms", &batch, |(seed, aim)| {
-            fly_seed(args, *seed, *aim)
-        })?;
+        let drawn = batch
+            .into_iter()
+            .map(|seed| Storm::drawn(seed, args.faults.into()));
+        let batch: Vec<Storm> = drawn.map(|storm| coverage.aim(storm)).collect();
+        let flown = in_parallel(args.jobs, "storms", &batch, |storm| fly_one(args, storm))?;
         let flown: Vec<StormEnd> = flown.into_iter().flatten().collect();
-        flown.iter().for_each(|end| coverage.add(&end.flown));
+        flown.iter().for_each(|end| coverage.add(end.flight, &end.flown));
         all.extend(flown);
         let over = match args.seconds {
             Some(s) => elapsed() >= f64::from(s),
@@ -150,49 +159,48 @@ fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// How often each kind began in each state, and how often a storm was aimed at that.
+/// How often each kind began in each state, and how often a storm was aimed at that; which kinds began in which flights, and
+/// faults in which states of them.
 #[derive(Default)]
 struct Coverage {
-    begun: BTreeMap<(Kind, &'static str), usize>,
-    aimed: BTreeMap<(Kind, &'static str), usize>,
+    begun: BTreeMap<Pair, usize>,
+    aimed: BTreeMap<Pair, usize>,
+    kinds: BTreeSet<(FlightKind, Kind)>,
+    states: BTreeSet<(FlightKind, State)>,
 }
 
 impl Coverage {
-    fn add(&mut self, flown: &Flown) {
+    fn add(&mut self, flight: FlightKind, flown: &Flown) {
         for (kind, state, _) in &flown.began {
-            *self.begun.entry((*kind, state.name())).or_default() += 1;
+            *self.begun.entry((*kind, *state)).or_default() += 1;
+            self.kinds.insert((flight, *kind));
+            // What is drawn to begin in one state may begin after it, in one that counts nowhere.
+            let counts = flight.states().any(|s| s == *state);
+            self.states.extend(counts.then_some((flight, *state)));
         }
     }
-    /// The next `n` pairs to aim at: those that began and were aimed at least often; none before anything was flown.
-    fn aims(&mut self, n: usize) -> Vec<Option<Pair>> {
+    /// The storm aimed at the pair of its flight that began and was aimed at least often; as drawn before anything was flown.
+    fn aim(&mut self, storm: Storm) -> Storm {
         if self.begun.is_empty() {
-            return vec![None; n];
+            return storm;
         }
-        let name = |(kind, state): &Pair| (*kind, state.name());
-        let count = |of: &BTreeMap<_, usize>, pair: &Pair| of.get(&name(pair)).copied().unwrap_or(0);
-        let mut all: Vec<Pair> = pairs().collect();
-        all.sort_by_key(|pair| count(&self.begun, pair) + count(&self.aimed, pair));
-        let aims: Vec<Option<Pair>> = all.into_iter().cycle().take(n).map(Some).collect();
-        for pair in aims.iter().flatten() {
-            *self.aimed.entry(name(pair)).or_default() += 1;
-        }
-        aims
+        let count = |of: &BTreeMap<Pair, usize>, pair: &Pair| of.get(pair).copied().unwrap_or(0);
+        let least = pairs(storm.flight).min_by_key(|p| count(&self.begun, p) + count(&self.aimed, p));
+        let Some(pair) = least else { return storm };
+        *self.aimed.entry(pair).or_default() += 1;
+        storm.aimed(pair)
     }
 }
 
 /// Flies one storm and shrinks it where it broke a rule; None once the end is asked for.
-fn fly_seed(args: &StormArgs, seed: u64, aim: Option<Pair>) -> Result<Option<StormEnd>, CliError> {
+fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError> {
     if end_requested() {
         return Ok(None);
     }
-    let drawn = Storm::drawn(seed, usize::from(args.faults));
-    let storm = match aim {
-        Some(pair) => drawn.aimed(pair),
-        None => drawn,
-    };
+    let seed = storm.seed;
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
-    let flown = fly(&storm, silent).doing(&doing)?;
+    let flown = fly(storm, silent).doing(&doing)?;
     let broken = flown.violation.map(|violation| {
         let breaks = |s: &Storm| {
             if end_requested() {
@@ -201,22 +209,39 @@ fn fly_seed(args: &StormArgs, seed: u64, aim: Option<Pair>) -> Result<Option<Sto
             let again = fly(s, &mut |_, _| {}).ok()?;
             again.violation.map(|v| v.rule)
         };
-        let shrunk = shrink(&storm, violation.rule, breaks);
+        let shrunk = shrink(storm, violation.rule, breaks);
         Box::new(Broken {
             seed,
             violation,
-            storm,
+            storm: storm.clone(),
             shrunk,
         })
     });
     if let Some(broken) = &broken {
         show(args, broken)?;
     }
-    Ok(Some(StormEnd { flown, broken }))
+    Ok(Some(StormEnd {
+        flight: storm.flight,
+        flown,
+        broken,
+    }))
+}
+
+/// Reads a list that real processes can fly: of a landing, with faults at the first entries of their states.
+pub fn read_list(path: &Path) -> Result<Storm, CliError> {
+    let storm = read(path)?;
+    let first = storm.faults.iter().all(|f| f.entry == 1);
+    if storm.flight == FlightKind::Landing && first {
+        return Ok(storm);
+    }
+    Err(CliError::because(
+        format!("reading the list {}", path.display()),
+        "real processes fly landings, with faults at first entries; fly it by `alight storm --list`",
+    ))
 }
 
 /// Reads a list.
-pub fn read_list(path: &Path) -> Result<Storm, CliError> {
+fn read(path: &Path) -> Result<Storm, CliError> {
     let doing = format_args!("reading the list {}", path.display());
     let length = std::fs::metadata(path).doing(doing)?.len();
     if length > MAX_LIST_BYTES {
@@ -230,7 +255,7 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
 
 /// Flies a list and shows what happens.
 fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
-    let storm = read_list(path)?;
+    let storm = read(path)?;
     let mut show = |t_s: f64, line: &str| note(form.alone(), format_args!("{t_s:>7.2} s  {line}"));
     let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
     if !form.print(&flown, &[&flown])? {
@@ -269,10 +294,12 @@ impl Summary {
         let mut summary = Summary {
             storms: all.len(),
             kinds: Kind::ALL.len(),
+            kinds_in_flights: FlightKind::ALL.len() * Kind::ALL.len(),
+            states_in_flights: FlightKind::ALL.into_iter().flat_map(FlightKind::states).count(),
             storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
             ..Summary::default()
         };
-        for StormEnd { flown, broken } in all {
+        for StormEnd { flown, broken, .. } in all {
             match flown.ending {
                 Ending::Landed => summary.landed += 1,
                 Ending::Waits => summary.waits += 1,
@@ -288,6 +315,8 @@ impl Summary {
         summary.pairs_begun = coverage.begun.len();
         let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
+        summary.kinds_in_flights_begun = coverage.kinds.len();
+        summary.states_in_flights_begun = coverage.states.len();
         summary
     }
     /// The broken rules, without the lists of faults, which --save writes.
@@ -310,13 +339,18 @@ impl Summary {
             kinds_begun,
             kinds,
             pairs_begun,
+            kinds_in_flights_begun,
+            kinds_in_flights,
+            states_in_flights_begun,
+            states_in_flights,
             storms_per_s,
             ..
         } = self;
         format!(
             "{storms} storms: {landed} landed, {waits} wait for a stated reason, {crashed} crashed under a fault that excuses it, {} broke a rule\n\
              {faults_begun} faults of {kinds_begun} of {kinds} kinds, {pairs_begun} pairs of kind and state; \
-             {storms_per_s:.1} storms/s",
+             begun in {kinds_in_flights_begun} of {kinds_in_flights} pairs of kind and flight, \
+             {states_in_flights_begun} of {states_in_flights} of state and flight; {storms_per_s:.1} storms/s",
             self.broken.len()
         )
     }
@@ -327,16 +361,55 @@ mod tests {
     use super::*;
 
     #[test]
-    fn aims_go_through_all_pairs() {
+    fn aims_go_through_all_pairs_of_a_flight() {
         let mut coverage = Coverage::default();
-        assert!(coverage.aims(3).iter().all(Option::is_none));
+        let storm = Storm::drawn(1, 2);
+        assert_eq!(coverage.aim(storm.clone()), storm);
         // One began; the others never do, as of a state that is not reached.
-        let (kind, state) = pairs().next().unwrap();
-        coverage.begun.insert((kind, state.name()), 1);
-        let all = pairs().count();
-        let mut aimed: Vec<Pair> = (0..all).flat_map(|_| coverage.aims(1)).flatten().collect();
-        aimed.sort_by_key(|(kind, state)| (*kind, state.name()));
-        aimed.dedup();
-        assert!(aimed.len() + 1 >= all, "{} of {all}", aimed.len());
+        let first = pairs(storm.flight).next().unwrap();
+        coverage.begun.insert(first, 1);
+        let all = pairs(storm.flight).count();
+        for _ in 0..all {
+            coverage.aim(storm.clone());
+        }
+        let aimed = coverage.aimed.len();
+        assert!(aimed + 1 >= all, "{aimed} of {all}");
+    }
+
+    #[test]
+    fn coverage_by_flight() {
+        let began = |state| Flown {
+            ending: Ending::Landed,
+            violation: None,
+            began: vec![(Kind::Blind, state, 1.0)],
+            lasted_s: 1.0,
+        };
+        let mut coverage = Coverage::default();
+        coverage.add(FlightKind::Landing, &began(State::Descent));
+        coverage.add(FlightKind::Sortie, &began(State::Descent));
+        // No landing is drawn with faults there.
+        coverage.add(FlightKind::Landing, &began(State::GaveUp));
+        let summary = Summary::of(Vec::new(), &coverage, 1.0);
+        let begun = [summary.kinds_in_flights_begun, summary.states_in_flights_begun];
+        assert_eq!((begun, summary.pairs_begun), ([2, 2], 2));
+        assert!(summary.states_in_flights > 60 && summary.kinds_in_flights == 9 * summary.kinds);
+    }
+
+    #[test]
+    fn lists_that_real_processes_fly() {
+        let directory = std::env::temp_dir().join(format!("alight-lists-{}", std::process::id()));
+        std::fs::create_dir_all(&directory).unwrap();
+        let path = directory.join("list.toml");
+        let storm = |flight| Storm {
+            flight,
+            drones: 1,
+            ..Storm::drawn(1, 0)
+        };
+        for (flight, flies) in [(FlightKind::Landing, true), (FlightKind::TakeOff, false)] {
+            std::fs::write(&path, storm(flight).text()).unwrap();
+            assert_eq!(read(&path).unwrap(), storm(flight));
+            assert_eq!(read_list(&path).is_ok(), flies, "{flight:?}");
+        }
+        std::fs::remove_dir_all(&directory).unwrap();
     }
 }

@@ -1,9 +1,9 @@
-//! Storms: several faults in one landing. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
+//! Storms: several faults in one flight. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
 //! so that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Ending, Rule};
-use alight_sim::harness::storm::{Fault, Flown, Kind, Moment, Mutant, Storm, fly, fly_mutant};
+use alight_sim::harness::storm::{Fault, FlightKind, Flown, Kind, Moment, Mutant, Storm, fly, fly_mutant};
 use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
@@ -17,13 +17,15 @@ fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
 /// and `alight trials` counts them.
 const HARD_MPS: f64 = 2.0;
 
+/// The rule that it broke, with what it was.
+fn broken_by(flown: &Flown, name: &str, storm: &Storm) -> Option<String> {
+    let violation = flown.violation?;
+    let usual = violation.rule == Rule::HardContact && violation.figure < HARD_MPS;
+    (!usual).then(|| format!("{name}: {violation}\n{}", storm.text()))
+}
 /// Those that broke a rule, with what it was.
 fn broken(storms: &[(String, Storm)]) -> Vec<String> {
-    let fly = |(name, storm): &(String, Storm)| {
-        let violation = flown(storm, None).violation?;
-        let usual = violation.rule == Rule::HardContact && violation.figure < HARD_MPS;
-        (!usual).then(|| format!("{name}: {violation}\n{}", storm.text()))
-    };
+    let fly = |(name, storm): &(String, Storm)| broken_by(&flown(storm, None), name, storm);
     storms.par_iter().filter_map(fly).collect()
 }
 
@@ -53,6 +55,83 @@ fn storms_drawn_by_seed() {
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
+/// A flight of this kind in a slight sea, without a fault.
+fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
+    // A scene that fits it, the boat's way of one that is steered too.
+    let mut drawn = (1..100).map(|seed| Storm::drawn(seed, 0));
+    let storm = drawn.find(|s| s.flight == flight).unwrap();
+    let (course, speed_mps) = match flight {
+        FlightKind::Helm => (storm.course, storm.speed_mps),
+        FlightKind::Landing
+        | FlightKind::TakeOff
+        | FlightKind::Sortie
+        | FlightKind::Station
+        | FlightKind::Beacon
+        | FlightKind::TagAlone
+        | FlightKind::Cycles
+        | FlightKind::Mavlink => (Course::Drift, 0.0),
+    };
+    Storm {
+        autopilot,
+        course,
+        speed_mps,
+        sea: [0.2, 5.0],
+        wind_mps: 3.0,
+        drones: 1,
+        mast: false,
+        ..storm
+    }
+}
+
+/// In each flight every rule holds where nothing fails, and it ends as it is meant to: a take-off in the hold above the vessel, the
+/// others on the deck, but for two that may wait for a better moment than this.
+#[test]
+fn every_flight_without_a_fault() {
+    let both = |flight| super::BOTH.map(|autopilot| faultless(flight, autopilot));
+    let flights: Vec<Storm> = FlightKind::ALL.into_iter().flat_map(both).collect();
+    let wrong: Vec<String> = flights
+        .into_par_iter()
+        .filter_map(|storm| {
+            let f = flown(&storm, None);
+            let name = format!("{:?} over {:?}", storm.flight, storm.autopilot);
+            let fits = match storm.flight {
+                FlightKind::TakeOff => f.ending == Ending::Waits,
+                FlightKind::Helm | FlightKind::Beacon => true,
+                FlightKind::Landing
+                | FlightKind::Sortie
+                | FlightKind::Station
+                | FlightKind::TagAlone
+                | FlightKind::Cycles
+                | FlightKind::Mavlink => f.ending == Ending::Landed,
+            };
+            let ended = (f.violation.is_none() && !fits).then(|| format!("{name}: {f:?}"));
+            broken_by(&f, &name, &storm).or(ended)
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// A fault that begins with the second landing of two, and one with a third that there is not.
+#[test]
+fn fault_at_the_second_landing() {
+    let fault = |entry| Fault {
+        kind: Kind::Blind,
+        moment: Moment::In(State::Landed),
+        entry,
+        after_s: 0.5,
+        size: 0.0,
+        lasts_s: 1.0,
+    };
+    let storm = Storm {
+        faults: vec![fault(2), fault(3)],
+        ..faultless(FlightKind::Cycles, Firmware::Px4)
+    };
+    let f = flown(&storm, None);
+    let began: Vec<_> = f.began.iter().map(|(kind, ..)| *kind).collect();
+    assert_eq!((began, f.ending), (vec![Kind::Blind], Ending::Landed), "{f:?}");
+    assert!(f.began[0].2 > 60.0, "{f:?}");
+}
+
 #[test]
 fn same_storm_twice() {
     let storm = Storm::drawn(5, 4);
@@ -65,6 +144,7 @@ fn same_storm_twice() {
 /// A landing over PX4 in a slight sea, on a boat at 2 m/s, with one fault.
 fn with_fault(seed: u64, fault: Fault) -> Storm {
     Storm {
+        flight: FlightKind::Landing,
         faults: vec![fault],
         sea: [0.2, 5.0],
         autopilot: Firmware::Px4,
@@ -89,6 +169,7 @@ fn order_over_a_suspended_computer() {
         let fault = Fault {
             kind: Kind::ComputerSuspended,
             moment: Moment::In(state),
+            entry: 1,
             after_s: 0.3,
             size: 0.0,
             lasts_s: 1.5,
@@ -108,6 +189,7 @@ fn killed_in_the_flare(seeds: core::ops::RangeInclusive<u64>) {
             let fault = Fault {
                 kind: Kind::ComputerKilled,
                 moment: Moment::In(State::Flare),
+                entry: 1,
                 after_s,
                 size: 0.0,
                 lasts_s: 2.0,
@@ -135,6 +217,7 @@ fn mutants_that_a_short_list_shows() {
     let fault = |kind, state, after_s, lasts_s| Fault {
         kind,
         moment: Moment::In(state),
+        entry: 1,
         after_s,
         size: 0.0,
         lasts_s,
@@ -158,6 +241,7 @@ fn mutants_that_a_short_list_shows() {
     ];
     shown.into_par_iter().for_each(|(mutant, drones, faults, rule)| {
         let storm = Storm {
+            flight: FlightKind::Landing,
             faults,
             drones,
             sea: [0.2, 5.0],

@@ -157,6 +157,7 @@ mod tests {
         list.add(&Fault {
             kind,
             moment: Moment::In(State::Descent),
+            entry: 1,
             after_s: 0.5,
             size,
             lasts_s: 1.0,

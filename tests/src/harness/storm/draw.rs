@@ -1,26 +1,20 @@
-//! Draws a storm: kinds are switched on or off by the seed (swarm), states are those in which most happens.
+//! Draws a storm: kinds are switched on or off by the seed (swarm), states are those of its flight in which most happens.
 
 use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
-use super::{Fault, Kind, MAX_FAULTS, Moment, Storm, kinds};
+use super::plan::Row;
+use super::{Fault, FlightKind, Kind, MAX_FAULTS, Moment, Storm, kinds};
 use crate::physics::streams::Streams;
 use crate::physics::vessel::Course;
 use crate::sensors::noise::Noise;
 
-/// States in which faults begin, how often in parts, and within what time after their entry, s.
-const STATES: [(State, u32, f64); 8] = [
-    (State::GetAltitude, 1, 3.0),
-    (State::Approach, 2, 8.0),
-    (State::Tracking, 3, 4.0),
-    (State::TrackingStable, 3, 2.0),
-    (State::Descent, 7, 4.0),
-    (State::Flare, 5, 1.2),
-    (State::Landed, 3, 3.0),
-    (State::Hold, 1, 3.0),
-];
-
+/// Of a hundred faults so many begin at the first entry of their state, and at the first or second.
+const ENTRIES: [f64; 2] = [85.0, 95.0];
+/// A boat that is steered is under way so fast, m/s, and such a sea makes it worth it: amplitudes, m.
+const STEERED_MPS: f64 = 5.0;
+const STEERED_SEA_M: [f64; 2] = [0.2, 0.3];
 /// Messages of the autopilot that may cease.
 const STREAMS: [u32; 9] = [
     id::ATTITUDE_QUATERNION,
@@ -59,9 +53,14 @@ impl Storm {
         let mast = noise.chance(0.2);
         let kinds: Vec<Kind> = Kind::ALL.iter().copied().filter(|_| noise.chance(0.5)).collect();
         let kinds = if kinds.is_empty() { Kind::ALL } else { &kinds };
-        let faults = (0..faults.min(MAX_FAULTS)).map(|_| fault(kinds, &mut noise));
-        Storm {
+        // A stream of its own: the sea and the faults of a landing are those of before there were other flights.
+        let mut others = Noise::new(&Streams::new(seed), "storm.flight");
+        let flight = by_parts(&FlightKind::ALL, FlightKind::parts, others.uniform());
+        let flight = flight.copied().unwrap_or_default();
+        let faults = (0..faults.min(MAX_FAULTS)).map(|_| fault(flight, kinds, &mut noise, &mut others));
+        let storm = Storm {
             seed,
+            flight,
             autopilot,
             sea,
             course,
@@ -71,15 +70,40 @@ impl Storm {
             drones,
             mast,
             faults: faults.collect(),
+        };
+        storm.fitted()
+    }
+    /// With a scene in which its flight is possible.
+    fn fitted(mut self) -> Storm {
+        self.drones = self.drones.min(self.flight.most_drones());
+        // What stands around the deck is known by the radio alone, and is that of the usual hull.
+        self.mast &= !(self.flight.is_silent() || self.flight == FlightKind::Helm);
+        match self.flight {
+            FlightKind::Landing | FlightKind::Station | FlightKind::Mavlink => {}
+            FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles => self.reserved = true,
+            FlightKind::Helm => {
+                self.reserved = true;
+                (self.course, self.speed_mps) = (Course::Straight, STEERED_MPS);
+                let [least, most] = STEERED_SEA_M;
+                self.sea[0] = self.sea[0].clamp(least, most);
+            }
+            FlightKind::Beacon => self.reserved = false,
+            FlightKind::TagAlone => {
+                self.reserved = false;
+                // Nobody follows a vessel before the order.
+                (self.course, self.speed_mps) = (Course::Drift, 0.0);
+            }
         }
+        self
     }
     /// The same with its last fault of this kind in this state, its times and size drawn by the seed.
     #[must_use]
     pub fn aimed(mut self, (kind, state): Pair) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
-        let within_s = STATES.iter().find(|s| s.0 == state).map_or(1.0, |s| s.2);
+        let rows = self.flight.rows();
+        let row = rows.iter().find(|row| row.0 == state).copied();
         if let Some(last) = self.faults.last_mut() {
-            *last = of_kind(kind, state, within_s, &mut noise);
+            *last = of_kind(kind, row.unwrap_or((state, 1, 1.0)), 1, &mut noise);
         }
         self
     }
@@ -88,9 +112,9 @@ impl Storm {
 /// A kind of fault and the state in which it begins.
 pub type Pair = (Kind, State);
 
-/// All pairs that are drawn.
-pub fn pairs() -> impl Iterator<Item = Pair> {
-    let of = |kind: &'static Kind| STATES.iter().map(|(state, ..)| (*kind, *state));
+/// All pairs that are drawn of a flight.
+pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
+    let of = move |kind: &'static Kind| flight.states().map(move |state| (*kind, state));
     Kind::ALL.iter().flat_map(of)
 }
 
@@ -99,20 +123,17 @@ fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }
 
-fn fault(kinds: &[Kind], noise: &mut Noise) -> Fault {
+fn fault(flight: FlightKind, kinds: &[Kind], noise: &mut Noise, others: &mut Noise) -> Fault {
     let kind = *pick(kinds, noise).unwrap_or(&Kind::Abort);
-    let parts: u32 = STATES.iter().map(|s| s.1).sum();
-    let mut part = (noise.uniform() * f64::from(parts)) as u32;
-    let state = STATES.iter().find(|(_, parts, _)| {
-        let here = part < *parts;
-        part = part.saturating_sub(*parts);
-        here
-    });
-    let (state, _, within_s) = *state.unwrap_or(&STATES[4]);
-    of_kind(kind, state, within_s, noise)
+    let row = by_parts(flight.rows(), |row| row.1, noise.uniform());
+    let row = row.copied().unwrap_or((State::Descent, 1, 4.0));
+    let part = 100.0 * others.uniform();
+    let later = ENTRIES.into_iter().filter(|most| part >= *most).count();
+    of_kind(kind, row, 1 + later as u8, noise)
 }
 
-fn of_kind(kind: Kind, state: State, within_s: f64, noise: &mut Noise) -> Fault {
+/// At the `entry`-th entry of the state; every flight begins idle, which is none.
+fn of_kind(kind: Kind, (state, _, within_s): Row, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
     let (after_s, size, lasts_s) = (
@@ -130,10 +151,22 @@ fn of_kind(kind: Kind, state: State, within_s: f64, noise: &mut Noise) -> Fault 
     Fault {
         kind,
         moment: Moment::In(state),
+        entry: entry + u8::from(state == State::Idle),
         after_s,
         size,
         lasts_s,
     }
+}
+
+/// One of these, each as often as it has parts; `u`: uniform in 0 to 1.
+fn by_parts<T>(among: &[T], parts: impl Fn(&T) -> u32, u: f64) -> Option<&T> {
+    let all: u32 = among.iter().map(&parts).sum();
+    let mut part = (u * f64::from(all)) as u32;
+    among.iter().find(|&one| {
+        let here = part < parts(one);
+        part = part.saturating_sub(parts(one));
+        here
+    })
 }
 
 fn pick<'a, T>(among: &'a [T], noise: &mut Noise) -> Option<&'a T> {

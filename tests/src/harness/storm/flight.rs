@@ -1,4 +1,4 @@
-//! Flies a storm: faults begin and end at their times, and every tick is watched.
+//! Flies a storm: people order, faults begin and end at their times, and every tick is watched.
 
 use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
 use alight_shared::msg::State;
@@ -6,21 +6,18 @@ use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
 use super::kinds::{Effect, Takes};
-use super::watch::{Ending, Scene, Violation, Watch, end, is_stuck};
-use super::{Fault, Kind, Mutant, Storm};
+use super::people::People;
+use super::watch::{Ending, Scene, Violation, Watch, end, goes_on, is_stuck, is_unsaid};
+use super::{Fault, FlightKind, Kind, Moment, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 use crate::harness::tap::NoTap;
 
-/// Everything is over within this time of the order, s.
-const LIMIT_S: f64 = 300.0;
-/// Within this time after the last fault it has landed, or waits for a stated reason, s.
-const LIVELY_S: f64 = 120.0;
 /// A fault that was over so long ago is none of several any more, s.
 const TOGETHER_S: f64 = 5.0;
-/// An abort from ashore has come to the mission within this time where nothing else fails, s.
+/// An abort from ashore, or over MAVLink, has come to the mission within this time where nothing else fails, s.
 const ASHORE_S: f64 = 2.0;
 /// What lasts longer is seen, s.
 const SEEN_S: f64 = 1.0;
@@ -45,6 +42,8 @@ struct Scheduled {
     fault: Fault,
     began_s: Option<f64>,
     over: bool,
+    /// An abort, or a person who took over, stopped something when it began.
+    stops: bool,
     /// What it has left of the battery where it met that, 0 to 1.
     charge_left: Option<f64>,
 }
@@ -66,71 +65,163 @@ pub fn fly_mutant(
     mutant: Option<Mutant>,
     show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
-    let (scenario, nodes) = storm.scene();
-    let mut rig = Rig::landing(&scenario, &nodes, storm.seed)?;
-    set_up(&mut rig);
-    rig.world.share_deck();
-    let pending = |fault: &Fault| Scheduled {
-        fault: *fault,
-        began_s: None,
-        over: false,
-        charge_left: None,
-    };
-    let mut faults: Vec<Scheduled> = storm.faults.iter().map(pending).collect();
-    let mut watches = vec![Watch::default(); storm.drones.into()];
-    let mut flown = Flown {
-        ending: Ending::Waits,
-        violation: None,
-        began: Vec::new(),
-        lasted_s: 0.0,
-    };
-    let (mut last_s, mut rested_s, mut state) = (0.0_f64, 0.0_f64, State::Idle);
-    loop {
-        let t_s = rig.t_s();
-        if rig.state(0) != state {
-            state = rig.state(0);
-            show(t_s, &format!("{}: {}", state.name(), rig.mission(0).entered));
+    let mut run = Run::new(storm)?;
+    while run.tick(mutant, show) {}
+    Ok(Flown {
+        lasted_s: run.rig.t_s(),
+        ..run.flown
+    })
+}
+
+/// A storm in flight.
+struct Run {
+    flight: FlightKind,
+    rig: Rig,
+    people: People,
+    faults: Vec<Scheduled>,
+    /// The states that the first drone has entered, each with its time, s.
+    entered: Vec<(State, f64)>,
+    watches: Vec<Watch>,
+    /// When a fault was active last, s.
+    last_s: f64,
+    /// When it did not rest on the deck last, s.
+    moved_s: f64,
+    flown: Flown,
+}
+
+impl Run {
+    /// At the start of the flight.
+    fn new(storm: &Storm) -> Result<Run, SetupError> {
+        let (mut scenario, mut nodes) = storm.scene();
+        storm.flight.set_up(&mut scenario, &mut nodes)?;
+        let mut rig = Rig::new(&scenario, &nodes, storm.seed)?;
+        set_up(&mut rig);
+        rig.world.share_deck();
+        let pending = |fault: &Fault| Scheduled {
+            fault: *fault,
+            began_s: None,
+            over: false,
+            stops: false,
+            charge_left: None,
+        };
+        Ok(Run {
+            flight: storm.flight,
+            rig,
+            people: People::new(storm.flight),
+            faults: storm.faults.iter().map(pending).collect(),
+            entered: vec![(State::Idle, 0.0)],
+            watches: vec![Watch::default(); storm.drones.into()],
+            last_s: 0.0,
+            moved_s: 0.0,
+            flown: Flown {
+                ending: Ending::Waits,
+                violation: None,
+                began: Vec::new(),
+                lasted_s: 0.0,
+            },
+        })
+    }
+
+    /// One tick, after what is ordered, begins and ends before it; whether the flight goes on.
+    fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
+        let (t_s, state) = (self.rig.t_s(), self.rig.state(0));
+        if self.entered.last().is_none_or(|(last, _)| *last != state) {
+            self.entered.push((state, t_s));
+            show(t_s, &format!("{}: {}", state.name(), self.rig.mission(0).entered));
         }
-        for k in 0..faults.len() {
-            step(&mut rig, &mut faults, k, &mut flown, show);
+        self.people.act(&mut self.rig);
+        for k in 0..self.faults.len() {
+            self.step(k, show);
         }
-        let failing = failing(&faults, t_s);
-        rig.world.fail(&Failing { mutant, ..failing });
-        rig.advance(&mut NoTap);
-        let t_s = rig.t_s();
-        let scene = scene_of(&faults, t_s);
-        let mut looks = watches.iter_mut().enumerate();
-        if let Some(violation) = looks.find_map(|(k, watch)| watch.look(&rig, k, &scene)) {
-            show(t_s, &violation.to_string());
-            flown.ending = Ending::Violated;
-            flown.violation = Some(violation);
-            break;
+        let failing = failing(&self.faults, t_s);
+        self.rig.world.fail(&Failing { mutant, ..failing });
+        self.rig.advance(&mut NoTap);
+        let over = match self.look() {
+            Some(violation) => Some((Ending::Violated, Some(violation))),
+            None => self.over(),
+        };
+        if let Some((ending, violation)) = over {
+            (self.flown.ending, self.flown.violation) = (ending, violation);
         }
-        let active = faults.iter().any(|f| f.began_s.is_some() && !f.over);
-        if active {
-            last_s = t_s;
+        if let Some(violation) = self.flown.violation {
+            show(self.rig.t_s(), &violation.to_string());
         }
-        let o = rig.world.observation();
-        let rests = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M && !active;
-        rested_s = if rests { rested_s } else { t_s };
-        if t_s - rested_s > REST_S {
-            flown.ending = Ending::Landed;
-            break;
-        }
-        let given_up = rig.state(0) == State::GaveUp && t_s > rig.entered_s(0).max(last_s) + GIVEN_UP_S;
-        if given_up || t_s > last_s + LIVELY_S || t_s > LIMIT_S {
-            flown.ending = end(&rig);
-            // A storm that is cut off has not been left alone for long enough to be asked.
-            let is_cut = !given_up && t_s <= last_s + LIVELY_S;
-            if let Some(violation) = is_stuck(&rig).filter(|_| !is_cut) {
-                show(t_s, &violation.to_string());
-                (flown.ending, flown.violation) = (Ending::Violated, Some(violation));
+        over.is_none()
+    }
+
+    /// Begins or ends the `k`-th fault where that is due.
+    fn step(&mut self, k: usize, show: &mut dyn FnMut(f64, &str)) {
+        let (t_s, rig) = (self.rig.t_s(), &mut self.rig);
+        let Some(scheduled) = self.faults.get_mut(k) else {
+            return;
+        };
+        let fault = scheduled.fault;
+        let moment_s = || fault.moment_s(&self.entered, rig.began_s(Moment::Contact));
+        match scheduled.began_s {
+            None if moment_s().is_some_and(|at| t_s >= at + fault.after_s) => {
+                scheduled.began_s = Some(t_s);
+                scheduled.stops = !self.flight.takes_off() || goes_on(self.flight, rig, 0);
+                scheduled.charge_left = fault.kind.empties().then_some(0.0);
+                self.flown.began.push((fault.kind, rig.state(0), t_s));
+                let (size, lasts) = (fault.size, fault.lasts_s);
+                show(
+                    t_s,
+                    &format!("fault: {}, size {size}, for {lasts} s", fault.kind.name()),
+                );
+                if !self.people.give(rig, fault.kind)
+                    && let Effect::Events(begin, _) = fault.kind.spec().effect
+                {
+                    begin(rig, fault.size);
+                }
             }
-            break;
+            Some(_) if !scheduled.over && !scheduled.is_active(t_s) => {
+                scheduled.over = true;
+                let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
+                scheduled.charge_left = charge.filter(|_| fault.kind.empties());
+                if let Effect::Events(_, end) = fault.kind.spec().effect {
+                    end(rig, fault.size);
+                }
+            }
+            None | Some(_) => {}
         }
     }
-    flown.lasted_s = rig.t_s();
-    Ok(flown)
+
+    /// The first rule that the last tick broke.
+    fn look(&mut self) -> Option<Violation> {
+        let rig = &self.rig;
+        let scene = scene_of(self.flight, &self.faults, self.people.ordered_s(), rig.t_s());
+        let mut looks = self.watches.iter_mut().enumerate();
+        looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
+    }
+
+    /// How the flight has ended, and what a drone that was left alone for long enough has broken; None: it goes on.
+    fn over(&mut self) -> Option<(Ending, Option<Violation>)> {
+        let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
+        let active = self.faults.iter().any(|f| f.began_s.is_some() && !f.over);
+        if active {
+            self.last_s = t_s;
+        }
+        let o = rig.world.observation();
+        let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
+        if !stands || active || !people.is_over(rig) {
+            self.moved_s = t_s;
+        }
+        if t_s - self.moved_s > REST_S {
+            return Some((Ending::Landed, None));
+        }
+        let [lively_s, limit_s] = self.flight.limits_s();
+        let given_up = rig.state(0) == State::GaveUp || people.is_up(rig);
+        let given_up = given_up && t_s > rig.entered_s(0).max(self.last_s) + GIVEN_UP_S;
+        let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
+        if !alone {
+            // A storm that is cut off has not been left alone for long enough to be asked.
+            return (t_s > limit_s).then(|| (end(rig), None));
+        }
+        Some(match is_stuck(rig).or_else(|| is_unsaid(rig)) {
+            Some(violation) => (Ending::Violated, Some(violation)),
+            None => (end(rig), None),
+        })
+    }
 }
 
 /// Sets the autopilot's parameters as `alight check` asks for them.
@@ -148,48 +239,6 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// Begins or ends the `k`-th fault where that is due.
-fn step(
-    rig: &mut Rig,
-    faults: &mut [Scheduled],
-    k: usize,
-    flown: &mut Flown,
-    show: &mut dyn FnMut(f64, &str),
-) {
-    let t_s = rig.t_s();
-    let Some(scheduled) = faults.get_mut(k) else {
-        return;
-    };
-    let fault = scheduled.fault;
-    match scheduled.began_s {
-        None if rig
-            .began_s(fault.moment)
-            .is_some_and(|at| t_s >= at + fault.after_s) =>
-        {
-            scheduled.began_s = Some(t_s);
-            scheduled.charge_left = fault.kind.empties().then_some(0.0);
-            flown.began.push((fault.kind, rig.state(0), t_s));
-            let (size, lasts) = (fault.size, fault.lasts_s);
-            show(
-                t_s,
-                &format!("fault: {}, size {size}, for {lasts} s", fault.kind.name()),
-            );
-            if let Effect::Events(begin, _) = fault.kind.spec().effect {
-                begin(rig, fault.size);
-            }
-        }
-        Some(_) if !scheduled.over && !scheduled.is_active(t_s) => {
-            scheduled.over = true;
-            let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
-            scheduled.charge_left = charge.filter(|_| fault.kind.empties());
-            if let Effect::Events(_, end) = fault.kind.spec().effect {
-                end(rig, fault.size);
-            }
-        }
-        None | Some(_) => {}
-    }
-}
-
 /// What fails now, of all that are active.
 fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
     let mut failing = Failing::default();
@@ -201,18 +250,21 @@ fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
     failing
 }
 
-/// The faults as the rules see them.
-fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
+/// The faults as the rules see them; people ordered something last at `ordered_s`.
+fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
     let until = |after_s: f64| move |f: &Scheduled, at: f64| t_s < at + f.fault.lasts_s + after_s;
     let takes = |what: Takes, after_s: f64| {
         began().any(|(f, at)| f.fault.kind.spec().takes == what && until(after_s)(f, at))
     };
-    let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(faults);
-    let orders = |f: &Scheduled| matches!(f.fault.kind, Kind::OrderedAgain | Kind::OrderedAshore);
-    let ordered_again = began().any(|(f, at)| orders(f) && withdrawn_s.is_some_and(|w| at >= w - SEEN_S));
+    let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(flight, faults);
+    let received = |kind: Kind| kind == Kind::OrderedAshore && !flight.is_silent();
+    let orders = |f: &Scheduled| f.fault.kind == Kind::OrderedAgain || received(f.fault.kind);
+    let ordered_again =
+        withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - SEEN_S));
     Scene {
+        flight,
         faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
@@ -225,8 +277,8 @@ fn scene_of(faults: &[Scheduled], t_s: f64) -> Scene {
 }
 
 /// When the mission received the first abort and the newest, and when it lost its order by the first or by a take-over that the link
-/// reported, s.
-fn withdrawn(faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
+/// reported, s. What stops nothing does not count: on a sortie away from the deck no landing is stopped.
+fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
         began().any(|(f, at)| {
@@ -234,24 +286,29 @@ fn withdrawn(faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
-    // From ashore by radio, relay and bridge, any of which another fault may have stopped.
-    let undisturbed = |at: f64| {
-        let hides = |k: Kind| k != Kind::AbortAshore;
+    // From ashore by radio, relay and bridge, or over the autopilot's wire and the link: another fault may have stopped any of them.
+    let undisturbed = |at: f64, own: Kind| {
+        let hides = |k: Kind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)
     };
+    let arrives = |at: f64, own: Kind| undisturbed(at, own).then_some(at + ASHORE_S);
     let aborts = || {
-        began().filter_map(|(f, at)| match f.fault.kind {
-            Kind::Abort => Some(at).filter(received),
-            Kind::AbortAshore if undisturbed(at) => Some(at + ASHORE_S),
-            _ => None,
-        })
+        began()
+            .filter(|(f, _)| f.stops)
+            .filter_map(|(f, at)| match f.fault.kind {
+                Kind::Abort if flight == FlightKind::Mavlink => arrives(at, Kind::Abort),
+                Kind::Abort => Some(at).filter(received),
+                Kind::AbortAshore if !flight.is_silent() => arrives(at, Kind::AbortAshore),
+                _ => None,
+            })
     };
     let aborted_s = aborts().reduce(f64::min);
     let last_abort_s = aborts().reduce(f64::max);
     let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
         let lasts_s = f.fault.lasts_s;
-        f.fault.kind == Kind::TakenOver && lasts_s > SEEN_S && !stopped(*at, at + lasts_s, &hides)
+        let takes = f.fault.kind == Kind::TakenOver && f.stops && lasts_s > SEEN_S;
+        takes && !stopped(*at, at + lasts_s, &hides)
     });
     ([aborted_s, last_abort_s], aborted_s.or(taken.map(|(_, at)| at)))
 }

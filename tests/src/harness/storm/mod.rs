@@ -1,6 +1,6 @@
-//! A storm: one landing of the whole system with several faults, drawn from a seed or written in a file, and what must hold
-//! in every tick of it ([`watch`]). A fault is a state of the mission and a delay, a kind, a size and how long it lasts, so
-//! that a list is a scenario, and the shortest list that still breaks a rule ([`shrink`]) is a test.
+//! A storm: one flight of the whole system with several faults, drawn from a seed or written in a file, and what must hold
+//! in every tick of it ([`watch`]). A fault is an entry of a state of the mission and a delay, a kind, a size and how long it
+//! lasts, so that a list is a scenario, and the shortest list that still breaks a rule ([`shrink`]) is a test.
 //!
 //! After Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed leaves kinds out).
 
@@ -8,6 +8,8 @@ mod draw;
 mod flight;
 mod kinds;
 mod moment;
+mod people;
+mod plan;
 mod shrink;
 pub mod watch;
 
@@ -25,6 +27,7 @@ pub use draw::{Pair, pairs};
 pub use flight::{Flown, fly, fly_mutant};
 pub use kinds::{Effect, Kind, Spec, Takes};
 pub use moment::Moment;
+pub use plan::FlightKind;
 pub use shrink::shrink;
 pub use watch::Ending;
 
@@ -32,6 +35,8 @@ pub use watch::Ending;
 pub const MAX_FAULTS: usize = 16;
 /// A fault begins at most so long after its state was entered, and lasts at most so long, s.
 const MAX_S: f64 = 60.0;
+/// It begins at no later entry of its state.
+const MAX_ENTRY: u8 = 9;
 
 /// One fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,6 +47,9 @@ pub struct Fault {
     /// It begins at this moment ...
     #[serde(rename = "state")]
     pub moment: Moment,
+    /// ... at this entry of its state in the flight, the first being 1; of first contacts there is one ...
+    #[serde(default = "one")]
+    pub entry: u8,
     /// ... and so much later, s.
     #[serde(default)]
     pub after_s: f64,
@@ -53,12 +61,15 @@ pub struct Fault {
     pub lasts_s: f64,
 }
 
-/// A landing and its faults.
+/// A flight and its faults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Storm {
     /// Seed of the world.
     pub seed: u64,
+    /// What is flown.
+    #[serde(default)]
+    pub flight: FlightKind,
     /// Whose character the autopilot has.
     pub autopilot: Firmware,
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
@@ -71,7 +82,7 @@ pub struct Storm {
     pub wind_mps: f64,
     /// A landing needs the deck's reservation.
     pub reserved: bool,
-    /// Drones that are ordered to land, 1 or 2; faults meet the first.
+    /// Drones that are ordered to land, 1, or 2 in a landing; faults meet the first.
     #[serde(default = "one")]
     pub drones: u8,
     /// A mast forward of the deck and an A-frame abeam of it, known to the vessel's surroundings.
@@ -82,7 +93,7 @@ pub struct Storm {
     pub faults: Vec<Fault>,
 }
 
-/// One drone.
+/// One drone, and the first entry.
 const fn one() -> u8 {
     1
 }
@@ -128,7 +139,8 @@ impl Storm {
         within("sea, period".into(), self.sea[1], [3.0, 12.0])?;
         within("speed_mps".into(), self.speed_mps, [0.0, 10.0])?;
         within("wind_mps".into(), self.wind_mps, [0.0, 15.0])?;
-        within("drones".into(), f64::from(self.drones), [1.0, 2.0])?;
+        let most_drones = f64::from(self.flight.most_drones());
+        within("drones".into(), f64::from(self.drones), [1.0, most_drones])?;
         within(
             "faults in the list".into(),
             self.faults.len() as f64,
@@ -139,13 +151,16 @@ impl Storm {
             let largest = spec.size[0].abs().max(spec.size[1].abs());
             let of = if spec.of.is_empty() { "none" } else { spec.of };
             within(format!("{name}, size ({of})"), fault.size, [-largest, largest])?;
+            let entries = [1.0, f64::from(MAX_ENTRY)];
+            within(format!("{name}, entry"), f64::from(fault.entry), entries)?;
             within(format!("{name}, after_s"), fault.after_s, [0.0, MAX_S])?;
             within(format!("{name}, lasts_s"), fault.lasts_s, [0.0, MAX_S])?;
         }
         Ok(())
     }
 
-    /// The scene, and the nodes' configurations.
+    /// The scene of a landing, and the nodes' configurations; what another flight changes of them is its own
+    /// ([`FlightKind`]).
     pub fn scene(&self) -> (Scenario, NodeConfigs) {
         let [amplitude_m, period_s] = self.sea;
         let mut scenario = Scenario {
@@ -171,6 +186,8 @@ impl Storm {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use alight_shared::msg::State;
 
     use super::*;
@@ -192,5 +209,56 @@ mod tests {
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");
         assert!(matches!(Storm::read(&wrong), Err(StormError::Range(_))));
         assert!(matches!(Storm::read("seed = 1"), Err(StormError::Toml(_))));
+    }
+
+    #[test]
+    fn flight_and_entry_as_text_and_back() {
+        let mut storm = Storm {
+            flight: FlightKind::TagAlone,
+            drones: 1,
+            ..Storm::drawn(1, 1)
+        };
+        storm.faults[0].entry = 3;
+        let text = storm.text();
+        assert!(
+            text.contains("flight = \"tag-alone\"") && text.contains("entry = 3"),
+            "{text}"
+        );
+        assert_eq!(Storm::read(&text), Ok(storm.clone()));
+        for (key, wrong) in [
+            ("entry = 3", "entry = 0"),
+            ("entry = 3", "entry = 10"),
+            ("drones = 1", "drones = 2"),
+        ] {
+            let read = Storm::read(&text.replace(key, wrong));
+            assert!(matches!(read, Err(StormError::Range(_))), "{wrong}: {read:?}");
+        }
+    }
+
+    #[test]
+    fn list_without_flight_and_entry() {
+        let text = include_str!("../../../storm/live-abort.toml");
+        assert!(!text.contains("flight") && !text.contains("entry"));
+        let storm = Storm::read(text).unwrap();
+        assert_eq!(storm.flight, FlightKind::Landing);
+        assert!(!storm.faults.is_empty() && storm.faults.iter().all(|f| f.entry == 1));
+    }
+
+    #[test]
+    fn flights_and_entries_that_are_drawn() {
+        let storms: Vec<Storm> = (1..=60).map(|seed| Storm::drawn(seed, 5)).collect();
+        let flights: BTreeSet<FlightKind> = storms.iter().map(|s| s.flight).collect();
+        assert_eq!(flights, BTreeSet::from(FlightKind::ALL));
+        let landings = storms.iter().filter(|s| s.flight == FlightKind::Landing);
+        assert!((15..=30).contains(&landings.count()));
+        for storm in &storms {
+            let states: Vec<Moment> = storm.flight.states().map(Moment::In).collect();
+            assert!(
+                storm.faults.iter().all(|f| states.contains(&f.moment)),
+                "{storm:?}"
+            );
+        }
+        let again = storms.iter().flat_map(|s| &s.faults).filter(|f| f.entry > 1);
+        assert!((20..=120).contains(&again.count()), "of 300");
     }
 }

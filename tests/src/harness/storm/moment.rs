@@ -16,7 +16,7 @@ const CONTACT: &str = "Contact";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Moment {
-    /// When the mission first enters this state. `Landed` begins with the stop of the motors.
+    /// When the mission enters this state, for the [`Fault::entry`]-th time. `Landed` begins with the stop of the motors.
     In(State),
     /// At the first contact.
     Contact,
@@ -84,9 +84,21 @@ impl Fault {
         Fault {
             kind,
             moment,
+            entry: 1,
             after_s,
             size: 0.0,
             lasts_s: shortest + (longest - shortest) * noise.uniform(),
+        }
+    }
+    /// When its moment began, s: by the states that the drone has entered, each with its time, and by its first contact.
+    pub(super) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
+        match self.moment {
+            Moment::In(state) => {
+                let mut entries = entered.iter().filter(|(s, _)| *s == state);
+                let (_, at_s) = entries.nth(usize::from(self.entry).saturating_sub(1))?;
+                Some(*at_s)
+            }
+            Moment::Contact => touched_s,
         }
     }
 }
@@ -104,6 +116,29 @@ mod tests {
         assert_eq!(drawn(Kind::PilotFrozen)(3), all[3]);
         assert!(all.iter().any(|f| f.after_s != all[0].after_s));
         assert!((0..20).map(drawn(Kind::PilotKilled)).all(|f| f.lasts_s < 1.0));
+    }
+
+    #[test]
+    fn entries_of_a_state() {
+        let entered = [
+            (State::Idle, 0.0),
+            (State::Descent, 20.0),
+            (State::Tracking, 24.0),
+            (State::Descent, 31.0),
+        ];
+        let at = |moment, entry| {
+            let fault = Fault {
+                entry,
+                ..Fault::drawn(Kind::PilotFrozen, moment, 1)
+            };
+            fault.moment_s(&entered, Some(33.0))
+        };
+        let descent = Moment::In(State::Descent);
+        assert_eq!([1, 2, 3].map(|n| at(descent, n)), [Some(20.0), Some(31.0), None]);
+        assert_eq!(at(Moment::In(State::Flare), 1), None);
+        assert_eq!(at(Moment::In(State::Idle), 1), Some(0.0));
+        // Of the first contact there is one.
+        assert_eq!(at(Moment::Contact, 2), Some(33.0));
     }
 
     #[test]

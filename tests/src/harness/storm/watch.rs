@@ -5,6 +5,7 @@ use core::fmt;
 use alight_shared::msg::{BatteryPlace, ReasonCode, SetPoint, State};
 use serde::Serialize;
 
+use super::FlightKind;
 use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
 use crate::harness::rig::Rig;
@@ -80,6 +81,8 @@ pub enum Rule {
     NotFinite,
     /// Long after the last fault it has neither landed nor states a reason to wait.
     Stuck,
+    /// It waits in the air, and names neither charge that suffices nor that it is low, or no next step.
+    WaitsUnsaid,
 }
 
 /// A rule that was broken.
@@ -89,7 +92,7 @@ pub struct Violation {
     pub rule: Rule,
     /// When, s after the order.
     pub t_s: f64,
-    /// The figure that broke it: m above the deck, m/s, or s.
+    /// The figure that broke it: m above the deck, m/s, s, or the battery's charge, 0 to 1.
     pub figure: f64,
     /// The mission's state then.
     pub state: State,
@@ -115,6 +118,11 @@ impl fmt::Display for Violation {
             Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and no status reports it"),
             Rule::NotFinite => write!(f, "a set-point was not finite"),
             Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
+            Rule::WaitsUnsaid => write!(
+                f,
+                "waits at {:.0} % of its battery, and says nothing of that or of its next step",
+                100.0 * figure
+            ),
         }?;
         write!(f, " ({t_s:.2} s, {state})")
     }
@@ -123,6 +131,8 @@ impl fmt::Display for Violation {
 /// The faults as the rules see them.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
+    /// What is flown.
+    pub flight: FlightKind,
     /// Faults that are active, or were a moment ago.
     pub faults: usize,
     /// When the newest of them began or ended, s.
@@ -176,6 +186,8 @@ pub struct Watch {
     armed_since_s: Option<f64>,
     /// When it first began to land because its battery is spent, s.
     spent_s: Option<f64>,
+    /// Its battery, of which a fault has taken, sends it to another place than the deck, which it may not know.
+    elsewhere: bool,
 }
 
 impl Watch {
@@ -200,7 +212,8 @@ impl Watch {
     fn contacts(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
-        if stopped && o.feet_height_m() > FALSE_STOP_M {
+        self.look_elsewhere(rig, k, scene);
+        if stopped && o.feet_height_m() > FALSE_STOP_M && !self.elsewhere {
             match (is_empty(rig, k), scene.lands_with(rig)) {
                 (true, false) => {}
                 (true, true) => return Some((Rule::BatterySpent, o.feet_height_m())),
@@ -210,7 +223,7 @@ impl Watch {
         let t_s = rig.t_s();
         let too_recent = t_s < scene.newest_s + GRACE_S;
         let without_power = scene.without_power || is_empty(rig, k) && !scene.lands_with(rig);
-        let excused = scene.uncommanded || without_power || too_recent;
+        let excused = scene.uncommanded || without_power || too_recent || self.elsewhere;
         let strikes = |c: &ContactEvent| !c.foot || c.normal_mps > MAX_CONTACT_MPS;
         let rests = !o.motors_on || o.in_water || !o.contacts.is_empty();
         if excused && o.contacts.iter().any(strikes) || self.struck_s.is_some() && rests {
@@ -232,10 +245,20 @@ impl Watch {
                 return Some((Rule::TippedOver, contact.normal_mps));
             }
         }
-        if without_power && o.in_water {
+        if (without_power || self.elsewhere) && o.in_water {
             self.struck_s = Some(t_s);
         }
         (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))
+    }
+    /// Where a drone that may not know its deck goes for its battery: the autopilot flies it home or down, until it descends to the
+    /// deck after all.
+    fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &Scene) {
+        let goes = matches!(
+            rig.mission(k).low_battery,
+            Some(BatteryPlace::Home | BatteryPlace::Here)
+        );
+        let may = scene.flight.may_land_elsewhere() && scene.charge_left.is_some();
+        self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }
 
     /// On the deck: rotors that carry, and a drone that is armed without a report.
@@ -246,7 +269,9 @@ impl Watch {
         if carried_s > CARRY_S && !scene.uncommanded {
             return Some((Rule::CarriesLanded, carried_s));
         }
-        let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && state != State::Flare;
+        // Where they are meant to turn.
+        let turns = state == State::Flare || state.is_take_off();
+        let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && !turns;
         let reported = rig
             .world
             .drones()
@@ -262,7 +287,7 @@ impl Watch {
         // It climbs, holds or has landed, or goes on for a reason that it states.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
-        let goes_on = !stated && state.is_landing();
+        let goes_on = !stated && goes_on(scene.flight, rig, k);
         let withdrawn = scene.aborted_s.filter(|at| scene.withdrawn_s == Some(*at));
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((Rule::AbortIgnored, t_s - at));
@@ -295,7 +320,8 @@ impl Watch {
         if let Some(gap_m) = gap_m {
             return Some((Rule::KeepOut, gap_m));
         }
-        let descends = matches!(state, State::Descent | State::Flare | State::Landed | State::Idle);
+        let on_deck = state.stands_for_take_off() || state == State::TakeOff;
+        let descends = on_deck || state.meets_deck() || state == State::Idle;
         let low = o.motors_on && o.feet_height_m() < LOW_M && o.horizontal_m < LOW_M;
         let low_s = lasts(&mut self.low_since_s, low && !descends && !excused, t_s);
         if low_s > LOW_S {
@@ -326,10 +352,22 @@ fn is_spent(rig: &Rig, k: usize) -> bool {
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// How the first drone ended that has neither landed nor broken a rule.
+/// What an abort stops goes on: a landing, or a take-off before the feet have left the deck. Of a flight that takes off the hold for
+/// the next order is none.
+pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
+    let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
+    let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
+    let waits = matches!(waits, ReasonCode::NotCommanded | ReasonCode::Operator);
+    let rests = flight.takes_off() && state == State::Hold && waits;
+    on_deck || state.is_landing() && !rests
+}
+
+/// How the first drone ended that has broken no rule, and of which nobody has seen that it rests on the deck for long.
 pub fn end(rig: &Rig) -> Ending {
     let o = rig.world.observation();
-    if o.in_water || !o.motors_on {
+    if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
+        Ending::Landed
+    } else if o.in_water || !o.motors_on {
         Ending::Crashed
     } else {
         Ending::Waits
@@ -346,6 +384,44 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
         rule: Rule::Stuck,
         t_s: rig.t_s(),
         figure: o.feet_height_m(),
+        state: mission.state,
+    })
+}
+
+/// A reason that names the battery to whoever watches.
+const fn names_battery(why: ReasonCode) -> bool {
+    matches!(
+        why,
+        ReasonCode::BatteryLow
+            | ReasonCode::BatteryDeck
+            | ReasonCode::BatteryHome
+            | ReasonCode::BatteryHere
+            | ReasonCode::BatteryStopped
+            | ReasonCode::BatteryUnknown
+            | ReasonCode::TakeOffBattery
+            | ReasonCode::TurnsBack
+    )
+}
+
+/// Long after the last fault: broken by a drone that follows our set-points in the air and is asked in vain. It has energy that its
+/// mission promises, the charge that counts being no less than the way to the deck and one attempt take, or time being left before
+/// it turns back on a sortie; or it has raised its alarm, a place for its low battery or a reason that names that. And it states
+/// what its next step waits for.
+pub fn is_unsaid(rig: &Rig) -> Option<Violation> {
+    let (o, mission) = (rig.world.observation(), rig.mission(0));
+    let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
+    let waits = o.motors_on && !o.in_water && autopilot.is_some_and(SimulatedAutopilot::in_offboard);
+    let promised = mission.battery.is_some_and(|b| b >= mission.battery_reserve)
+        || mission.turns_in_s.is_some_and(|left_s| left_s > 0.0);
+    let reasons = [mission.waiting, mission.entered]
+        .into_iter()
+        .chain(mission.rejected);
+    let alarms = mission.low_battery.is_some() || reasons.map(|why| why.code).any(names_battery);
+    let says = (promised || alarms) && mission.waiting.code != ReasonCode::None;
+    (waits && !says).then(|| Violation {
+        rule: Rule::WaitsUnsaid,
+        t_s: rig.t_s(),
+        figure: mission.battery.unwrap_or(0.0),
         state: mission.state,
     })
 }

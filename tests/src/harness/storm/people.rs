@@ -1,0 +1,271 @@
+//! The people of a storm's flight: operator, crew, skipper and pilot, and what they order when.
+//!
+//! They go on once what they ordered has ended as it was meant to; what was stopped by somebody else they leave alone, but for a
+//! take-off that ended on the deck, which is ordered again.
+
+use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, ReasonCode, State, Station};
+use alight_uav::autopilot::message::{Address, CommandLong, Message, command};
+use nalgebra::Vector3;
+
+use super::{FlightKind, Kind};
+use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
+use crate::harness::outcome::FALSE_STOP_M;
+use crate::harness::rig::Rig;
+
+/// A take-off is ordered so long after the crew has cleared the deck for it, s.
+const CLEARED_S: f64 = 1.0;
+/// A station is ordered so long after the drone was given: the link has found the autopilot by then, s.
+const FOUND_S: f64 = 5.0;
+/// Whoever has ordered something looks at what came of it after so long, s.
+const LOOKS_S: f64 = 5.0;
+/// A drone has stood on the deck, disarmed, for so long before the next order, s.
+const STANDS_S: f64 = 3.0;
+/// No further from the deck's centre it stands on the deck, m.
+const ON_DECK_M: f64 = 2.0;
+/// A take-off that ended on the deck, and a station that was rejected, are ordered so often in all.
+const TRIES: u32 = 3;
+/// The skipper looks at a question for so long, s.
+const ANSWERS_S: f64 = 3.0;
+/// A ground station repeats an order that is not taken at this period, s.
+const REPEATS_S: f64 = 1.0;
+/// How far the autopilot's own mission leads away, and how high above the place of its beginning, m.
+const FAR_M: f64 = 40.0;
+const HIGH_M: f64 = 20.0;
+/// The ground station.
+const GROUND_STATION: Address = Address::new(255, 190);
+/// Orders that faults are, as a ground station gives them.
+const BY_MAVLINK: [(Kind, u16); 3] = [
+    (Kind::Abort, command::USER_2),
+    (Kind::Hold, command::USER_3),
+    (Kind::OrderedAgain, command::USER_1),
+];
+
+/// What was done last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Step {
+    /// Nothing.
+    #[default]
+    Begins,
+    /// The crew has cleared the deck for a take-off.
+    Cleared,
+    /// A take-off was ordered.
+    TakesOff,
+    /// The pilot has chosen the autopilot's own mission.
+    Away,
+    /// A station was ordered.
+    Stays,
+    /// A ground station orders a landing until that is taken.
+    Calls,
+    /// A landing was ordered, or goes on without an order.
+    Lands,
+}
+
+/// They, and how far they are.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct People {
+    flight: FlightKind,
+    step: Step,
+    /// When they did that, s after the start.
+    since_s: f64,
+    /// When they ordered something last, s.
+    ordered_s: f64,
+    take_offs: u32,
+    stations: u32,
+    landings: u32,
+    /// When the ground station orders next, s.
+    calls_s: f64,
+    /// Since when the skipper is asked, s.
+    asked_s: Option<f64>,
+}
+
+impl People {
+    pub(super) fn new(flight: FlightKind) -> People {
+        People {
+            flight,
+            ..People::default()
+        }
+    }
+    /// When they did something last, or the flight came to what they wait for, s.
+    pub(super) const fn since_s(&self) -> f64 {
+        self.since_s
+    }
+    /// When they ordered something last, s.
+    pub(super) const fn ordered_s(&self) -> f64 {
+        self.ordered_s
+    }
+    fn waited_s(&self, rig: &Rig) -> f64 {
+        rig.t_s() - self.since_s
+    }
+
+    /// In each tick: what they do now.
+    pub(super) fn act(&mut self, rig: &mut Rig) {
+        let next = match self.step {
+            Step::Begins => self.begin(rig),
+            Step::Cleared => (self.waited_s(rig) >= CLEARED_S).then(|| {
+                rig.world.command(CommandKind::TakeOff);
+                Step::TakesOff
+            }),
+            Step::TakesOff => self.after_take_off(rig),
+            Step::Away => comes_back(rig).then_some(Step::Lands),
+            Step::Stays => self.after_station(rig),
+            Step::Calls => self.call(rig),
+            Step::Lands => self.after_landing(rig),
+        };
+        if let Some(step) = next {
+            (self.step, self.since_s) = (step, rig.t_s());
+        }
+        if self.flight == FlightKind::Helm {
+            self.answer(rig);
+        }
+    }
+    fn begin(&mut self, rig: &mut Rig) -> Option<Step> {
+        match self.flight {
+            FlightKind::Landing
+            | FlightKind::Helm
+            | FlightKind::Beacon
+            | FlightKind::TagAlone
+            | FlightKind::Cycles => Some(self.land(rig)),
+            FlightKind::TakeOff | FlightKind::Sortie => Some(self.clear(rig)),
+            FlightKind::Station => (rig.t_s() >= FOUND_S).then(|| self.keep_station(rig)),
+            FlightKind::Mavlink => Some(Step::Calls),
+        }
+    }
+    fn land(&mut self, rig: &mut Rig) -> Step {
+        rig.world.command(CommandKind::Land);
+        (self.ordered_s, self.landings) = (rig.t_s(), self.landings + 1);
+        Step::Lands
+    }
+    fn clear(&mut self, rig: &mut Rig) -> Step {
+        rig.world.deck_order(DeckOrder::TakeOff(1));
+        (self.ordered_s, self.take_offs) = (rig.t_s(), self.take_offs + 1);
+        Step::Cleared
+    }
+    fn keep_station(&mut self, rig: &mut Rig) -> Step {
+        let a_minute = Station {
+            for_min: 1,
+            ..Station::USUAL
+        };
+        rig.world.command(CommandKind::Station(a_minute));
+        (self.ordered_s, self.stations) = (rig.t_s(), self.stations + 1);
+        Step::Stays
+    }
+    /// To each drone whose mission has taken no order yet.
+    fn call(&mut self, rig: &mut Rig) -> Option<Step> {
+        let waits = |k: &usize| rig.mission(*k).order.is_none();
+        let waiting: Vec<usize> = (0..rig.world.drones().len()).filter(waits).collect();
+        let t_s = rig.t_s();
+        if t_s >= self.calls_s {
+            self.calls_s = t_s + REPEATS_S;
+            waiting.iter().for_each(|k| send(rig, *k, command::USER_1));
+        }
+        waiting.is_empty().then_some(Step::Lands)
+    }
+
+    /// On from the hold in which a take-off ends; again from the deck.
+    fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
+        if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
+            return match self.flight {
+                FlightKind::Sortie => Some(leave(rig)),
+                FlightKind::Cycles => Some(self.land(rig)),
+                FlightKind::TakeOff
+                | FlightKind::Landing
+                | FlightKind::Station
+                | FlightKind::Helm
+                | FlightKind::Beacon
+                | FlightKind::TagAlone
+                | FlightKind::Mavlink => None,
+            };
+        }
+        let stopped = self.waited_s(rig) > LOOKS_S && stands(rig);
+        (stopped && self.take_offs < TRIES).then(|| self.clear(rig))
+    }
+    fn after_station(&mut self, rig: &mut Rig) -> Option<Step> {
+        if holds(rig) && rig.mission(0).entered.code == ReasonCode::StationOver {
+            return Some(self.land(rig));
+        }
+        let rejected = self.waited_s(rig) > LOOKS_S && rig.first_entered_s(0, State::Hold).is_none();
+        (rejected && self.stations < TRIES).then(|| self.keep_station(rig))
+    }
+    fn after_landing(&mut self, rig: &mut Rig) -> Option<Step> {
+        let goes_again = self.flight == FlightKind::Cycles && self.landings == 1 && stands(rig);
+        goes_again.then(|| self.clear(rig))
+    }
+    /// The skipper agrees to what he is asked.
+    fn answer(&mut self, rig: &mut Rig) {
+        let (t_s, asked) = (rig.t_s(), rig.world.helm().asked());
+        self.asked_s = asked.map(|_| self.asked_s.unwrap_or(t_s));
+        let seen = self.asked_s.is_some_and(|at| t_s >= at + ANSWERS_S);
+        if let Some(course) = asked.filter(|_| seen) {
+            rig.world.deck_order(DeckOrder::Helm(HelmAnswer::Yes(course)));
+        }
+    }
+
+    /// Gives the order that a fault of this kind is, as this flight's orders come; false where it is none, or comes as in any flight.
+    pub(super) fn give(&self, rig: &mut Rig, kind: Kind) -> bool {
+        let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
+        let order = order.filter(|_| self.flight == FlightKind::Mavlink);
+        if let Some((_, number)) = order {
+            send(rig, 0, *number);
+        }
+        order.is_some()
+    }
+    /// A drone that rests on the deck now has ended its flight.
+    pub(super) fn is_over(&self, rig: &Rig) -> bool {
+        match self.step {
+            Step::Begins | Step::Cleared => false,
+            Step::TakesOff => {
+                self.take_offs >= TRIES && self.waited_s(rig) > LOOKS_S && !rig.state(0).stands_for_take_off()
+            }
+            Step::Lands => self.flight != FlightKind::Cycles || self.landings > 1,
+            Step::Away | Step::Stays | Step::Calls => true,
+        }
+    }
+    /// It holds where a take-off ends, and nothing more is to come.
+    pub(super) fn is_up(&self, rig: &Rig) -> bool {
+        let waits = matches!(
+            rig.mission(0).waiting.code,
+            ReasonCode::NotCommanded | ReasonCode::Operator
+        );
+        self.flight == FlightKind::TakeOff && rig.state(0) == State::Hold && waits
+    }
+}
+
+/// The first drone holds, and nobody has ordered that.
+fn holds(rig: &Rig) -> bool {
+    rig.state(0) == State::Hold && rig.mission(0).waiting.code == ReasonCode::NotCommanded
+}
+/// It stands on the deck, disarmed, and nothing goes on.
+fn stands(rig: &Rig) -> bool {
+    let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
+    let armed = autopilot.is_some_and(SimulatedAutopilot::armed);
+    let o = rig.world.observation();
+    let on_deck = o.feet_height_m().abs() < FALSE_STOP_M && o.horizontal_m < ON_DECK_M;
+    let waits = matches!(rig.state(0), State::Idle | State::Landed);
+    waits && on_deck && !armed && rig.t_s() > rig.entered_s(0) + STANDS_S
+}
+/// It is on its way back from a sortie.
+fn comes_back(rig: &Rig) -> bool {
+    let state = rig.state(0);
+    state.is_landing() && state != State::Hold
+}
+/// The pilot gives the autopilot a mission of three places, and chooses it.
+fn leave(rig: &mut Rig) -> Step {
+    if let Some(linked) = rig.world.linked(0) {
+        let autopilot = &mut linked.autopilot;
+        let here = autopilot.position();
+        let places = [[-0.5, 0.0], [-1.0, 0.3], [-1.0, -0.1]];
+        let at = |[north, east]: [f64; 2]| here + Vector3::new(north * FAR_M, east * FAR_M, -HIGH_M);
+        autopilot.upload(places.map(at).to_vec());
+        autopilot.choose(own_mission_mode(autopilot.firmware()));
+    }
+    Step::Away
+}
+/// The ground station commands a drone's companion, over its autopilot's wire.
+fn send(rig: &mut Rig, k: usize, number: u16) {
+    let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
+    if let Some(linked) = rig.world.linked(k) {
+        let to = Address::new(linked.autopilot.address.system, component);
+        let order = Message::Command(CommandLong::new(to, number, []));
+        linked.up.send(t, GROUND_STATION, &order);
+    }
+}

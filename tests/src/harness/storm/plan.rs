@@ -1,0 +1,249 @@
+//! What a storm flies: where the drone begins, what its nodes permit, and in which states faults begin.
+
+use alight_shared::msg::{State, VesselLevel};
+use alight_usv::helm::HelmOutput;
+use serde::{Deserialize, Serialize};
+
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::physics::sea::SeaConfig;
+use crate::sensors::beacon::BeaconConfig;
+
+/// What is flown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FlightKind {
+    /// A landing of a drone that hovers beside the vessel.
+    #[default]
+    Landing,
+    /// A take-off from the deck, up to the hold in which it ends.
+    TakeOff,
+    /// The same, then away in the autopilot's own mission, and back onto the deck without an order.
+    Sortie,
+    /// A minute on a station next to the vessel, then a landing.
+    Station,
+    /// A landing on a boat whose skipper lets her be steered for it.
+    Helm,
+    /// A landing on a silent vessel that is known by its beacon.
+    Beacon,
+    /// A landing on a silent vessel by its tags alone.
+    TagAlone,
+    /// A landing, a take-off, and a landing again.
+    Cycles,
+    /// A landing whose orders come over MAVLink from a ground station.
+    Mavlink,
+}
+
+/// A state in which faults begin, how often in parts, and within what time after its entry, s.
+pub(super) type Row = (State, u32, f64);
+
+const LANDS: [Row; 8] = [
+    (State::GetAltitude, 1, 3.0),
+    (State::Approach, 2, 8.0),
+    (State::Tracking, 3, 4.0),
+    (State::TrackingStable, 3, 2.0),
+    (State::Descent, 7, 4.0),
+    (State::Flare, 5, 1.2),
+    (State::Landed, 3, 3.0),
+    (State::Hold, 1, 3.0),
+];
+const TAKES_OFF: [Row; 7] = [
+    (State::Preparing, 2, 2.0),
+    (State::Countdown, 3, 4.5),
+    (State::SpinUp, 5, 4.0),
+    (State::TakeOff, 6, 1.5),
+    (State::ClimbOut, 4, 8.0),
+    (State::StandDown, 1, 1.0),
+    (State::Hold, 2, 5.0),
+];
+/// Idle is the autopilot's own mission.
+const SORTIE: [Row; 13] = [
+    (State::Preparing, 1, 2.0),
+    (State::Countdown, 1, 4.5),
+    (State::SpinUp, 2, 4.0),
+    (State::TakeOff, 2, 1.5),
+    (State::ClimbOut, 2, 8.0),
+    (State::Hold, 2, 5.0),
+    (State::Idle, 5, 20.0),
+    (State::GetAltitude, 1, 3.0),
+    (State::Approach, 2, 8.0),
+    (State::Tracking, 2, 4.0),
+    (State::Descent, 4, 4.0),
+    (State::Flare, 3, 1.2),
+    (State::Landed, 2, 3.0),
+];
+const STATION: [Row; 8] = [
+    (State::Hold, 8, 60.0),
+    (State::GetAltitude, 1, 3.0),
+    (State::Approach, 2, 8.0),
+    (State::Tracking, 2, 4.0),
+    (State::TrackingStable, 2, 2.0),
+    (State::Descent, 4, 4.0),
+    (State::Flare, 3, 1.2),
+    (State::Landed, 2, 3.0),
+];
+/// Steady above the deck the drone waits for the turn that is promised.
+const HELM: [Row; 8] = [
+    (State::GetAltitude, 1, 3.0),
+    (State::Approach, 2, 8.0),
+    (State::Tracking, 3, 10.0),
+    (State::TrackingStable, 6, 20.0),
+    (State::Descent, 6, 4.0),
+    (State::Flare, 4, 1.2),
+    (State::Landed, 2, 3.0),
+    (State::Hold, 1, 3.0),
+];
+const BEACON: [Row; 9] = [
+    (State::GetAltitude, 1, 3.0),
+    (State::Approach, 4, 12.0),
+    (State::Search, 5, 10.0),
+    (State::Tracking, 3, 4.0),
+    (State::TrackingStable, 3, 2.0),
+    (State::Descent, 6, 4.0),
+    (State::Flare, 4, 1.2),
+    (State::Landed, 2, 3.0),
+    (State::Hold, 1, 3.0),
+];
+const TAG_ALONE: [Row; 6] = [
+    (State::Tracking, 4, 8.0),
+    (State::TrackingStable, 3, 2.0),
+    (State::Descent, 7, 4.0),
+    (State::Flare, 5, 1.2),
+    (State::Landed, 3, 3.0),
+    (State::Hold, 2, 3.0),
+];
+const CYCLES: [Row; 12] = [
+    (State::Approach, 1, 8.0),
+    (State::Tracking, 2, 4.0),
+    (State::TrackingStable, 2, 2.0),
+    (State::Descent, 4, 4.0),
+    (State::Flare, 3, 1.2),
+    (State::Landed, 4, 6.0),
+    (State::Preparing, 2, 2.0),
+    (State::Countdown, 2, 4.5),
+    (State::SpinUp, 3, 4.0),
+    (State::TakeOff, 3, 1.5),
+    (State::ClimbOut, 2, 8.0),
+    (State::Hold, 2, 5.0),
+];
+
+/// How long a drone stands on the deck before a take-off, s: its autopilot has aligned its heading by then.
+const STANDS_S: f64 = 20.0;
+/// The hull that is steered.
+const STEERED: &str = "mono-5m";
+/// Where the vessel's computer is told that the boat's autopilot is: in lock-step nobody opens it.
+const BOAT: &str = "udpin://127.0.0.1:14560";
+
+impl FlightKind {
+    /// All of them.
+    pub const ALL: [FlightKind; 9] = [
+        FlightKind::Landing,
+        FlightKind::TakeOff,
+        FlightKind::Sortie,
+        FlightKind::Station,
+        FlightKind::Helm,
+        FlightKind::Beacon,
+        FlightKind::TagAlone,
+        FlightKind::Cycles,
+        FlightKind::Mavlink,
+    ];
+
+    /// The states in which faults are drawn to begin.
+    pub fn states(self) -> impl Iterator<Item = State> {
+        self.rows().iter().map(|(state, ..)| *state)
+    }
+    pub(super) const fn rows(self) -> &'static [Row] {
+        match self {
+            FlightKind::Landing | FlightKind::Mavlink => &LANDS,
+            FlightKind::TakeOff => &TAKES_OFF,
+            FlightKind::Sortie => &SORTIE,
+            FlightKind::Station => &STATION,
+            FlightKind::Helm => &HELM,
+            FlightKind::Beacon => &BEACON,
+            FlightKind::TagAlone => &TAG_ALONE,
+            FlightKind::Cycles => &CYCLES,
+        }
+    }
+    /// How often it is drawn, in parts: a third are landings.
+    pub(super) fn parts(&self) -> u32 {
+        if *self == FlightKind::Landing { 4 } else { 1 }
+    }
+    /// It takes off from the deck.
+    pub(super) const fn takes_off(self) -> bool {
+        matches!(
+            self,
+            FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles
+        )
+    }
+    /// The vessel is silent.
+    pub(super) const fn is_silent(self) -> bool {
+        matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
+    }
+    /// A drone with a low battery may not know the deck, and then lands at the next place of its order, in the water here.
+    pub(super) const fn may_land_elsewhere(self) -> bool {
+        self.is_silent() || matches!(self, FlightKind::Sortie)
+    }
+    /// Drones that it may have, at most.
+    pub(super) const fn most_drones(self) -> u8 {
+        match self {
+            FlightKind::Landing | FlightKind::Mavlink => 2,
+            FlightKind::TakeOff
+            | FlightKind::Sortie
+            | FlightKind::Station
+            | FlightKind::Helm
+            | FlightKind::Beacon
+            | FlightKind::TagAlone
+            | FlightKind::Cycles => 1,
+        }
+    }
+    /// Within the first time after the last fault and the last order it has landed, or waits for a stated reason; everything is over
+    /// within the second of the first order, s.
+    pub(super) const fn limits_s(self) -> [f64; 2] {
+        match self {
+            FlightKind::Landing | FlightKind::Station | FlightKind::TagAlone | FlightKind::Mavlink => {
+                [120.0, 300.0]
+            }
+            FlightKind::TakeOff => [120.0, 420.0],
+            FlightKind::Helm | FlightKind::Beacon => [180.0, 420.0],
+            FlightKind::Sortie | FlightKind::Cycles => [150.0, 480.0],
+        }
+    }
+
+    /// Makes a scene of a landing, and the nodes' configurations, that of this flight.
+    pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) -> Result<(), SetupError> {
+        match self {
+            FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}
+            FlightKind::TakeOff | FlightKind::Sortie => {
+                scenario.start.on_deck = true;
+                scenario.start.hover_s = STANDS_S;
+            }
+            FlightKind::Helm => {
+                let (height_m, period_s) = (scenario.sea.significant_height(), scenario.sea.period_s);
+                scenario.sea = SeaConfig::jonswap(height_m, period_s);
+                scenario.install_hull(nodes, STEERED)?;
+                nodes.vessel.helm.output = HelmOutput::Mavlink;
+                nodes.vessel.helm.connect = BOAT.into();
+                nodes.drone.mission.reservation_required = true;
+            }
+            FlightKind::Beacon => {
+                scenario.start.distance_m = [80.0, 120.0];
+                scenario.start.height_m = [20.0, 30.0];
+                scenario.sensors.beacon = Some(BeaconConfig::default());
+                nodes.drone.mission.least_vessel = VesselLevel::Beacon;
+            }
+            FlightKind::TagAlone => {
+                scenario.start.distance_m = [0.0, 4.0];
+                scenario.start.height_m = [7.0, 10.0];
+                nodes.drone.mission.least_vessel = VesselLevel::Tag;
+            }
+            FlightKind::Mavlink => nodes.autopilot.unsigned_orders = true,
+        }
+        if self.is_silent() {
+            scenario.radio.loss = 1.0;
+        }
+        if self.takes_off() {
+            nodes.drone.mission.takeoff = true;
+            nodes.drone.mission.reservation_required = true;
+        }
+        Ok(())
+    }
+}
