@@ -7,7 +7,7 @@ use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::history::PastState;
-use super::{Channel, Filter, GNSS_BIAS};
+use super::{Channel, Filter, GNSS_BIAS, STEP_S};
 use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
@@ -199,10 +199,18 @@ impl Filter {
         }
         let innovation = velocity - (then.nu[axis] + spin.cross(&arm)[axis]);
         let r = fix.velocity_sd[axis].powi(2);
+        if axis == HEAVE && self.rejected_rows[NU][axis] >= MAX_REJECTED_VELOCITIES {
+            // Or the accelerometer is off by as much for as long: along the vertical no tilt explains it.
+            let bias = innovation / (fix.header.at - self.sank_at).secs().max(STEP_S);
+            self.belief.inflate(HEAVE, HEAD, bias * bias);
+        }
         let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
         self.count(axis, NU, update.fused());
+        if axis == HEAVE && update.fused() {
+            self.sank_at = fix.header.at;
+        }
         if fix.velocity_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(Channel::Velocity, update);
         }

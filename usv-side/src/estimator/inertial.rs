@@ -15,6 +15,8 @@ const MAX_REJECTED: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
+/// Largest offset along the vertical of an accelerometer that measures, in standard deviations of bias and model.
+const MAX_OFFSET: f64 = 5.0;
 /// Largest innovation that counts as possibly true, rad/s, m/s².
 const MAX_MISSED: f64 = 50.0;
 /// Largest fluctuation of the vertical specific force that is used to separate tilt from bias, m/s².
@@ -46,6 +48,13 @@ impl Filter {
             self.belief.get(SWAY, HEAD),
             self.belief.get(HEAVE, HEAD),
         )
+    }
+
+    /// Over seconds the mean specific force of a vessel is gravity. By GNSS its accelerometer is off by the bias in heave, and
+    /// one that is off by more than its spread and what the model leaves out explain (m/s²) clips or is broken.
+    pub(super) fn measures_gravity(&self, config: &VesselNodeConfig) -> bool {
+        let sd = config.imu.accelerometer_bias_sd_mps2.hypot(FORCE_MODEL_SD);
+        self.belief.get(HEAVE, HEAD).abs() <= MAX_OFFSET * sd
     }
 
     /// Records an innovation for the statistics and the adaptive noise.

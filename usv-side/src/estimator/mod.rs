@@ -122,6 +122,8 @@ pub(crate) struct Filter {
     rejected_fixes: u32,
     /// Consecutive rejections of position and velocity, per axis.
     rejected_rows: [[u32; 3]; 2],
+    /// When a vertical velocity was last fused.
+    sank_at: Time<VesselClock>,
     rejected_attitudes: u32,
     row: Vec<Term>,
 }
@@ -297,6 +299,10 @@ impl Estimator {
     pub fn tick(&mut self, now: Time<VesselClock>) {
         let Some(f) = self.filter.as_mut() else { return };
         f.adapt(&self.config);
+        if !f.measures_gravity(&self.config) && f.motion.newest().is_some() {
+            // Heave was not what it has learned from.
+            f.motion = MotionModel::default();
+        }
         f.motion.work();
         let behind = (now - f.at).secs();
         if behind > MAX_GAP_S {
@@ -425,6 +431,7 @@ impl Filter {
             rejected_imu: 0,
             rejected_fixes: 0,
             rejected_rows: [[0; 3]; 2],
+            sank_at: at,
             rejected_attitudes: 0,
             row: Vec::with_capacity(64),
         }

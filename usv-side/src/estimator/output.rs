@@ -369,9 +369,10 @@ impl Filter {
         (b.get(HEAVE, GNSS_BIAS), sd, heave)
     }
 
-    /// The state is recent and finite.
+    /// The state is recent, finite, and of an accelerometer that measures.
     pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
         self.motion_age(now) <= config.imu.timeout_s
+            && self.measures_gravity(config)
             && self.belief.variance(YAW, NU).is_finite()
             && self.belief.is_finite()
     }

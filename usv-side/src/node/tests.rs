@@ -93,6 +93,37 @@ fn stuck_inertial_sensor_beside_a_good_one() {
     assert_eq!(n.rejected().of(RejectionReason::Stuck) as u64, 200 - repeated);
 }
 
+/// An accelerometer that clips below gravity, of a vessel at rest: 1.3 m/s² by which it sinks.
+#[test]
+fn accelerometer_that_clips_for_a_while() {
+    let mut n = node();
+    let mut run = |ticks: core::ops::Range<i64>, most: f64| {
+        let mut estimates = Vec::new();
+        for k in ticks {
+            let mut input = rest(k);
+            let imu = input.imu.iter_mut();
+            imu.for_each(|m| m.accelerometer[2] = m.accelerometer[2].max(-most));
+            estimates.extend(n.step(time(k), &input).estimate);
+        }
+        estimates
+    };
+    assert!(!run(0..2000, 10.0).is_empty());
+    run(2000..2300, 8.5);
+    assert_eq!(run(2300..4500, 8.5), [], "no estimate of what it measures");
+    run(4500..4800, 10.0);
+    let after = run(4800..6000, 10.0);
+    assert!(after.len() > 350, "{}", after.len());
+    for e in after {
+        assert!(e.eta_dot[HEAVE].abs() < 0.1 && e.eta[HEAVE].abs() < 0.3, "{e:?}");
+    }
+    let filter = n.estimator().filter();
+    let observed_s = filter.map(|f| f.motion.observed_s());
+    assert!(
+        observed_s.is_some_and(|s| s < 15.0),
+        "{observed_s:?}: its modes are begun anew"
+    );
+}
+
 #[test]
 fn estimate_of_a_vessel_at_rest() {
     let mut n = node();
