@@ -10,6 +10,8 @@ use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;
+/// Harder than this a contact has no margin left, m/s: half of what harms.
+const HARMLESS_MPS: f64 = 0.75;
 /// A landing without a plan has braked so long before its contact as one with a plan, s.
 const SOFT_S: f64 = 0.2;
 
@@ -43,6 +45,15 @@ impl Completion<'_> {
         };
         self.align(&mut stage);
         stage
+    }
+
+    /// Whether the drone meets the deck harder than is harmless, braking at half of its bound `a` from now on, the other half being for
+    /// thrust that lags: `v0² - a h > v²`.
+    pub(crate) fn is_late(&self) -> bool {
+        let (body, below) = (self.body, self.below);
+        let most = Climb::new(body.position.z, body.velocity.z, self.drone).acceleration_mps2();
+        let (sinks, left) = ((-below.normal_speed).max(0.0), below.clearance.max(0.0));
+        sinks.powi(2) - most * left > HARMLESS_MPS.powi(2)
     }
 
     /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.

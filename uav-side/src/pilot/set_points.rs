@@ -212,7 +212,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan; one that is not renewed in a landing is braked by the newest forecast.
+    /// Follows the `stage` of a plan; in a landing one that is not renewed, or too late for a soft contact, is braked by the newest
+    /// forecast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,
@@ -236,8 +237,8 @@ impl Pilot {
         };
         let mut led = *stage;
         let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
-        let old = lands && self.plan.age_s(now) > OLD_PLAN_S;
-        let ahead = ahead.filter(|_| old);
+        let old = self.plan.age_s(now) > OLD_PLAN_S;
+        let ahead = ahead.filter(|b| lands && (old || self.completion(body, b).is_late()));
         if let Some(braked) = ahead.and_then(|b| self.completion(body, &b).renewed(&led)) {
             (led, authority.brakes) = (braked, true);
         }
