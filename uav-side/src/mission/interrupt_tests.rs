@@ -446,6 +446,22 @@ fn low_battery_limits_above_the_deck() {
     );
 }
 
+/// A cell fails: the measured power asks for all of the battery, which is empty before the drone is anywhere else.
+#[test]
+fn low_battery_that_drains_fast() {
+    let drained = |battery: f64, distance_m: f64| {
+        with(|s| {
+            (s.battery, s.battery_reserve) = (Some(battery), 1.0);
+            s.deck.as_mut().unwrap().distance_m = distance_m;
+        })
+    };
+    let noticed = step(MissionPhase::APPROACH, &drained(0.6, 80.0));
+    for (distance_m, place) in [(20.0, BatteryPlace::Deck), (80.0, BatteryPlace::Home)] {
+        let d = step(&noticed, &drained(0.45, distance_m));
+        assert_eq!(d.progress.low_battery, Some(place), "{distance_m} m");
+    }
+}
+
 #[test]
 fn mission_time_limit() {
     let late = Situation {

@@ -4,7 +4,9 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode};
+use alight_shared::msg::{
+    BatteryPlace, CommandKind, OwnMission, Phase, Reason, ReasonCode, WAITING_DISTANCE_M,
+};
 
 use super::answers::not_done;
 use super::checkpoint::ends_softer;
@@ -167,10 +169,10 @@ fn lasts(b: f64, progress: &Progress, s: &Situation) -> bool {
     }
 }
 
-/// Whether the battery empties before any other place is reached than this deck: above it the measured power asks for more than the
-/// configured reserve, so that half of the reserve lasts for half of an attempt.
+/// Whether the battery empties before any other place is reached than this deck: as near as where drones wait for it the measured power
+/// asks for more than the configured reserve, so that half of the reserve lasts for about half of an attempt.
 fn drains(deck: &Deck, s: &Situation, c: &MissionConfig) -> bool {
-    deck.distance_m <= RESUME_DISTANCE_M && s.battery_reserve > c.battery_reserve
+    deck.distance_m <= WAITING_DISTANCE_M + RESUME_DISTANCE_M && s.battery_reserve > c.battery_reserve
 }
 
 /// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
