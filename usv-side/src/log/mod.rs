@@ -159,6 +159,9 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
     if bytes.is_empty() {
         return Err(kind("the file is empty"));
     }
+    if let Some(message) = table::packed(bytes) {
+        return Err(kind(&message));
+    }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
     if bytes.starts_with(ulog::MAGIC) {
         return ulog::read(bytes, origin, mount);
@@ -213,6 +216,21 @@ mod tests {
             (r.format, r.decoded.good, r.decoded.corrupted),
             ("NMEA 0183", 200, 0)
         );
+    }
+
+    #[test]
+    fn packed_log() {
+        let packed: [(&[u8], &str); 3] = [
+            (b"\x1f\x8b\x08\x00rest", "first gunzip"),
+            (b"PK\x03\x04rest", "first unzip"),
+            (b"\x28\xb5\x2f\xfdrest", "first unzstd"),
+        ];
+        for (bytes, advice) in packed {
+            let e = read(bytes, "boat.csv.gz", &Mount::default()).unwrap_err();
+            assert!(e.to_string().contains(advice), "{e}");
+            let e = table::Table::read(bytes).unwrap_err();
+            assert!(e.to_string().contains(advice), "{e}");
+        }
     }
 
     proptest! {

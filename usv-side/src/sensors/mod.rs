@@ -3,6 +3,7 @@
 //! A source's own clock is the only time of a measurement; the time of arrival serves for nothing but the
 //! offset between the source's clock and the vessel's.
 
+mod age_counts;
 mod average;
 mod bus;
 mod clock;

@@ -5,10 +5,11 @@
 //! the pauses between arrivals show ([`attribution`]), each kind once: a second one in the same epoch has no time, and is
 //! counted and dropped. Where several come with each time, or no time at all, their arrival is their time; in a recording,
 //! which has no arrivals, attitudes are spread evenly to the next time. Position and velocity of an epoch make one fix,
-//! heading and rate of turn one heading.
+//! heading and rate of turn one heading; what comes more seldom than the times is not waited for in between ([`partner`]).
 
 pub(super) mod account;
 mod attribution;
+pub(super) mod partner;
 pub(super) mod sentences;
 
 use alight_shared::geodesy::Datum;
@@ -23,12 +24,10 @@ use super::heights::Heights;
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;
+use partner::Partner;
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
 const MAX_LINE: usize = 512;
-/// After this many epochs without the partner (velocity of a position, rate of a heading, a position with a height) it is
-/// not waited for.
-const MAX_EPOCHS_WITHOUT: u8 = 3;
 /// So many headings from magnetic north are spare after one from true north: 2 s at 25 Hz.
 const MAX_SPARE: u8 = 50;
 /// After so many sentences without one, a stream has no checksums (the standard's versions before 2 leave them out).
@@ -65,10 +64,10 @@ pub struct NmeaDecoder {
     variation: Option<f64>,
     /// Half of an attitude in XDR: roll, pitch, rad.
     half_tilt: [Option<f64>; 2],
-    /// Epochs since the last velocity with a position, rate with a heading, position with a height.
-    without_velocity: u8,
-    without_rate: u8,
-    without_height: u8,
+    /// Parts that complete an epoch: velocity of a position, rate of a heading, height of a position.
+    velocity: Partner,
+    rate: Partner,
+    height: Partner,
     /// No epoch is complete yet: whether a better position comes in each is not known.
     is_first: bool,
     /// Headings from magnetic north since the last from true north.
@@ -99,6 +98,8 @@ struct Epoch {
     rate: Option<f64>,
     /// Its receiver says that the position is none.
     refused: bool,
+    /// The sentence that has heights came, with one or empty.
+    levelled: bool,
     fixed: bool,
     headed: bool,
     tilted: bool,
@@ -146,9 +147,9 @@ impl NmeaDecoder {
             own_rate: None,
             variation: None,
             half_tilt: [None; 2],
-            without_velocity: MAX_EPOCHS_WITHOUT,
-            without_rate: MAX_EPOCHS_WITHOUT,
-            without_height: MAX_EPOCHS_WITHOUT,
+            velocity: Partner::default(),
+            rate: Partner::default(),
+            height: Partner::default(),
             is_first: true,
             without_true: MAX_SPARE,
         }
@@ -348,11 +349,11 @@ impl NmeaDecoder {
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
-        let waits = |here: bool, without: u8| !here && !last && without < MAX_EPOCHS_WITHOUT;
+        let waits = |here: bool, partner: Partner| !here && !last && partner.is_due(at_ns);
         let is_first = self.is_first;
         if let Some(p) = e.position.filter(|p| !e.fixed && (p.has_height() || !is_first))
-            && !waits(e.velocity.is_some(), self.without_velocity)
-            && !waits(p.has_height(), self.without_height)
+            && !waits(e.velocity.is_some(), self.velocity)
+            && !waits(p.has_height() || e.levelled, self.height)
         {
             e.fixed = true;
             if !p.has_height() {
@@ -368,7 +369,7 @@ impl NmeaDecoder {
             out.push(SourceMeasurement::new(at_ns, fix));
         }
         if let Some((heading, heading_sd)) = e.heading.filter(|_| !e.headed)
-            && !waits(e.rate.is_some(), self.without_rate)
+            && !waits(e.rate.is_some(), self.rate)
         {
             e.headed = true;
             let fix = HeadingFix {
@@ -384,21 +385,16 @@ impl NmeaDecoder {
         self.emit(true, out);
         let Some(e) = &self.epoch else { return };
         self.is_first = false;
-        let later = |seen: bool, since: u8| {
-            if seen {
-                0
-            } else {
-                (since + 1).min(MAX_EPOCHS_WITHOUT)
-            }
-        };
-        if let Some(p) = e.position {
-            self.without_velocity = later(e.velocity.is_some(), self.without_velocity);
-            self.without_height = later(p.has_height(), self.without_height);
+        let at_ns = e.at_ns;
+        if e.position.is_some() {
+            self.velocity.end_epoch(at_ns, e.velocity.is_some());
+        }
+        if e.position.is_some() || e.levelled {
+            self.height.end_epoch(at_ns, e.levelled);
         }
         if e.heading.is_some() {
-            self.without_rate = later(e.rate.is_some(), self.without_rate);
+            self.rate.end_epoch(at_ns, e.rate.is_some());
         }
-        let at_ns = e.at_ns;
         self.spread_evenly(at_ns, next_ns, out);
     }
     /// Dates the attitudes after the first of a recorded epoch evenly between its time and the next.

@@ -8,10 +8,12 @@ use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
+use super::age_counts::AgeCounts;
 use super::{
     Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings,
     Remark, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
+use crate::VesselNodeConfig;
 use crate::node::KINDS;
 
 /// Most bytes of a source in one step; further ones are lost, and counted.
@@ -59,9 +61,15 @@ struct Source {
     average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
+    /// Ages of fixes and of headings, which the estimator takes a little late.
+    ages: [AgeCounts; 2],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
 }
+
+/// Places of fixes and headings in [`KINDS`].
+const GNSS: usize = 1;
+const HEADING: usize = 2;
 
 impl Source {
     fn new(config: &SourceConfig) -> Self {
@@ -79,6 +87,7 @@ impl Source {
             clocks: Default::default(),
             average: Default::default(),
             newest: Default::default(),
+            ages: no_ages(),
             status: SourceStatus::default(),
             requested: None,
         }
@@ -127,12 +136,19 @@ impl Source {
     }
     /// What a person should know of its bytes and its clock.
     fn remarks(&self) -> Vec<Remark> {
-        let mut all = self.decoder.remarks();
+        let mut all: Vec<Remark> = self.ages.iter().filter_map(AgeCounts::remark).collect();
+        all.extend(self.decoder.remarks());
         let s = &self.status;
         if s.restarts > 0 {
             all.push(Remark::fine(format!(
                 "its clock changed {} times, at last by {:+.2} s: dated anew",
                 s.restarts, s.step_s
+            )));
+        }
+        if s.implausible_time > 0 {
+            all.push(Remark::fine(format!(
+                "{} measurements of a time that is not its clock's: held up on the way, or before a change of the clock was known",
+                s.implausible_time
             )));
         }
         if s.decoded.by_arrival > 0 {
@@ -186,8 +202,23 @@ impl Source {
             *given += 1;
         }
         status.newest_s = Some(at.secs());
+        let [fixes, headings] = &mut self.ages;
+        match measurement {
+            Measurement::Gnss(_) => fixes.take((now - at).secs()),
+            Measurement::Heading(_) => headings.take((now - at).secs()),
+            Measurement::Imu(_) | Measurement::Attitude(_) => {}
+        }
         Some(measurement.of(within, at.min(now)))
     }
+}
+
+/// Ages of no measurement yet, before an estimator as it comes.
+fn no_ages() -> [AgeCounts; 2] {
+    let estimator = VesselNodeConfig::default();
+    [
+        AgeCounts::new(KINDS[GNSS], estimator.gnss.max_age_s),
+        AgeCounts::new(KINDS[HEADING], estimator.heading.max_age_s),
+    ]
 }
 
 /// The node of the vessel's sensors.

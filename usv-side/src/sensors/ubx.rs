@@ -1,14 +1,19 @@
-//! UBX of u-blox: NAV-PVT to a fix, NAV-RELPOSNED of a moving base to a heading. TIM-TP announces the time of the
+//! UBX of u-blox: NAV-PVT, or the messages of its parts ([`parts`]), to a fix; NAV-RELPOSNED of a moving base to a heading.
+//! What else comes is named in the source's report. TIM-TP announces the time of the
 //! next pulse. Its edge is not observed, so it gives no measurement a time; it shows whether pulse and fixes use
 //! one time base, on which a computer that takes its clock from the pulse relies.
+
+mod parts;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
-use ublox::{FixedBuffer, GnssFixType, Parser, UbxPacket};
+use ublox::{FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket};
 
 use super::clock::Rollover;
-use super::{Decoded, Decoder, Measurement, Mounting, SourceMeasurement};
+use super::nmea::account::{Account, Why};
+use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use parts::{FixPart, FixParts, FixPlace, FixState};
 
 /// Longest unfinished message, bytes: above the longest message that is used.
 const MAX_WAITING: usize = 2048;
@@ -27,13 +32,77 @@ pub struct UbxDecoder {
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
     decoded: Decoded,
     week: Rollover<WEEK_NS>,
+    parts: FixParts,
+    account: Account,
 }
 
 /// The content of a message.
 enum Content {
-    /// Valid or not.
-    Measurement(Option<Measurement>),
+    /// Or why there is none.
+    Measurement(Result<Measurement, Why>),
+    /// A part of a fix.
+    Part(FixPart),
     Pulse,
+}
+
+/// A standard deviation by what a receiver states of an error, m.
+fn sd(stated_m: f64) -> f64 {
+    (FAST_FRACTION * stated_m).max(0.005)
+}
+
+/// The messages that are read: one of these of a length that the parser does not know is of another generation of receivers.
+const READ: [&str; 8] = [
+    "NAV-PVT",
+    "NAV-RELPOSNED",
+    "NAV-POSLLH",
+    "NAV-HPPOSLLH",
+    "NAV-VELNED",
+    "NAV-SOL",
+    "NAV-STATUS",
+    "TIM-TP",
+];
+
+/// Names of messages by class and number; others are named by their numbers.
+const NAMES: [((u8, u8), &str); 30] = [
+    ((0x01, 0x01), "NAV-POSECEF"),
+    ((0x01, 0x02), "NAV-POSLLH"),
+    ((0x01, 0x03), "NAV-STATUS"),
+    ((0x01, 0x04), "NAV-DOP"),
+    ((0x01, 0x05), "NAV-ATT"),
+    ((0x01, 0x06), "NAV-SOL"),
+    ((0x01, 0x07), "NAV-PVT"),
+    ((0x01, 0x09), "NAV-ODO"),
+    ((0x01, 0x11), "NAV-VELECEF"),
+    ((0x01, 0x12), "NAV-VELNED"),
+    ((0x01, 0x13), "NAV-HPPOSECEF"),
+    ((0x01, 0x14), "NAV-HPPOSLLH"),
+    ((0x01, 0x20), "NAV-TIMEGPS"),
+    ((0x01, 0x21), "NAV-TIMEUTC"),
+    ((0x01, 0x22), "NAV-CLOCK"),
+    ((0x01, 0x26), "NAV-TIMELS"),
+    ((0x01, 0x30), "NAV-SVINFO"),
+    ((0x01, 0x35), "NAV-SAT"),
+    ((0x01, 0x36), "NAV-COV"),
+    ((0x01, 0x3b), "NAV-SVIN"),
+    ((0x01, 0x3c), "NAV-RELPOSNED"),
+    ((0x01, 0x43), "NAV-SIG"),
+    ((0x01, 0x61), "NAV-EOE"),
+    ((0x02, 0x13), "RXM-SFRBX"),
+    ((0x02, 0x15), "RXM-RAWX"),
+    ((0x02, 0x32), "RXM-RTCM"),
+    ((0x0a, 0x09), "MON-HW"),
+    ((0x0a, 0x38), "MON-RF"),
+    ((0x0d, 0x01), "TIM-TP"),
+    ((0x0d, 0x03), "TIM-TM2"),
+];
+
+/// The name of a message.
+fn name(of: (u8, u8)) -> String {
+    let known = NAMES.iter().find(|(numbers, _)| *numbers == of);
+    known.map_or_else(
+        || format!("UBX-{:02X}-{:02X}", of.0, of.1),
+        |(_, name)| (*name).into(),
+    )
 }
 
 impl UbxDecoder {
@@ -44,11 +113,13 @@ impl UbxDecoder {
             parser: Parser::with_fixed_buffer(),
             decoded: Decoded::default(),
             week: Rollover::default(),
+            parts: FixParts::default(),
+            account: Account::default(),
         }
     }
 
-    /// Takes the content of a message with its time of week, ms.
-    fn take(&mut self, of_week_ms: u32, content: Content, out: &mut Vec<SourceMeasurement>) {
+    /// Takes the content of a message with its name and its time of week, ms.
+    fn take(&mut self, (name, of_week_ms): (&str, u32), content: Content, out: &mut Vec<SourceMeasurement>) {
         let of_week = i64::from(of_week_ms) * 1_000_000;
         if of_week >= WEEK_NS {
             self.decoded.corrupted += 1;
@@ -56,9 +127,23 @@ impl UbxDecoder {
         }
         self.decoded.good += 1;
         match content {
-            Content::Measurement(measurement) => {
+            Content::Measurement(Ok(measurement)) => {
                 let at_ns = self.week.unwrap(of_week);
-                out.extend(measurement.map(|m| SourceMeasurement::new(at_ns, m)));
+                if let Measurement::Gnss(_) = measurement {
+                    self.parts.whole(at_ns);
+                }
+                out.push(SourceMeasurement::new(at_ns, measurement));
+            }
+            Content::Measurement(Err(why)) => {
+                let at_ns = self.week.unwrap(of_week);
+                if why == Why::NoFix {
+                    self.parts.whole(at_ns);
+                }
+                self.leave_out(name, why);
+            }
+            Content::Part(part) => {
+                let at_ns = self.week.unwrap(of_week);
+                self.part(name, at_ns, part, out);
             }
             Content::Pulse => {
                 self.decoded.pulses += 1;
@@ -70,6 +155,21 @@ impl UbxDecoder {
             }
         }
     }
+    /// Takes a part of a fix where no whole fixes come.
+    fn part(&mut self, name: &str, at_ns: i64, part: FixPart, out: &mut Vec<SourceMeasurement>) {
+        if self.parts.are_spare(at_ns) {
+            return self.leave_out(name, Why::Spare);
+        }
+        if part == FixPart::State(FixState::NoFix) {
+            self.leave_out(name, Why::NoFix);
+        }
+        self.parts.take(at_ns, part, &self.mounting, out);
+    }
+    /// A whole message of a kind that is read gives nothing.
+    fn leave_out(&mut self, name: &str, why: Why) {
+        self.decoded.left_out += 1;
+        self.account.leave_out(name, why);
+    }
 }
 
 impl Decoder for UbxDecoder {
@@ -79,21 +179,47 @@ impl Decoder for UbxDecoder {
             let mut packets = self.parser.consume_ubx(part);
             while let Some(packet) = packets.next() {
                 match packet {
-                    Ok(UbxPacket::Proto27(p)) => match content(&p, &self.mounting) {
-                        Some(message) => all.push(message),
-                        None => self.decoded.ignored += 1,
-                    },
+                    Ok(UbxPacket::Proto27(p)) => {
+                        let name = name(p.class_and_msg_id());
+                        if let Some((of_week_ms, content)) = content(&p, &self.mounting) {
+                            all.push((name, of_week_ms, content));
+                        } else if matches!(p, PacketRef::Unknown(_)) && READ.contains(&name.as_str()) {
+                            self.decoded.corrupted += 1;
+                            self.account.leave_out(&name, Why::Length);
+                        } else {
+                            self.decoded.ignored += 1;
+                            self.account.leave_out(&name, Why::NotRead);
+                        }
+                    }
+                    // Its checksum is right: of another generation of receivers.
+                    Err(ParserError::InvalidPacketLen { packet, .. }) => {
+                        self.decoded.corrupted += 1;
+                        self.account.leave_out(packet, Why::Length);
+                    }
                     Err(_) => self.decoded.corrupted += 1,
                 }
             }
             drop(packets);
-            for (of_week_ms, content) in all {
-                self.take(of_week_ms, content, out);
+            for (name, of_week_ms, content) in all {
+                self.take((name.as_str(), of_week_ms), content, out);
             }
         }
     }
+    fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
+        self.parts.finish(&self.mounting, out);
+    }
     fn decoded(&self) -> Decoded {
         self.decoded
+    }
+    fn remarks(&self) -> Vec<Remark> {
+        let lacks = self.parts.has_state && !self.parts.has_place;
+        let placeless = lacks.then(|| {
+            Remark::fault(
+                "its messages have the state of a fix, and not its place".into(),
+                "switch NAV-PVT on, or NAV-POSLLH and NAV-VELNED",
+            )
+        });
+        placeless.into_iter().chain(self.account.remarks()).collect()
     }
 }
 
@@ -111,15 +237,17 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
             // gnssFixOK.
             let valid = p.flags_raw() & 1 != 0;
             let fix = (valid && (three || matches!(kind, GnssFixType::Fix2D))).then(|| {
-                let across = (FAST_FRACTION * p.horizontal_accuracy()).max(0.005);
-                let down = (FAST_FRACTION * p.vertical_accuracy()).max(0.005);
+                let (across, down) = (sd(p.horizontal_accuracy()), sd(p.vertical_accuracy()));
                 let velocity_sd = p.speed_accuracy().clamp(0.02, 100.0);
                 let datum = Datum::new(p.latitude(), p.longitude(), p.height_above_ellipsoid());
                 let velocity = [p.vel_north(), p.vel_east(), p.vel_down()];
                 let down = if three { down } else { NOT_MEASURED_SD };
                 mounting.fix(datum, velocity, [across, across, down], [velocity_sd; 3])
             });
-            (p.itow(), Content::Measurement(fix.map(Measurement::Gnss)))
+            (
+                p.itow(),
+                Content::Measurement(fix.map(Measurement::Gnss).ok_or(Why::NoFix)),
+            )
         }
         PacketRef::NavRelPosNed(p) => {
             // relPosHeadingValid (interface description of the F9 receivers).
@@ -128,11 +256,57 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
                 heading_sd: p.acc_heading_degrees().to_radians().clamp(1e-3, 1.0),
                 ..mounting.heading_fix(mounting.heading(p.rel_pos_heading_degrees().to_radians()))
             });
-            (p.itow(), Content::Measurement(heading.map(Measurement::Heading)))
+            let heading = heading.map(Measurement::Heading).ok_or(Why::Invalid);
+            (p.itow(), Content::Measurement(heading))
         }
         PacketRef::TimTp(p) => (p.tow_ms(), Content::Pulse),
+        _ => return part(packet).map(|(of_week_ms, part)| (of_week_ms, Content::Part(part))),
+    })
+}
+
+/// Time of week, ms, and content of a message that has a part of a fix.
+fn part(packet: &PacketRef<'_>) -> Option<(u32, FixPart)> {
+    Some(match packet {
+        PacketRef::NavPosLlh(p) => {
+            let place = FixPlace {
+                datum: Datum::new(p.lat_degrees(), p.lon_degrees(), p.height_meters()),
+                across_m: p.h_ack(),
+                down_m: p.v_acc(),
+                is_fine: false,
+            };
+            (p.itow(), FixPart::Place(place))
+        }
+        PacketRef::NavHpPosLlh(p) if !p.flags().invalid_llh() => {
+            // Its rests of the height and its errors are in tenths of a millimetre; they are given in millimetres.
+            let place = FixPlace {
+                datum: Datum::new(
+                    p.lat_degrees() + p.lat_hp_degrees(),
+                    p.lon_degrees() + p.lon_hp_degrees(),
+                    p.height_meters() + 1e-3 * p.height_hp_meters(),
+                ),
+                across_m: 1e-3 * p.horizontal_accuracy(),
+                down_m: 1e-3 * p.vertical_accuracy(),
+                is_fine: true,
+            };
+            (p.itow(), FixPart::Place(place))
+        }
+        PacketRef::NavVelNed(p) => {
+            let velocity = [p.vel_north(), p.vel_east(), p.vel_down()];
+            (p.itow(), FixPart::Velocity(velocity, p.speed_accuracy_estimate()))
+        }
+        PacketRef::NavSol(p) => (p.itow(), FixPart::State(state(p.fix_type(), p.flags_raw()))),
+        PacketRef::NavStatus(p) => (p.itow(), FixPart::State(state(p.fix_type(), p.flags_raw()))),
         _ => return None,
     })
+}
+
+/// The state of a fix by its kind and its flags, whose first is gpsFixOk.
+fn state(kind: GnssFixType, flags: u8) -> FixState {
+    match kind {
+        GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning if flags & 1 != 0 => FixState::Whole,
+        GnssFixType::Fix2D if flags & 1 != 0 => FixState::Flat,
+        _ => FixState::NoFix,
+    }
 }
 
 #[cfg(test)]
@@ -212,6 +386,125 @@ mod tests {
         assert!((g.datum.latitude_deg - 50.0).abs() < 1e-9 && (g.datum.height_m - 255.0).abs() < 1e-9);
         assert!((g.velocity[1] + 1.5).abs() < 1e-9 && (g.position_sd[0] - 0.3).abs() < 1e-9);
         assert!(h.heading.abs() < 1e-9 && (h.heading_sd - 0.5_f64.to_radians()).abs() < 1e-9);
+    }
+
+    /// NAV-POSLLH, NAV-STATUS with this kind of fix, NAV-VELNED and, where it is `fine`, NAV-HPPOSLLH, as a receiver sends them.
+    fn parts(tow_ms: u32, fix: u8, fine: bool) -> Vec<u8> {
+        let mut place = [0; 28];
+        put(&mut place, 0, &tow_ms.to_le_bytes());
+        put(&mut place, 4, &145_000_000_i32.to_le_bytes());
+        put(&mut place, 8, &500_000_000_i32.to_le_bytes());
+        put(&mut place, 12, &255_000_i32.to_le_bytes());
+        put(&mut place, 20, &1000_u32.to_le_bytes());
+        put(&mut place, 24, &2000_u32.to_le_bytes());
+        let mut status = [0; 16];
+        put(&mut status, 0, &tow_ms.to_le_bytes());
+        (status[4], status[5]) = (fix, u8::from(fix > 0));
+        let mut velocity = [0; 36];
+        put(&mut velocity, 0, &tow_ms.to_le_bytes());
+        put(&mut velocity, 8, &(-150_i32).to_le_bytes());
+        put(&mut velocity, 28, &10_u32.to_le_bytes());
+        let mut precise = [0; 36];
+        put(&mut precise, 4, &tow_ms.to_le_bytes());
+        put(&mut precise, 8, &145_000_000_i32.to_le_bytes());
+        put(&mut precise, 12, &500_000_000_i32.to_le_bytes());
+        put(&mut precise, 16, &255_000_i32.to_le_bytes());
+        (precise[25], precise[26]) = (50, 9);
+        put(&mut precise, 28, &1000_u32.to_le_bytes());
+        put(&mut precise, 32, &2000_u32.to_le_bytes());
+        let precise = if fine {
+            message(1, 0x14, &precise)
+        } else {
+            Vec::new()
+        };
+        [
+            message(1, 2, &place),
+            message(1, 3, &status),
+            message(1, 0x12, &velocity),
+            precise,
+        ]
+        .concat()
+    }
+
+    #[test]
+    fn ubx_receiver_without_whole_fixes() {
+        for fine in [false, true] {
+            let bytes: Vec<u8> = (0..20).flat_map(|k| parts(200 * k, 3, fine)).collect();
+            let (all, d) = decode(&bytes, 7);
+            // The first shows what comes with each.
+            assert_eq!(all.len(), 19, "{fine}: {:?}", d.decoded());
+            for (k, m) in (1..).zip(&all) {
+                assert_eq!(m.at_ns, 200_000_000 * k);
+            }
+            for m in all.iter().skip(1) {
+                let Measurement::Gnss(g) = m.measurement else {
+                    panic!("{m:?}");
+                };
+                let (height, across) = if fine { (255.0009, 0.03) } else { (255.0, 0.3) };
+                let latitude = if fine { 50.000_000_05 } else { 50.0 };
+                assert!(
+                    (g.datum.latitude_deg - latitude).abs() < 1e-10
+                        && (g.datum.longitude_deg - 14.5).abs() < 1e-10
+                );
+                assert!((g.datum.height_m - height).abs() < 1e-6, "{g:?}");
+                assert!(
+                    (g.position_sd[0] - across).abs() < 1e-9 && (g.velocity[1] + 1.5).abs() < 1e-9,
+                    "{g:?}"
+                );
+                assert!((g.velocity_sd[0] - 0.1).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn ubx_parts_without_a_fix_and_with_a_whole_one() {
+        let bytes: Vec<u8> = (0..20).flat_map(|k| parts(200 * k, 0, false)).collect();
+        let (all, d) = decode(&bytes, 7);
+        assert!(all.is_empty());
+        let reports = |d: &UbxDecoder, part: &str| d.remarks().iter().any(|r| r.text.contains(part));
+        assert!(reports(&d, "20 NAV-STATUS (no fix)"), "{:?}", d.remarks());
+        // NAV-PVT has it all; once it is silent for 2 s, the parts stand in. Their first time shows what comes with each.
+        let part = |k: u32| {
+            [
+                parts(200 * k, 3, false),
+                if k < 20 { pvt(200 * k) } else { Vec::new() },
+            ]
+            .concat()
+        };
+        let bytes: Vec<u8> = (0..40).flat_map(part).collect();
+        let (all, d) = decode(&bytes, 7);
+        let times: Vec<i64> = all.iter().map(|m| m.at_ns / 200_000_000).collect();
+        let expected: Vec<i64> = (0..20).chain(31..40).collect();
+        assert_eq!(times, expected, "{:?}", d.remarks());
+        assert!(reports(&d, "NAV-POSLLH") && reports(&d, "a better one is there"));
+    }
+
+    #[test]
+    fn ubx_messages_that_are_not_read() {
+        let mut sol = [0; 52];
+        (sol[10], sol[11]) = (3, 1);
+        let messages = [
+            message(1, 0x35, &[0; 8]),
+            message(1, 0x04, &[0; 18]),
+            message(1, 0x04, &[0; 18]),
+            message(0x0a, 0x77, &[0; 4]),
+            message(1, 0x06, &sol),
+            message(1, 7, &[0; 84]),
+        ];
+        let (_, d) = decode(&messages.concat(), 7);
+        let text: Vec<String> = d.remarks().into_iter().map(|r| r.text).collect();
+        let text = text.join("; ");
+        for part in [
+            "2 NAV-DOP",
+            "1 NAV-SAT",
+            "1 UBX-0A-77",
+            "and not its place",
+            "of another length",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        let n = d.decoded();
+        assert_eq!((n.good, n.ignored, n.corrupted), (1, 4, 1));
     }
 
     #[test]

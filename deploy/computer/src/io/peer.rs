@@ -1,17 +1,23 @@
 //! Whose datagrams a UDP link takes: one sender's at a time. Who comes first, where the link listens, is asked to speak the
-//! right language and, where one is named, to be at the right address; another takes its place only after a silence.
+//! right language and, where one is named, to be at the right address; another takes its place only after a silence. One
+//! sender may use a new port for each datagram: its ports do not come again, as those of two senders do.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::time::Instant;
-use tracing::warn;
+use tracing::{info, warn};
 
 /// A peer that sends nothing for this long may be replaced by another.
 pub const PEER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Most senders that are named as left out.
 const MAX_NAMED: usize = 8;
+
+/// So many ports of one address, each new, none of which came again: they are one sender's.
+const NEW_PORTS: usize = 4;
+/// So many of an address are remembered: more programs on one computer, each with a port, look like one sender.
+const MAX_PORTS: usize = 8;
 
 /// Whether a datagram may make its sender the peer.
 pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
@@ -28,6 +34,40 @@ pub struct Peer {
     foreign: u64,
     newest: Option<SocketAddr>,
     named: Vec<SocketAddr>,
+    ports: Ports,
+}
+
+/// The ports of the peer's address.
+#[derive(Default)]
+struct Ports {
+    /// Those that sent lately, the newest last.
+    known: Vec<u16>,
+    /// Number of them in a row that were new.
+    new: usize,
+    /// Datagrams that were left out of those.
+    left_out: u64,
+}
+
+impl Ports {
+    /// One of them sends.
+    fn sends(&mut self, port: u16) {
+        if self.known.last() == Some(&port) {
+            return;
+        }
+        let count = self.known.len();
+        self.known.retain(|p| *p != port);
+        if self.known.len() < count {
+            (self.new, self.left_out) = (0, 0);
+        } else {
+            self.new = self.new.saturating_add(1);
+            self.known.drain(..count.saturating_sub(MAX_PORTS - 1));
+        }
+        self.known.push(port);
+    }
+    /// They are one sender's that changes them.
+    fn change(&self) -> bool {
+        self.new >= NEW_PORTS
+    }
 }
 
 impl Peer {
@@ -49,6 +89,7 @@ impl Peer {
             foreign: 0,
             newest: None,
             named: Vec::new(),
+            ports: Ports::default(),
         }
     }
     /// Whom to answer.
@@ -66,20 +107,26 @@ impl Peer {
     /// Whether a datagram from `sender` that arrives at `now` counts.
     pub fn takes(&mut self, now: Instant, sender: SocketAddr, datagram: &[u8]) -> bool {
         let known = self.address() == Some(sender);
-        if known {
-            if !self.fixed {
-                self.now = Some((sender, now));
-            }
+        if self.fixed && known {
             return true;
         }
+        let is_same = self.address().is_some_and(|peer| peer.ip() == sender.ip());
+        let may = known || self.may(sender, datagram);
+        let is_own = is_same && !self.fixed && self.is_own(sender, may);
         let silent = |(_, at): (SocketAddr, Instant)| now.duration_since(at) > PEER_TIMEOUT;
         let free = !self.fixed && self.now.is_none_or(silent);
-        let may = self.from.is_none_or(|from| from == sender.ip().to_canonical())
-            && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram));
-        if free && may {
+        if may && (known || is_own || free) {
+            if !is_same {
+                self.ports = Ports::default();
+                self.ports.sends(sender.port());
+            }
             self.now = Some((sender, now));
             return true;
         }
+        if is_own {
+            return true;
+        }
+        self.ports.left_out = self.ports.left_out.saturating_add(u64::from(may && is_same));
         self.foreign = self.foreign.saturating_add(1);
         self.newest = Some(sender);
         if self.named.len() < MAX_NAMED && !self.named.contains(&sender) {
@@ -90,6 +137,29 @@ impl Peer {
             }
         }
         false
+    }
+    /// Whether a datagram may make its sender the peer.
+    fn may(&self, sender: SocketAddr, datagram: &[u8]) -> bool {
+        self.from.is_none_or(|from| from == sender.ip().to_canonical())
+            && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram))
+    }
+    /// Whether a sender at the peer's address is the peer, from yet another port. Its messages there need not be of a kind that is read.
+    fn is_own(&mut self, sender: SocketAddr, may: bool) -> bool {
+        let before = self.ports.change();
+        if may {
+            self.ports.sends(sender.port());
+        }
+        let is_own = self.ports.change();
+        if is_own && !before {
+            info!(
+                "{} sends from a new port each time: it is one sender",
+                sender.ip()
+            );
+            let left_out = core::mem::take(&mut self.ports.left_out);
+            self.foreign = self.foreign.saturating_sub(left_out);
+            self.newest = self.newest.filter(|other| other.ip() != sender.ip());
+        }
+        is_own
     }
 }
 
@@ -128,5 +198,53 @@ mod tests {
         let later = Instant::now() + 10 * PEER_TIMEOUT;
         assert!(!peer.takes(later, at("10.0.0.8:14580"), b"autopilot"));
         assert!(peer.takes(later, at("10.0.0.7:14580"), b"autopilot"));
+    }
+
+    /// Whether each datagram of these ports of one address counts, 100 ms apart, and the peer then.
+    fn taken(ports: impl IntoIterator<Item = u16>) -> (Vec<bool>, Peer) {
+        let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
+        let mut peer = Peer::listening(None, Some(speaks));
+        let mut now = Instant::now();
+        let mut takes = |port: u16| {
+            now += Duration::from_millis(100);
+            peer.takes(now, SocketAddr::from(([10_u8, 0, 0, 7], port)), b"$GPGGA")
+        };
+        let all = ports.into_iter().map(&mut takes).collect();
+        (all, peer)
+    }
+
+    #[test]
+    fn sender_with_a_new_port_for_each_datagram() {
+        let (taken_all, mut peer) = taken(40_000..40_100);
+        let left_out = taken_all.iter().filter(|taken| !**taken).count();
+        assert_eq!((left_out, taken_all.last()), (NEW_PORTS - 2, Some(&true)));
+        assert_eq!((peer.foreign(), peer.newest_stranger()), (0, None));
+        // Another computer is still another sender.
+        let now = Instant::now();
+        assert!(!peer.takes(now, at("10.0.0.8:5000"), b"$GPGGA") && peer.foreign() == 1);
+        // Three datagrams of each port.
+        let (taken_all, peer) = taken((0..60).map(|k| 40_000 + k / 3));
+        let left_out = taken_all.iter().filter(|taken| !**taken).count();
+        assert_eq!((left_out, peer.foreign()), (3 * (NEW_PORTS - 2), 0));
+    }
+
+    #[test]
+    fn senders_with_a_port_each() {
+        for senders in 2..NEW_PORTS as u16 {
+            let (taken, peer) = taken((0..100).map(|k| 40_000 + k % senders));
+            let of_first = taken
+                .iter()
+                .enumerate()
+                .all(|(k, taken)| *taken == (k as u16).is_multiple_of(senders));
+            assert!(of_first, "{senders}: {taken:?}");
+            assert_eq!(peer.address().map(|a| a.port()), Some(40_000));
+        }
+        // Of more one datagram is mixed in, and one sender is listened to from then on.
+        for senders in NEW_PORTS as u16..=MAX_PORTS as u16 {
+            let (taken, _) = taken((0..800).map(|k| 40_000 + k % senders));
+            let later: Vec<bool> = taken.into_iter().skip(usize::from(2 * senders)).collect();
+            let count = later.iter().filter(|taken| **taken).count();
+            assert_eq!(count, later.len() / usize::from(senders), "{senders}");
+        }
     }
 }

@@ -21,6 +21,15 @@ use self::column::KNOWN;
 use self::columns::Columns;
 use self::reading::Reading;
 
+/// Beginnings of packed files, their formats, and what to do first.
+const PACKED: [(&[u8], &str, &str); 5] = [
+    (b"\x1f\x8b", "gzip", "gunzip it"),
+    (b"PK\x03\x04", "zip", "unzip it, or save a spreadsheet as CSV"),
+    (b"\x28\xb5\x2f\xfd", "zstd", "unzstd it"),
+    (b"\xfd7zXZ\x00", "xz", "unxz it"),
+    (b"BZh", "bzip2", "bunzip2 it"),
+];
+
 /// What a unit is one of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Dimension {
@@ -200,6 +209,12 @@ pub struct Table {
     has: [bool; Quantity::COUNT],
 }
 
+/// The error about a packed file, with what to do; None of any other.
+pub(super) fn packed(bytes: &[u8]) -> Option<String> {
+    let (_, name, tool) = PACKED.iter().find(|(begin, _, _)| bytes.starts_with(begin))?;
+    Some(format!("the file is packed ({name}): first {tool}"))
+}
+
 /// It is text in columns with a time and something that is read.
 pub fn is_table(head: &[u8]) -> bool {
     text::has_header(&text::decode(head).0)
@@ -218,6 +233,9 @@ pub fn has_columns(head: &[u8]) -> bool {
 impl Table {
     /// Reads a table.
     pub fn read(bytes: &[u8]) -> Result<Table, TableError> {
+        if let Some(message) = packed(bytes) {
+            return Err(TableError::Header { line: 1, message });
+        }
         let (text, note) = text::decode(bytes);
         let mut layout = text::layout(&text);
         layout.notes.extend(note.map(String::from));

@@ -25,6 +25,7 @@ pub(in crate::sensors) enum Why {
     Magnetic,
     Cached,
     HeldUp,
+    Length,
 }
 
 impl Why {
@@ -39,6 +40,7 @@ impl Why {
             Why::Magnetic => "magnetic, and the variation is not known",
             Why::Cached => "the first after the server's greeting, of any age",
             Why::HeldUp => "held up on the way, and without a time of its own",
+            Why::Length => "of another length than is known of them",
         }
     }
     /// What to do about it, where it is a fault.
@@ -50,6 +52,9 @@ impl Why {
             }
             Why::NoFix => Some("the receiver has no fix: see to its antenna and its view of the sky"),
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
+            Why::Length => {
+                Some("the receiver is of another generation: switch on other messages that are read, or NMEA")
+            }
             Why::Magnetic => Some(
                 "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258; on \
                  Signal K navigation.magneticVariation",
@@ -75,11 +80,11 @@ pub(in crate::sensors) struct Account {
     pub(in crate::sensors) unchecked: u64,
 }
 
-/// A sentence's address, short and of letters.
+/// A message's name, short and of letters, digits and hyphens.
 fn bounded(address: &str) -> String {
     address
         .chars()
-        .filter(char::is_ascii_alphanumeric)
+        .filter(|c| c.is_ascii_alphanumeric() || *c == '-')
         .take(MAX_ADDRESS)
         .collect()
 }
@@ -108,6 +113,7 @@ impl Account {
             Why::Simulated,
             Why::NoFix,
             Why::Magnetic,
+            Why::Length,
             Why::Invalid,
             Why::Spare,
             Why::Cached,

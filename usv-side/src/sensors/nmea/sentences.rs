@@ -126,6 +126,10 @@ impl NmeaDecoder {
         (altitude, separation): (Option<f32>, Option<f32>),
         out: &mut Vec<SourceMeasurement>,
     ) {
+        // One that is empty or none is not waited for any more.
+        if let Some(e) = self.epoch.as_mut() {
+            e.levelled = true;
+        }
         let sd = match sd.and_then(|sd| place.map(|p| (p, sd)).ok_or(Why::Empty)) {
             Ok((place, sd)) => {
                 let position = self.position(place, sd, altitude, separation);
@@ -141,8 +145,6 @@ impl NmeaDecoder {
         };
         if let Some(why) = sd {
             self.left_out(address, why);
-            // It comes with each epoch, and is waited for.
-            self.without_height = 0;
             if let Some(e) = self.epoch.as_mut().filter(|e| !e.fixed && why != Why::Empty) {
                 (e.refused, e.position, e.velocity) = (true, None, None);
             }

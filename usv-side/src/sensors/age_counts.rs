@@ -1,0 +1,87 @@
+//! Ages of measurements as they arrive: the estimator rejects old ones, and the source's report has the reason.
+
+use super::Remark;
+
+/// So many of the newest 32 are more than a hiccup of the line.
+const OFTEN: u32 = 8;
+
+/// The ages of a source's measurements of a kind.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AgeCounts {
+    kind: &'static str,
+    /// Older ones are rejected by an estimator as it comes, s.
+    max_s: f64,
+    count: u64,
+    late: u64,
+    /// Age of the newest that was late, s.
+    age_s: f64,
+    /// Which of the newest were late, a bit each.
+    lately: u32,
+}
+
+impl AgeCounts {
+    /// No measurement yet of a kind that counts up to this age, s.
+    pub(super) fn new(kind: &'static str, max_s: f64) -> Self {
+        AgeCounts {
+            kind,
+            max_s,
+            count: 0,
+            late: 0,
+            age_s: 0.0,
+            lately: 0,
+        }
+    }
+    /// Takes the age of one, s.
+    pub(super) fn take(&mut self, age_s: f64) {
+        let is_late = age_s > self.max_s;
+        self.count += 1;
+        self.late += u64::from(is_late);
+        self.lately = (self.lately << 1) | u32::from(is_late);
+        if is_late {
+            self.age_s = age_s;
+        }
+    }
+    /// A remark on those that came too late; None where none did.
+    pub(super) fn remark(&self) -> Option<Remark> {
+        if self.late == 0 {
+            return None;
+        }
+        let text = format!(
+            "{}: {} of {} came more than {} s after their time, the newest of them {:.1} s: too old (vessel.{}.max_age_s)",
+            self.kind, self.late, self.count, self.max_s, self.age_s, self.kind
+        );
+        Some(if self.lately.count_ones() >= OFTEN {
+            Remark::fault(
+                text,
+                "let the source send what is of one time together and at once: fewer sentences, a faster line",
+            )
+        } else {
+            Remark::fine(text)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn age_of_every_second_measurement() {
+        let mut d = AgeCounts::new("gnss", 0.6);
+        (0..32).for_each(|_| d.take(0.2));
+        assert_eq!(d.remark(), None);
+        d.take(0.7);
+        assert!(d.remark().is_some_and(|r| r.remedy.is_none()), "once");
+        (0..32).for_each(|k| d.take(if k % 2 == 0 { 0.1 } else { 1.0 }));
+        let remark = d.remark().unwrap();
+        assert!(remark.remedy.is_some());
+        assert!(
+            remark.text.starts_with(
+                "gnss: 17 of 65 came more than 0.6 s after their time, the newest of them 1.0 s"
+            ),
+            "{remark:?}"
+        );
+        (0..32).for_each(|_| d.take(0.2));
+        assert!(d.remark().is_some_and(|r| r.remedy.is_none()), "it is over");
+    }
+}

@@ -1,0 +1,165 @@
+//! A fix of messages that each have a part of it, of a receiver without NAV-PVT: NAV-POSLLH or NAV-HPPOSLLH the place,
+//! NAV-VELNED the velocity, NAV-SOL or NAV-STATUS whether there is a fix. Those of one time of week are one fix.
+
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
+
+use super::sd;
+use crate::sensors::nmea::partner::Partner;
+use crate::sensors::{Mounting, SourceMeasurement};
+
+/// The parts stand in while whole fixes are silent for this long, ns.
+const SILENT_NS: i64 = 2_000_000_000;
+/// A place with a greater stated error is no fix, m: the receivers' own mask as it comes (CFG-NAV5). Without a fix they
+/// state kilometres.
+const NO_FIX_M: f64 = 100.0;
+
+/// A place and its stated errors, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FixPlace {
+    pub(super) datum: Datum,
+    pub(super) across_m: f64,
+    pub(super) down_m: f64,
+    /// To less than a centimetre.
+    pub(super) is_fine: bool,
+}
+
+/// A receiver's own state of its fix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FixState {
+    NoFix,
+    /// Without a height.
+    Flat,
+    Whole,
+}
+
+/// A part of a fix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum FixPart {
+    Place(FixPlace),
+    /// North, east, down and the stated error, m/s.
+    Velocity([f64; 3], f64),
+    State(FixState),
+}
+
+/// The parts of one time.
+#[derive(Clone, Copy, Debug, Default)]
+struct Epoch {
+    at_ns: i64,
+    place: Option<FixPlace>,
+    velocity: Option<([f64; 3], f64)>,
+    state: Option<FixState>,
+    given: bool,
+}
+
+/// The parts that came, and which of them belong to each time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FixParts {
+    epoch: Option<Epoch>,
+    velocity: Partner,
+    fine: Partner,
+    state: Partner,
+    /// An epoch is complete: what comes with each is known.
+    is_known: bool,
+    /// Time of the newest whole fix, ns.
+    whole_ns: Option<i64>,
+    /// A place came at all, and a state.
+    pub(super) has_place: bool,
+    pub(super) has_state: bool,
+}
+
+impl FixParts {
+    /// A whole fix came: parts are spare while it does.
+    pub(super) fn whole(&mut self, at_ns: i64) {
+        self.whole_ns = Some(at_ns);
+        self.epoch = None;
+    }
+    /// Whole fixes come.
+    pub(super) fn are_spare(&self, at_ns: i64) -> bool {
+        self.whole_ns
+            .is_some_and(|whole| at_ns.abs_diff(whole) <= SILENT_NS.unsigned_abs())
+    }
+    /// Takes a part that is not spare.
+    pub(super) fn take(
+        &mut self,
+        at_ns: i64,
+        part: FixPart,
+        mounting: &Mounting,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
+        if self.epoch.is_none_or(|e| e.at_ns != at_ns) {
+            self.finish(mounting, out);
+            self.epoch = Some(Epoch {
+                at_ns,
+                ..Epoch::default()
+            });
+        }
+        let Some(e) = self.epoch.as_mut() else { return };
+        match part {
+            FixPart::Place(place) => {
+                self.has_place = true;
+                if !e.place.is_some_and(|p| p.is_fine) {
+                    e.place = Some(place);
+                }
+            }
+            FixPart::Velocity(velocity, stated) => e.velocity = Some((velocity, stated)),
+            FixPart::State(state) => {
+                self.has_state = true;
+                e.state = Some(state);
+            }
+        }
+        self.give(false, mounting, out);
+    }
+    /// The epoch is complete.
+    pub(super) fn finish(&mut self, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
+        self.give(true, mounting, out);
+        let Some(e) = self.epoch.take() else { return };
+        self.is_known = true;
+        if let Some(place) = e.place {
+            self.velocity.end_epoch(e.at_ns, e.velocity.is_some());
+            self.fine.end_epoch(e.at_ns, place.is_fine);
+            self.state.end_epoch(e.at_ns, e.state.is_some());
+        }
+    }
+    /// Gives the fix once, when all that is due is there, and at the epoch's end without.
+    fn give(&mut self, last: bool, mounting: &Mounting, out: &mut Vec<SourceMeasurement>) {
+        let Some(e) = self.epoch.as_mut().filter(|e| !e.given) else {
+            return;
+        };
+        let Some(place) = e.place.filter(|_| self.is_known) else {
+            return;
+        };
+        let at_ns = e.at_ns;
+        let waits = |here: bool, partner: Partner| !here && !last && partner.is_due(at_ns);
+        if waits(e.velocity.is_some(), self.velocity)
+            || waits(place.is_fine, self.fine)
+            || waits(e.state.is_some(), self.state)
+        {
+            return;
+        }
+        e.given = true;
+        out.extend(
+            e.fix(&place, mounting)
+                .map(|fix| SourceMeasurement::new(at_ns, fix)),
+        );
+    }
+}
+
+impl Epoch {
+    /// None where its receiver has none.
+    fn fix(&self, place: &FixPlace, mounting: &Mounting) -> Option<GnssFix> {
+        if self.state == Some(FixState::NoFix) || place.across_m > NO_FIX_M {
+            return None;
+        }
+        let across = sd(place.across_m);
+        let down = match self.state {
+            Some(FixState::Flat) => NOT_MEASURED_SD,
+            Some(FixState::Whole | FixState::NoFix) | None => sd(place.down_m),
+        };
+        let (velocity, velocity_sd) = match self.velocity {
+            Some((velocity, stated)) => (velocity, stated.clamp(0.02, 100.0)),
+            None => ([0.0; 3], NOT_MEASURED_SD),
+        };
+        Some(mounting.fix(place.datum, velocity, [across, across, down], [velocity_sd; 3]))
+    }
+}
