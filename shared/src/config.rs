@@ -1,6 +1,8 @@
 //! Typed configuration: TOML, units in key names, unknown keys rejected, values checked against
 //! their allowed range with an error that names key, value and range.
 
+mod whole;
+
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -250,14 +252,22 @@ impl<'a> Keys<'a> {
     }
 }
 
-/// Parses and checks a configuration; `origin` names the text in errors.
+/// Parses and checks a configuration; `origin` names the text in errors. A list that is longer than its type is an error
+/// with what its key means.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
-    let config: T = toml::from_str(text).map_err(|e| ConfigError::Parse {
-        origin: origin.into(),
-        message: e.to_string(),
-    })?;
+    let meaning = |key: &str| {
+        let mut meanings = BTreeMap::new();
+        T::describe(&Keys::ROOT, &mut meanings);
+        meanings.remove(key)
+    };
+    let config: T = whole::read(text, origin, meaning)?;
     config.check(&Keys::ROOT)?;
     Ok(config)
+}
+
+/// Reads TOML that is no table of ours, as strictly: a list that is longer than its type is an error.
+pub fn read<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
+    whole::read(text, origin, |_| None)
 }
 
 /// Reads, parses and checks a configuration file.

@@ -67,7 +67,20 @@ pub(super) fn check_image(
         "32 to 8192 each, 12.6 million pixels at most",
     )?;
     at.ranges("focal_px", focal_px, 10.0, 1e5)?;
-    at.ranges("centre_px", centre_px, 0.0, 1e4)
+    let sides = [width_px, height_px].map(f64::from);
+    let is_inside = centre_px
+        .iter()
+        .zip(sides)
+        .all(|(at, side)| (0.0..=side).contains(at));
+    at.require(
+        is_inside,
+        "centre_px",
+        format!("{centre_px:?}"),
+        &format!(
+            "a point in the image of {width_px} x {height_px} px: a calibration belongs to images of one size, \
+             set width_px and height_px to it"
+        ),
+    )
 }
 
 impl GreyImage {

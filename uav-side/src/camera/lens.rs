@@ -33,6 +33,8 @@ config! {
         /// Principal point cx and cy, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Distortion k1, k2, p1, p2, k3.
+        /// Source: ROS's model plumb_bob; the 8 numbers of rational_polynomial are of another model, which is not read:
+        /// calibrate with plumb_bob.
         pub distortion: [f64; 5] = [0.0; 5], in -20.0..=20.0;
     }
     check |this, at| {
@@ -173,6 +175,29 @@ mod tests {
         let expected = ((u.norm_squared() + v.norm_squared()) / 2.0).sqrt();
         let size = lens.pixel_size(n(0.0, 0.0)).unwrap();
         assert!((size / expected - 1.0).abs() < 1e-4, "{size} {expected}");
+    }
+
+    #[test]
+    fn calibration_of_another_model_or_image_size() {
+        let error = |text: &str| {
+            alight_shared::config::parse::<Lens>(text, "lens")
+                .unwrap_err()
+                .to_string()
+        };
+        let rational = error("distortion = [4.65, 1.34, 0.001, 0.002, -0.03, 4.71, 1.92, 0.11]");
+        for part in [
+            "`distortion` is a list of 8",
+            "a list of 5",
+            "rational_polynomial",
+        ] {
+            assert!(rational.contains(part), "{rational}");
+        }
+        let large = error("centre_px = [960.2, 540.1]");
+        for part in ["`centre_px` is [960.2, 540.1]", "640 x 480 px"] {
+            assert!(large.contains(part), "{large}");
+        }
+        assert!(error("centre_px = [320.0, nan]").contains("NaN"));
+        assert!(error("height_px = 200").contains("640 x 200 px"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are seen from where),
 //! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
-//! gain); [`marked`] (the image for people); then [`uvdar`], the second camera.
+//! gain); [`marked`] (the image for people), [`strangers`] (tags that are not the deck's); then [`uvdar`], the second camera.
 
 mod decks;
 pub mod detector;
@@ -16,6 +16,7 @@ pub mod motion_blur;
 pub mod node;
 mod refine;
 pub mod square_pose;
+pub mod strangers;
 pub mod uvdar;
 
 use alight_shared::config;

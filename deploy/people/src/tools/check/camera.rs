@@ -11,12 +11,15 @@ use alight_shared::tags::Tags;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::detector::TagDetector;
 use alight_uav::camera::metering::{Light, Setting};
+use alight_uav::camera::strangers::Strangers;
 use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::tools::check::facts::CameraView;
 
 /// Time for which images are looked at, ns: the metering comes to rest in it.
 const LOOK_NS: i64 = 2_000_000_000;
+/// One image of so many is searched for tags that are not the deck's: that takes longer than from one image to the next.
+const STRANGERS_EVERY: u64 = 10;
 
 /// Looks at images of `size` (width, height), px, of a device or of files, and for `tags` in them, for 2 s.
 pub fn look(
@@ -56,6 +59,7 @@ fn show(
 ) -> Result<(), CliError> {
     let mut images = Images::open(config, size)?;
     let mut detector = tags.map(|(settings, tags)| TagDetector::new(settings, tags));
+    let mut strangers = tags.map(|(settings, tags)| Strangers::new(settings, tags));
     let mut view = CameraView::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
@@ -70,6 +74,10 @@ fn show(
             let dark = tag.is_none() && images.at_limit() && image.is_dark(detector.min_margin());
             view.dark = dark.then_some(image.mean);
             view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
+            if view.tag.is_none() && view.images % STRANGERS_EVERY == 1 {
+                let found = strangers.as_mut().and_then(|s| s.find(&frame.image));
+                view.stranger = found.or(view.stranger);
+            }
         }
         view.exposure = images.exposure();
         if views.send(Ok(view.clone())).is_err() {
@@ -101,6 +109,7 @@ pub fn reported(metrics: &[Metric]) -> CameraView {
             .filter(|dark| *dark > 0.0)
             .and(of(MetricName::ImageMean))
             .map(|mean| 255.0 * mean),
+        stranger: None,
     }
 }
 

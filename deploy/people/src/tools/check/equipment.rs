@@ -1,17 +1,38 @@
 //! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/equipment.md` has the tables
 //! of these figures.
 
+use alight_computer::config::DroneComputer;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::tags::are_anybodys;
 use alight_uav::camera::layout;
+use alight_uav::camera::strangers::Stranger;
 use alight_uav::settings::DroneSettings;
 
 use crate::status::finding::{Finding, Topic};
-use crate::tools::check::facts::SourceCheck;
-use crate::tools::check::sources::LISTEN_S;
+use crate::tools::check::facts::{CameraView, SourceCheck};
+use crate::tools::check::received::{Figures, Measured};
 
 /// A receiver that reports less often is a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of those for autopilots.
 const SLOW_HZ: f64 = 2.5;
+/// Rate of an inertial sensor and of an inertial navigation system with which landings were measured, Hz.
+const MOTION_HZ: f64 = 20.0;
+/// An attitude alone that comes less often does not show how the deck rocks, Hz. Chosen: ten in a roll of 2 s, the
+/// shortest of a small boat; sentences of a compass come once or twice a second.
+const LEAST_ATTITUDE_HZ: f64 = 5.0;
+/// Rate of the slowest receiver with which landings were measured, Hz, and its greatest age, s.
+const RECEIVER_HZ: f64 = 1.0;
+const RECEIVER_AGE_S: f64 = 0.6;
+/// Of a rate this part is enough: what a short while of listening shows is off by a measurement.
+const NEARLY: f64 = 0.8;
+/// Error of the heading with which landings were measured, deg: a compass beside an inertial sensor; two antennas of an
+/// inertial navigation system, with what their makers promise.
+const COMPASS_DEG: f64 = 3.0;
+const ANTENNAS_DEG: f64 = 1.0;
+/// Error of the tilt of an inertial navigation system, deg. Chosen: a small one's; landings were measured with less.
+const TILT_DEG: f64 = 0.5;
+/// A principal point further than this part of a side from the image's middle is of a calibration of another size. Chosen:
+/// makers keep it within some per cent; of images twice as wide it would be half of the width.
+const OFF_MIDDLE: f64 = 0.2;
 
 /// What a vessel measures its motion with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,33 +69,100 @@ impl VesselClass {
     }
 }
 
-/// The class of a vessel by what all its sources gave, or what is missing.
-fn class(given: [u64; 4]) -> Result<VesselClass, &'static str> {
-    let [imu, gnss, heading, attitude] = given;
-    let slow = gnss as f64 / LISTEN_S < SLOW_HZ;
-    match (imu > 0 || attitude > 0, gnss > 0, heading > 0) {
-        (false, _, _) => Err("neither inertial samples nor an attitude"),
-        (true, false, _) => Err("no GNSS fixes"),
-        (true, true, false) => Err("no heading"),
-        (true, true, true) if imu == 0 => Ok(VesselClass::InertialNavigation),
-        (true, true, true) if slow => Ok(VesselClass::SlowReceiver),
-        (true, true, true) => Ok(VesselClass::AutopilotAboard),
-    }
+/// Why a vessel is of no class.
+#[derive(Clone, Debug, PartialEq)]
+enum Gap {
+    /// The estimator does not start without this.
+    Missing(&'static str),
+    /// This comes less often than the deck moves; its rate, and what is needed.
+    TooSlow(&'static str, f64, &'static str),
+    /// It is most like this class, of which landings were measured with better sensors: in what each differs.
+    Unmeasured(VesselClass, Vec<String>),
 }
 
-/// The class of a vessel whose sources were listened to; nothing while one of them gave nothing, which is a finding of its
-/// own.
-pub fn vessel(sources: &[SourceCheck]) -> Option<Finding> {
-    const TOPIC: Topic = Topic("class");
-    let mut given = [0; 4];
-    for source in sources {
-        let (_, status) = source.received.as_ref().ok()?;
-        if status.given.iter().all(|n| *n == 0) {
-            return None;
+/// The class of a vessel by what its sensors gave: rate, age and noise, not the kinds alone.
+fn class(given: &Measured) -> Result<VesselClass, Gap> {
+    let (gnss, heading) = match (given.inertial.or(given.attitude), given.gnss, given.heading) {
+        (None, _, _) => return Err(Gap::Missing("neither inertial samples nor an attitude")),
+        (Some(_), None, _) => return Err(Gap::Missing("no GNSS fixes")),
+        (Some(_), Some(_), None) => return Err(Gap::Missing("no heading")),
+        (Some(_), Some(gnss), Some(heading)) => (gnss, heading),
+    };
+    let alone = given.attitude.filter(|_| given.inertial.is_none());
+    let navigated = "20 Hz, with angular rates and heave, is what landings were measured with";
+    let needs = [
+        (
+            "inertial samples",
+            given.inertial,
+            NEARLY * MOTION_HZ,
+            "20 Hz or more is needed",
+        ),
+        ("attitude", alone, LEAST_ATTITUDE_HZ, navigated),
+        (
+            "GNSS fixes",
+            Some(gnss),
+            NEARLY * RECEIVER_HZ,
+            "1 Hz or more is needed",
+        ),
+    ];
+    for (what, figures, least_hz, needed) in needs {
+        if let Some(f) = figures.filter(|f| !(f.rate_hz >= least_hz)) {
+            return Err(Gap::TooSlow(what, f.rate_hz, needed));
         }
-        given.iter_mut().zip(status.given).for_each(|(sum, n)| *sum += n);
     }
-    if sources.is_empty() {
+    let class = match alone {
+        Some(_) => VesselClass::InertialNavigation,
+        None if gnss.rate_hz < SLOW_HZ => VesselClass::SlowReceiver,
+        None => VesselClass::AutopilotAboard,
+    };
+    let worse = worse(alone, &gnss, &heading);
+    if worse.is_empty() {
+        return Ok(class);
+    }
+    Err(Gap::Unmeasured(class, worse))
+}
+
+/// In what sensors are worse than those with which landings were measured; `alone`: an attitude without inertial samples.
+fn worse(alone: Option<Figures>, gnss: &Figures, heading: &Figures) -> Vec<String> {
+    let mut all = Vec::new();
+    if let Some(attitude) = alone {
+        if !(attitude.rate_hz >= NEARLY * MOTION_HZ) {
+            all.push(format!("attitude at {:.1} Hz (20 Hz)", attitude.rate_hz));
+        }
+        let tilt_deg = attitude.sd.to_degrees();
+        if tilt_deg > TILT_DEG {
+            all.push(format!("tilt +- {tilt_deg:.1} deg ({TILT_DEG} deg)"));
+        }
+        all.extend((!attitude.with_rates).then(|| "no angular rates".to_owned()));
+        all.extend((!attitude.with_heave).then(|| "no heave".to_owned()));
+    }
+    if gnss.age_s > RECEIVER_AGE_S {
+        all.push(format!(
+            "GNSS fixes {:.1} s late ({RECEIVER_AGE_S} s)",
+            gnss.age_s
+        ));
+    }
+    let most_deg = if alone.is_some() {
+        ANTENNAS_DEG
+    } else {
+        COMPASS_DEG
+    };
+    let heading_deg = heading.sd.to_degrees();
+    if heading_deg > most_deg {
+        all.push(format!("heading +- {heading_deg:.1} deg ({most_deg} deg)"));
+    }
+    all
+}
+
+/// The class of a vessel whose sources were listened to, by what all of them gave; nothing while one of them gave nothing,
+/// which is a finding of its own.
+pub fn vessel(sources: &[SourceCheck], given: &Measured) -> Option<Finding> {
+    const TOPIC: Topic = Topic("class");
+    let gave_some = |source: &SourceCheck| {
+        let status = source.received.as_ref().ok();
+        status.is_some_and(|(_, status)| status.given.iter().any(|n| *n > 0))
+    };
+    if sources.is_empty() || !sources.iter().all(gave_some) {
         return None;
     }
     Some(match class(given) {
@@ -83,9 +171,21 @@ pub fn vessel(sources: &[SourceCheck]) -> Option<Finding> {
             class.name(),
             class.p99_m()
         )),
-        Err(missing) => TOPIC.broken(
+        Err(Gap::Missing(missing)) => TOPIC.broken(
             format!("the sources gave {missing}: the vessel's estimator does not start"),
             "add a source that measures it, or set this one to send it (docs/equipment.md)",
+        ),
+        Err(Gap::TooSlow(what, rate_hz, needed)) => TOPIC.broken(
+            format!("{what} at {rate_hz:.1} Hz: too slow for a rocking deck ({needed})"),
+            "set the sensor and what passes it on to send more often, or add an inertial sensor (docs/equipment.md)",
+        ),
+        Err(Gap::Unmeasured(class, worse)) => TOPIC.warning(
+            format!(
+                "no landing was measured with such sensors, and no figure is promised; {} differs in: {}",
+                class.name(),
+                worse.join(", ")
+            ),
+            "set the sensor to send what stands in brackets, or add an inertial sensor (docs/equipment.md)",
         ),
     })
 }
@@ -167,19 +267,187 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     )
 }
 
+/// Calibrations of the cameras that look as if they were of images of another size.
+pub fn lenses(drone: &DroneComputer) -> Vec<Finding> {
+    let (tag, markers) = (&drone.drone.camera.lens, &drone.drone.camera.uvdar.lens);
+    let belly = || {
+        let size_px = [tag.width_px, tag.height_px];
+        lens("camera", "drone.camera.lens", size_px, tag.centre_px)
+    };
+    let uvdar = || {
+        let size_px = [markers.width_px, markers.height_px];
+        lens("uvdar", "drone.camera.uvdar.lens", size_px, markers.centre_px)
+    };
+    let found = [
+        drone.camera.is_there().then(belly).flatten(),
+        drone.ultraviolet().is_there().then(uvdar).flatten(),
+    ];
+    found.into_iter().flatten().collect()
+}
+
+/// Whether a principal point is near the middle of its image.
+fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) -> Option<Finding> {
+    let sides = size_px.map(f64::from);
+    let parts = centre_px
+        .iter()
+        .zip(sides)
+        .map(|(at, side)| (at / side - 0.5).abs());
+    let off = parts.fold(0.0, f64::max);
+    let ([width, height], [x, y]) = (size_px, centre_px);
+    (off > OFF_MIDDLE).then(|| {
+        Topic(topic).warning(
+            format!(
+                "{key}.centre_px is [{x}, {y}], {:.0} % of a side off the middle of {width} x {height} px: a calibration of \
+                 images of another size",
+                100.0 * off
+            ),
+            "set width_px and height_px to the size of the images that were calibrated with, or calibrate again \
+             (docs/camera.md)",
+        )
+    })
+}
+
+/// What is said of images in which none of the deck's tags was detected.
+pub fn no_tag(topic: Topic, view: &CameraView, exposure: &str) -> Finding {
+    let images = view.images;
+    match view.stranger {
+        None => topic.fine(format!("{images} images{exposure}; no tag in view")),
+        Some(Stranger::Number(number)) => topic.warning(
+            format!("{images} images{exposure}; a tag in view has number {number}, which is none of the deck's"),
+            "set drone.deck.tags to the numbers that are printed, or print those that it has (alight tag)",
+        ),
+        Some(Stranger::Mirrored(number)) => topic.warning(
+            format!("{images} images{exposure}; a tag in view is mirrored (number {number}): it is never detected"),
+            "end the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag anew",
+        ),
+        Some(Stranger::Family(name)) => topic.warning(
+            format!("{images} images{exposure}; a tag in view is of another family ({name}): 36h11 alone is detected"),
+            "print the deck's tags with `alight tag --pdf`",
+        ),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn at(rate_hz: f64) -> Figures {
+        Figures {
+            rate_hz,
+            ..Figures::default()
+        }
+    }
+    /// Sensors of these rates, Hz; zero: none. An attitude has all that may come with it.
+    fn given([imu, gnss, heading, attitude]: [f64; 4]) -> Measured {
+        let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
+        Measured {
+            inertial: some(imu),
+            gnss: some(gnss),
+            heading: some(heading),
+            attitude: some(attitude).map(|f| Figures {
+                with_rates: true,
+                with_heave: true,
+                ..f
+            }),
+        }
+    }
+
     #[test]
-    fn equipment_class_by_sources() {
-        // What each class gives while listening: imu, gnss, heading, attitude.
-        assert_eq!(class([125, 12, 25, 125]), Ok(VesselClass::AutopilotAboard));
-        assert_eq!(class([250, 3, 25, 0]), Ok(VesselClass::SlowReceiver));
-        assert_eq!(class([0, 25, 25, 50]), Ok(VesselClass::InertialNavigation));
-        assert!(class([0, 3, 25, 0]).is_err_and(|e| e.contains("inertial")));
-        assert!(class([250, 0, 25, 0]).is_err_and(|e| e.contains("GNSS")));
-        assert!(class([250, 25, 0, 0]).is_err_and(|e| e.contains("heading")));
+    fn equipment_class_by_rates() {
+        let of = |rates| class(&given(rates));
+        assert_eq!(of([50.0, 5.0, 10.0, 50.0]), Ok(VesselClass::AutopilotAboard));
+        assert_eq!(of([100.0, 1.0, 10.0, 0.0]), Ok(VesselClass::SlowReceiver));
+        assert_eq!(of([0.0, 10.0, 10.0, 20.0]), Ok(VesselClass::InertialNavigation));
+        for (rates, missing) in [
+            ([0.0, 1.0, 10.0, 0.0], "inertial"),
+            ([100.0, 0.0, 10.0, 0.0], "GNSS"),
+            ([100.0, 10.0, 0.0, 0.0], "heading"),
+        ] {
+            let gap = of(rates).unwrap_err();
+            assert!(matches!(gap, Gap::Missing(m) if m.contains(missing)), "{gap:?}");
+        }
+        for (rates, slow) in [
+            ([0.0, 1.0, 10.0, 1.0], "attitude"),
+            ([0.0, 1.0, 10.0, 2.0], "attitude"),
+            ([10.0, 5.0, 10.0, 0.0], "inertial samples"),
+            ([50.0, 0.5, 10.0, 0.0], "GNSS fixes"),
+        ] {
+            let gap = of(rates).unwrap_err();
+            assert!(matches!(gap, Gap::TooSlow(what, _, _) if what == slow), "{gap:?}");
+        }
+    }
+
+    #[test]
+    fn equipment_class_of_sensors_that_were_not_measured() {
+        fn differs(change: fn(&mut Measured)) -> String {
+            let mut sensors = given([0.0, 10.0, 10.0, 20.0]);
+            change(&mut sensors);
+            match class(&sensors) {
+                Err(Gap::Unmeasured(VesselClass::InertialNavigation, worse)) => worse.join(", "),
+                other => panic!("{other:?}"),
+            }
+        }
+        assert_eq!(
+            differs(|m| m.attitude = Some(at(10.0))),
+            "attitude at 10.0 Hz (20 Hz), no angular rates, no heave"
+        );
+        let compass = Figures {
+            sd: 0.035,
+            ..at(10.0)
+        };
+        let by_compass = given([0.0, 10.0, 10.0, 20.0]);
+        let by_compass = Measured {
+            heading: Some(compass),
+            ..by_compass
+        };
+        let expected = vec!["heading +- 2.0 deg (1 deg)".to_owned()];
+        assert_eq!(
+            class(&by_compass),
+            Err(Gap::Unmeasured(VesselClass::InertialNavigation, expected))
+        );
+        let late = differs(|m| {
+            m.gnss = Some(Figures {
+                age_s: 0.9,
+                ..at(10.0)
+            })
+        });
+        assert_eq!(late, "GNSS fixes 0.9 s late (0.6 s)");
+        // Beside an inertial sensor that compass does.
+        let beside = Measured {
+            inertial: Some(at(50.0)),
+            ..by_compass
+        };
+        assert_eq!(class(&beside), Ok(VesselClass::AutopilotAboard));
+    }
+
+    #[test]
+    fn vessel_with_an_attitude_once_a_second() {
+        use crate::status::finding::Level;
+        use alight_shared::msg::SourceStatus;
+        let source = |given| SourceCheck {
+            name: "nmea".into(),
+            connect: "udpin://127.0.0.1:12162".into(),
+            received: Ok((
+                900,
+                SourceStatus {
+                    given,
+                    ..SourceStatus::default()
+                },
+            )),
+            remarks: Vec::new(),
+        };
+        let slow = given([0.0, 1.0, 10.0, 1.0]);
+        let found = vessel(&[source([0, 3, 25, 3])], &slow).unwrap();
+        assert_eq!(found.level, Level::Broken);
+        assert!(
+            found
+                .found
+                .starts_with("attitude at 1.0 Hz: too slow for a rocking deck"),
+            "{found}"
+        );
+        // A source that gave nothing is a finding of its own.
+        assert_eq!(vessel(&[source([0; 4])], &slow), None);
+        assert_eq!(vessel(&[], &Measured::default()), None);
     }
 
     #[test]
@@ -201,6 +469,24 @@ mod tests {
         let large = tags(&drone);
         assert_eq!(large.level, Level::Broken);
         assert!(large.found.contains("0.150 m beyond"), "{}", large.found);
+    }
+
+    #[test]
+    fn lens_of_a_calibration_of_another_size() {
+        let mut drone = DroneComputer::default();
+        drone.camera.source = "/dev/video0".into();
+        drone.drone.camera.lens.centre_px = [317.1, 255.8];
+        assert_eq!(lenses(&drone), []);
+        // Of 1280 x 720 px, yet inside of 640 x 480.
+        drone.drone.camera.lens.centre_px = [638.2, 358.0];
+        let found = lenses(&drone);
+        assert!(
+            found.len() == 1 && found[0].found.contains("[638.2, 358], 50 % of a side"),
+            "{found:?}"
+        );
+        // Without a camera nobody asks.
+        drone.camera.source.clear();
+        assert_eq!(lenses(&drone), []);
     }
 
     #[test]

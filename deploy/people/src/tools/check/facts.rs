@@ -9,7 +9,10 @@ use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
 use alight_shared::msg::{Certificate, Reason, SourceStatus};
 use alight_uav::camera::metering::Setting;
+use alight_uav::camera::strangers::Stranger;
 use alight_usv::sensors::Remark;
+
+use crate::tools::check::received::Measured;
 
 /// The three files of the radio's tls section.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,6 +169,8 @@ pub struct CameraView {
     pub tag: Option<[f64; 2]>,
     /// Too dark for a tag to be detected: the image's mean, grey levels.
     pub dark: Option<f64>,
+    /// A tag that is none of the deck's, where none of these was detected.
+    pub stranger: Option<Stranger>,
 }
 
 /// One of the drone's cameras.
@@ -222,6 +227,8 @@ pub struct Facts {
     pub cameras: Vec<CameraCheck>,
     /// The vessel's real sensors that were listened to.
     pub sources: Vec<SourceCheck>,
+    /// What all of those gave, in figures.
+    pub measured: Measured,
     /// Those that the running process has, as it reports them.
     pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.

@@ -32,6 +32,7 @@ use crate::tools::check::facts::{
     CameraCheck, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck,
 };
+use crate::tools::check::received::Measured;
 use crate::tools::check::{autopilot, camera, helm, sources};
 
 /// Longest look into a file of the system.
@@ -62,6 +63,7 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
         flown: None,
         cameras: Vec::new(),
         sources: Vec::new(),
+        measured: Measured::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         helm: None,
@@ -89,7 +91,9 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
                 .collect();
             let running = instance.as_ref().ok().filter(|_| facts.running);
             let seen = running.and_then(snapshot);
-            (facts.held_sources, facts.sources) = sources::of(path, v, seen.as_ref());
+            let (held, heard) = sources::of(path, v, seen.as_ref());
+            facts.held_sources = held;
+            (facts.sources, facts.measured) = (heard.sources, heard.measured);
             facts.helm = helm::of(v, seen.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }

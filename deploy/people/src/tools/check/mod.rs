@@ -8,6 +8,7 @@ mod equipment;
 pub mod facts;
 pub mod gather;
 mod helm;
+mod received;
 pub mod rules;
 mod sources;
 #[cfg(test)]

@@ -91,6 +91,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         );
         all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
         all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
+        all.extend(equipment::lenses(d));
     }
     all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
     all.extend(facts.cameras.iter().filter_map(camera_view));
@@ -108,7 +109,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         }
         // By what all of them gave.
         let listened = facts.held_sources.is_empty().then_some(&facts.sources);
-        all.extend(listened.and_then(|s| equipment::vessel(s)));
+        all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
         all.extend(facts.deck_inputs.iter().map(deck_input));
         all.extend(facts.helm.as_ref().map(helm::judge));
     }
@@ -453,7 +454,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
         ));
     }
     let Some([contrast, saturation]) = view.tag else {
-        return Some(topic.fine(format!("{} images{exposure}; no tag in view", view.images)));
+        return Some(equipment::no_tag(topic, view, &exposure));
     };
     let tag = format!(
         "contrast {:.0} %, saturation {:.0} % on the tag{exposure}",

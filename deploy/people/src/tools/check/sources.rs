@@ -21,6 +21,7 @@ use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{Instant, timeout_at};
 
 use crate::tools::check::facts::SourceCheck;
+use crate::tools::check::received::{Measured, Received};
 
 /// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
 /// late.
@@ -28,9 +29,18 @@ pub const LISTEN_S: f64 = 2.5;
 /// The node is stepped at least this often.
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 
+/// What came of sources that were listened to.
+#[derive(Clone, Debug, Default)]
+pub struct Heard {
+    /// Each of them.
+    pub sources: Vec<SourceCheck>,
+    /// What all of them gave, in figures.
+    pub measured: Measured,
+}
+
 /// The sources of the process that runs by this file, as it reports them in `seen`, and the others, listened to. Beside a
 /// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
-pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<SourceHealth>, Vec<SourceCheck>) {
+pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<SourceHealth>, Heard) {
     let flown: Option<VesselComputer> = seen
         .and_then(|_| sealed::running(path))
         .and_then(|text| config::parse(&text, &path.display().to_string()).ok());
@@ -47,11 +57,11 @@ pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<Sour
 }
 
 /// What each source sends. The ports must be free: a serial port gives each byte to one reader.
-pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
+pub fn listen(computer: &VesselComputer) -> Heard {
     runtime::block_on(async { Ok(received(computer).await) }).unwrap_or_default()
 }
 
-async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
+async fn received(computer: &VesselComputer) -> Heard {
     let sources = &computer.sensor.sources;
     let (mut links, mut why) = (Vec::new(), vec![None; sources.len()]);
     for (k, source) in sources.iter().enumerate() {
@@ -70,6 +80,7 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
     };
     let mut bytes_in = vec![0_usize; sources.len()];
     let mut strangers = vec![None; sources.len()];
+    let mut all = Received::default();
     let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });
     while Instant::now() < end {
         let mut input = SensorsIn {
@@ -84,13 +95,16 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
             input.bytes[k] = arrival.bytes;
             why[k] = arrival.error.or(why[k].take());
         }
-        let out = node.step(computer.clock.read(steady_ns()), &input);
+        let now = computer.clock.read(steady_ns());
+        let out = node.step(now, &input);
+        all.add(now, &out.readings);
         for (k, bytes) in &out.requests {
             links.write(*k, bytes);
         }
     }
     let (status, remarks) = (node.status(), node.remarks());
-    sources
+    let measured = all.measured(computer.clock.read(steady_ns()));
+    let sources = sources
         .iter()
         .zip(why)
         .zip(bytes_in)
@@ -110,7 +124,8 @@ async fn received(computer: &VesselComputer) -> Vec<SourceCheck> {
                 )),
             },
         })
-        .collect()
+        .collect();
+    Heard { sources, measured }
 }
 
 async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
@@ -150,7 +165,7 @@ mod tests {
         // It runs by another file.
         let (held, listened) = of(&path, &computer, Some(&seen));
         assert!(held.is_empty());
-        assert_eq!(names(&listened), ["imu", "compass"]);
+        assert_eq!(names(&listened.sources), ["imu", "compass"]);
 
         let (_, sealed) = SealedConfig::begin::<VesselComputer>(&path).unwrap();
         let now = steady_ns();
@@ -172,7 +187,7 @@ mod tests {
             held.iter().map(|h| &*h.name).collect::<Vec<_>>(),
             ["imu", "compass"]
         );
-        assert_eq!(names(&listened), ["receiver"]);
+        assert_eq!(names(&listened.sources), ["receiver"]);
         drop(sealed);
         std::fs::remove_file(path).unwrap();
     }

@@ -25,6 +25,7 @@ use alight_sim::physics::streams::Streams;
 use alight_transport::radio::TlsConfig;
 use alight_uav::autopilot::message::{CommandLong, command};
 use alight_uav::camera::metering::Setting;
+use alight_uav::camera::strangers::Stranger;
 use alight_usv::sensors::SourceConfig;
 
 use crate::status::finding::{Finding, Level};
@@ -32,6 +33,7 @@ use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
     Reach, SharedMemory, SigningCheck, SourceCheck,
 };
+use crate::tools::check::received::Measured;
 use crate::tools::check::rules::judge;
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 
@@ -92,6 +94,7 @@ fn vessel() -> Facts {
         flown: None,
         cameras: Vec::new(),
         sources: Vec::new(),
+        measured: Measured::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         helm: None,
@@ -202,6 +205,7 @@ fn exposed(contrast: f64, saturation: f64) -> CameraView {
         })),
         tag: Some([contrast, saturation]),
         dark: None,
+        stranger: None,
     }
 }
 
@@ -484,6 +488,18 @@ fn camera_check_with_and_without_a_tag() {
         none.1.contains("60 images") && none.1.contains("no tag in view"),
         "{none:?}"
     );
+    for (stranger, word) in [
+        (Stranger::Mirrored(7), "mirrored (number 7)"),
+        (Stranger::Number(3), "number 3"),
+        (Stranger::Family("25h9"), "another family (25h9)"),
+    ] {
+        let other = found(CameraView {
+            tag: None,
+            stranger: Some(stranger),
+            ..exposed(0.0, 0.0)
+        });
+        assert!(other.0 == Level::Warning && other.1.contains(word), "{other:?}");
+    }
 }
 
 #[test]
@@ -627,9 +643,14 @@ fn sensor_check_of_silent_and_missing_sources() {
             k += 1;
         }
     });
-    let found = sources::listen(&computer);
+    let heard = sources::listen(&computer);
     end.send(()).unwrap();
     speaker.join().unwrap();
+    let (found, measured) = (heard.sources, heard.measured);
+    assert!(
+        measured.attitude.is_none() && measured.heading.is_some_and(|f| f.rate_hz > 5.0),
+        "{measured:?}"
+    );
     let received = |k: usize| {
         found[k]
             .received
@@ -644,7 +665,7 @@ fn sensor_check_of_silent_and_missing_sources() {
     assert!(received(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
     assert!(received(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
     assert!(received(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
-    assert!(sources::listen(&VesselComputer::default()).is_empty());
+    assert!(sources::listen(&VesselComputer::default()).sources.is_empty());
 }
 
 #[test]

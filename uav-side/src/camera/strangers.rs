@@ -1,0 +1,130 @@
+//! Tags in an image in which none of the deck's is detected: of another number, mirrored, or of another family. For people
+//! who ask why nothing is detected; no flight looks for them.
+
+use alight_shared::tags::Tags;
+use apriltag::{Detector, DetectorBuilder, Family, Image};
+
+use super::detector::TagSettings;
+use super::image::GreyImage;
+
+/// A tag that is none of the deck's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stranger {
+    /// Of the deck's family, with this number, which the deck has not.
+    Number(usize),
+    /// Of the deck's family, with this number, mirrored.
+    Mirrored(usize),
+    /// Of the family of this name.
+    Family(&'static str),
+}
+
+/// The search for them.
+pub struct Strangers {
+    tags: Tags,
+    min_margin: f64,
+    own: Option<Detector>,
+    others: Vec<(&'static str, Detector)>,
+}
+
+impl Strangers {
+    /// Beside these tags. A tag counts only without a wrong bit.
+    pub fn new(settings: &TagSettings, tags: &Tags) -> Strangers {
+        let detector = |family: Family| {
+            let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
+            detector.set_thread_number(1);
+            detector.set_decimation(settings.decimate as f32);
+            Some(detector)
+        };
+        // Of fewer bits (16h5) every window would be one.
+        let others = [
+            ("25h9", Family::tag_25h9()),
+            ("standard 41h12", Family::tag_standard_41h12()),
+        ];
+        let others = others.into_iter();
+        Strangers {
+            tags: *tags,
+            min_margin: settings.min_margin,
+            own: detector(Family::tag_36h11()),
+            others: others
+                .filter_map(|(name, family)| Some((name, detector(family)?)))
+                .collect(),
+        }
+    }
+    /// The first that is found in the image.
+    pub fn find(&mut self, image: &GreyImage) -> Option<Stranger> {
+        let (width, height) = (image.width(), image.height());
+        let plain = buffer(width, height, image.pixels())?;
+        let rows = image.pixels().chunks_exact(width);
+        let mirrored: Vec<u8> = rows.flat_map(|row| row.iter().rev().copied()).collect();
+        let mirrored = buffer(width, height, &mirrored)?;
+        let least = self.min_margin;
+        if let Some(own) = &mut self.own {
+            let is_decks = |id: usize| self.tags.iter().any(|tag| usize::from(tag.id) == id);
+            if let Some(id) = numbers(own, &plain, least).into_iter().find(|id| !is_decks(*id)) {
+                return Some(Stranger::Number(id));
+            }
+            if let Some(id) = numbers(own, &mirrored, least).first() {
+                return Some(Stranger::Mirrored(*id));
+            }
+        }
+        for (name, detector) in &mut self.others {
+            if !numbers(detector, &plain, least).is_empty() {
+                return Some(Stranger::Family(name));
+            }
+        }
+        None
+    }
+}
+
+/// An image as the library takes it; None without memory.
+fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
+    let mut image = Image::zeros_with_stride(width, height, width).ok()?;
+    if image.as_mut().len() != pixels.len() {
+        return None;
+    }
+    image.as_mut().copy_from_slice(pixels);
+    Some(image)
+}
+
+/// Numbers of the tags in an image whose contrast is enough.
+fn numbers(detector: &mut Detector, image: &Image, least_margin: f64) -> Vec<usize> {
+    let found = detector.detect(image);
+    let clear = found
+        .iter()
+        .filter(|f| f64::from(f.decision_margin()) >= least_margin);
+    clear.map(|f| f.id()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::cells;
+    use super::*;
+    use alight_shared::tags::DeckTag;
+
+    /// A tag straight ahead, mirrored or not.
+    fn image(id: u16, mirrored: bool) -> GreyImage {
+        let cells = cells(id).unwrap();
+        let pixels = (0..120 * 120).map(|k| {
+            let (row, column) = (k / 120, k % 120);
+            let column = if mirrored { 119 - column } else { column };
+            let inside = (20..100).contains(&row) && (20..100).contains(&column);
+            let white = !inside || cells[(row - 20) / 10 + 1][(column - 20) / 10 + 1];
+            if white { 200 } else { 20 }
+        });
+        GreyImage::new(120, 120, pixels.collect()).unwrap()
+    }
+
+    #[test]
+    fn tags_that_are_not_the_decks() {
+        let tags = Tags::filled([DeckTag {
+            id: 7,
+            ..DeckTag::default()
+        }]);
+        let mut strangers = Strangers::new(&TagSettings::default(), &tags);
+        assert_eq!(strangers.find(&image(7, false)), None);
+        assert_eq!(strangers.find(&image(3, false)), Some(Stranger::Number(3)));
+        assert_eq!(strangers.find(&image(7, true)), Some(Stranger::Mirrored(7)));
+        let empty = GreyImage::new(64, 48, vec![90; 64 * 48]).unwrap();
+        assert_eq!(strangers.find(&empty), None);
+    }
+}
