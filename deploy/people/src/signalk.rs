@@ -1,23 +1,28 @@
 //! What a computer knows as deltas for a Signal K server: values below `alight`, and findings as notifications.
 //!
+//! Each path is one computer's, and its `$source` names that: `alight.deck`, `alight.helm` and what is below `alight.vessel`
+//! are the vessel's, what is below `alight.drones.N` is drone N's. `alight.landing` is the worst of both; the vessel's computer
+//! writes it, which knows the drone's status by radio.
+//!
 //! Nothing of it is a path that the vessel's sensors read (`alight_usv::sensors`): a server gives none of it back as a
 //! measurement. What a server sends is no order.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use alight_computer::situation::Situation;
+use alight_computer::situation::Known;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneContact, VesselStatus};
 use serde_json::{Value, json};
 
 use crate::status::Status;
 use crate::status::finding::{Finding, Level};
-use crate::status::vessel::LOST_CONTACT_S;
+use crate::status::go::Go;
+use crate::status::vessel::{LOST_CONTACT_S, own_go};
 
 /// A text that changes, ages in it, is sent again no more often than this, ns.
 const TEXT_NS: i64 = 10_000_000_000;
-/// The name of what is sent.
-const SOURCE: &str = "alight";
+/// Beginning of all paths.
+const ROOT: &str = "alight";
 /// Decimals of a coordinate in degrees: 1 cm.
 const PLACE: f64 = 1e7;
 
@@ -30,20 +35,24 @@ pub struct Deltas {
     sent: BTreeMap<String, Sent>,
     /// Topics of findings that were not fine once: those are reported as normal afterwards.
     topics: BTreeSet<&'static str>,
+    /// Paths whose unit and meaning the server has.
+    described: BTreeSet<String>,
 }
 
 impl Deltas {
     /// The server has nothing any more.
     pub fn forget(&mut self) {
         self.sent.clear();
+        self.described.clear();
     }
     /// The delta of what is new at `now_ns`; None without any.
     pub fn delta(&mut self, status: &Status, now_ns: i64) -> Option<String> {
-        let mut all = values(status);
+        let own = own(&status.situation.known);
+        let mut all = values(status, &own);
         let bad = status.findings.iter().filter(|f| f.level > Level::Fine);
         self.topics.extend(bad.map(|f| f.topic));
         for topic in &self.topics {
-            let path = format!("notifications.{SOURCE}.{topic}");
+            let path = format!("notifications.{ROOT}.{own}.{topic}");
             all.insert(path, notification(&status.findings, topic));
         }
         // What is not known any more: null once, and forgotten.
@@ -57,11 +66,59 @@ impl Deltas {
         }
         let pair = |(path, value): (&String, &Value)| json!({"path": path, "value": value});
         let values: Vec<Value> = all.iter().map(pair).collect();
+        let source = format!("{ROOT}.{own}");
+        let mut updates = vec![json!({"$source": source, "values": values})];
+        let meta = self.meta(all.keys());
+        if !meta.is_empty() {
+            updates.push(json!({"$source": source, "meta": meta}));
+        }
         all.retain(|path, _| !unknown.contains(path));
         self.sent
             .extend(all.into_iter().map(|(path, value)| (path, (value, now_ns))));
-        let update = json!({"$source": SOURCE, "values": values});
-        Some(json!({"context": "vessels.self", "updates": [update]}).to_string())
+        Some(json!({"context": "vessels.self", "updates": updates}).to_string())
+    }
+    /// Units and meanings of those of the `paths` that the server does not have yet.
+    fn meta<'a>(&mut self, paths: impl Iterator<Item = &'a String>) -> Vec<Value> {
+        let mut new = Vec::new();
+        for path in paths.filter(|path| !self.described.contains(*path)) {
+            new.extend(meaning(path).map(|value| json!({"path": path, "value": value})));
+        }
+        let described = new.iter().filter_map(|m| m.get("path")?.as_str());
+        self.described.extend(described.map(str::to_owned));
+        new
+    }
+}
+
+/// Meaning and units of a path with numbers; None: it has no numbers.
+fn meaning(path: &str) -> Option<Value> {
+    let (of, name) = path.strip_prefix(ROOT)?.rsplit_once('.')?;
+    match (of, name) {
+        (".deck", "drone") => Some(
+            json!({"description": "number of the drone that has the deck; it is a name, without a unit"}),
+        ),
+        (_, "battery") => Some(json!({"units": "ratio", "description": "remaining battery of the drone"})),
+        (_, "deckDistance") => Some(json!({
+            "units": "m",
+            "description": "horizontal distance of the drone from the deck's centre",
+        })),
+        (_, "position") => Some(json!({
+            "description": "the drone's place by its autopilot",
+            "properties": {
+                "latitude": {"type": "number", "units": "deg"},
+                "longitude": {"type": "number", "units": "deg"},
+                "altitude": {"type": "number", "units": "m", "description": "above the ellipsoid"},
+            },
+        })),
+        (_, _) => None,
+    }
+}
+
+/// Below which path the values of a computer are that no other writes.
+fn own(known: &Known) -> String {
+    match (&known.vessel, known.drone_id) {
+        (Some(_), _) => "vessel".into(),
+        (None, Some(number)) => format!("drones.{number}"),
+        (None, None) => "drone".into(),
     }
 }
 
@@ -93,25 +150,38 @@ fn notification(findings: &[Finding], topic: &str) -> Value {
     json!({"state": state, "method": method, "message": message})
 }
 
-/// The values by their paths.
-fn values(status: &Status) -> BTreeMap<String, Value> {
+/// The values by their paths, those that are the computer's `own` among them.
+fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     let s = &status.situation;
-    let mut all = vec![
-        ("running".to_owned(), json!(status.running)),
-        ("landing.go".into(), json!(status.go.go)),
-        ("landing.why".into(), json!(status.go.why)),
-    ];
-    if status.running {
-        match s.vessel() {
-            Some((_, vessel)) => of_vessel(vessel, &mut all),
-            None => of_drone(status, s, &mut all),
-        }
+    let vessel = s.vessel().filter(|_| status.running);
+    let go = vessel.map_or_else(
+        || status.go.clone(),
+        |(_, vessel)| own_go(&status.findings, vessel),
+    );
+    let mut all = vec![(format!("{own}.running"), json!(status.running))];
+    all.extend(landing(&format!("{own}.landing"), &go));
+    if s.known.vessel.is_some() {
+        // A drone knows nothing of another's, and not whether the vessel writes it.
+        all.extend(landing("landing", &status.go));
     }
-    let path = |(name, value)| (format!("{SOURCE}.{name}"), value);
+    match vessel {
+        Some((_, vessel)) => of_vessel(own, vessel, &mut all),
+        None if status.running && s.known.vessel.is_none() => of_drone(own, status, &mut all),
+        None => {}
+    }
+    let path = |(name, value)| (format!("{ROOT}.{name}"), value);
     all.into_iter().map(path).collect()
 }
 
-fn of_vessel(vessel: &VesselStatus, all: &mut Vec<(String, Value)>) {
+/// Whether a landing may be ordered, and why.
+fn landing(path: &str, go: &Go) -> [(String, Value); 2] {
+    [
+        (format!("{path}.go"), json!(go.go)),
+        (format!("{path}.why"), json!(go.why)),
+    ]
+}
+
+fn of_vessel(own: &str, vessel: &VesselStatus, all: &mut Vec<(String, Value)>) {
     all.extend([
         ("deck.closed".into(), json!(vessel.deck.closed.is_some())),
         ("deck.occupied".into(), json!(vessel.occupied)),
@@ -121,22 +191,20 @@ fn of_vessel(vessel: &VesselStatus, all: &mut Vec<(String, Value)>) {
     for DroneContact { age_s, status } in vessel.drones.iter() {
         let is_received = *age_s <= LOST_CONTACT_S;
         let distance = status.deck_distance_m.map(|d| rounded(d.into(), 10.0));
+        let battery = status.battery.map(|b| rounded(b, 100.0));
+        let of = |name: &str, value| (format!("{own}.drones.{}.{name}", status.header.drone), value);
         all.extend([
-            of(status.header.drone, "received", json!(is_received)),
-            of(status.header.drone, "state", json!(status.state.name())),
-            of(status.header.drone, "armed", json!(status.armed)),
-            of(
-                status.header.drone,
-                "battery",
-                json!(status.battery.map(|b| rounded(b, 100.0))),
-            ),
-            of(status.header.drone, "deckDistance", json!(distance)),
+            of("received", json!(is_received)),
+            of("state", json!(status.state.name())),
+            of("armed", json!(status.armed)),
+            of("battery", json!(battery)),
+            of("deckDistance", json!(distance)),
         ]);
     }
 }
 
-fn of_drone(status: &Status, s: &Situation, all: &mut Vec<(String, Value)>) {
-    let Some(number) = s.known.drone_id else { return };
+fn of_drone(own: &str, status: &Status, all: &mut Vec<(String, Value)>) {
+    let s = &status.situation;
     let autopilot = s.seen.autopilot.fresh(s.now_ns);
     let place = s.seen.drone.fresh(s.now_ns).map(|d| {
         let place = d
@@ -148,26 +216,17 @@ fn of_drone(status: &Status, s: &Situation, all: &mut Vec<(String, Value)>) {
             "altitude": rounded(place.height_m, 100.0),
         })
     });
+    let state = status.state.as_ref().filter(|s| !s.stale).map(|s| &s.name);
+    let battery = autopilot.and_then(|a| a.battery).map(|b| rounded(b, 100.0));
+    let of = |name: &str, value| (format!("{own}.{name}"), value);
     all.extend([
-        of(
-            number,
-            "state",
-            json!(status.state.as_ref().filter(|s| !s.stale).map(|s| &s.name)),
-        ),
-        of(number, "armed", json!(autopilot.map(|a| a.armed))),
-        of(
-            number,
-            "battery",
-            json!(autopilot.and_then(|a| a.battery).map(|b| rounded(b, 100.0))),
-        ),
-        of(number, "position", json!(place)),
+        of("state", json!(state)),
+        of("armed", json!(autopilot.map(|a| a.armed))),
+        of("battery", json!(battery)),
+        of("position", json!(place)),
     ]);
 }
 
-/// A value of a drone.
-fn of(drone: u32, name: &str, value: Value) -> (String, Value) {
-    (format!("drones.{drone}.{name}"), value)
-}
 fn rounded(x: f64, steps: f64) -> f64 {
     (x * steps).round() / steps
 }
@@ -176,10 +235,11 @@ fn rounded(x: f64, steps: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::status::finding::Topic;
-    use alight_computer::config::VesselComputer;
+    use alight_computer::config::{DroneComputer, VesselComputer};
     use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;
-    use alight_shared::msg::{DroneStatus, Header, Seq};
+    use alight_computer::situation::Situation;
+    use alight_shared::msg::{AutopilotState, DroneState, DroneStatus, Header, Seq};
     use alight_shared::time::Time;
 
     const S: i64 = 1_000_000_000;
@@ -189,6 +249,127 @@ mod tests {
             running: true,
             findings,
             ..Status::default()
+        }
+    }
+    /// Drone 3, as the vessel received it.
+    fn contact(age_s: f64) -> DroneContact {
+        DroneContact {
+            age_s,
+            status: DroneStatus {
+                header: Header::new(1, 3, 1, 0, Time::EPOCH),
+                battery: Some(0.777),
+                deck_distance_m: Some(12.34),
+                ..DroneStatus::default()
+            },
+        }
+    }
+    /// A computer's status by its report.
+    fn judged(known: Known, go: Go) -> Status {
+        let mut snapshot = Snapshot {
+            computer: known.into(),
+            ..Snapshot::default()
+        };
+        let mut hers = VesselStatus {
+            deck_owner: Some(3),
+            drones: Seq::filled([contact(1.0)]),
+            ..VesselStatus::default()
+        };
+        hers.estimator.waves = Some([0.9, 0.8]);
+        snapshot.vessel.set(0, known.vessel.is_some().then_some(hers));
+        if known.vessel.is_none() {
+            snapshot.drone.set(0, Some(DroneState::default()));
+            let autopilot = AutopilotState {
+                battery: Some(0.5),
+                ..AutopilotState::default()
+            };
+            snapshot.autopilot.set(0, Some(autopilot));
+        }
+        Status {
+            go,
+            situation: Situation::of(&snapshot, 0),
+            ..with_findings(vec![Topic("processes").warning("late", "look")])
+        }
+    }
+    fn vessel() -> Known {
+        Facts::vessel(&VesselComputer::default()).report
+    }
+    fn drone() -> Known {
+        Known {
+            drone_id: Some(3),
+            ..Facts::drone(&DroneComputer::default()).report
+        }
+    }
+    fn parsed(delta: Option<String>) -> Value {
+        serde_json::from_str(&delta.unwrap()).unwrap()
+    }
+
+    /// No path is written by both computers, and the worst of both is the vessel's to write.
+    #[test]
+    fn paths_of_two_computers() {
+        let computers = [
+            judged(vessel(), Go::barred("drone 3: Landed")),
+            judged(drone(), Go::of(&[], None)),
+        ];
+        let deltas = computers.map(|status| Deltas::default().delta(&status, 0));
+        let source = |delta: &Option<String>| parsed(delta.clone())["updates"][0]["$source"].clone();
+        assert_eq!(
+            deltas.each_ref().map(source),
+            [json!("alight.vessel"), json!("alight.drones.3")]
+        );
+        let [hers, its] = deltas.map(sent);
+        let both: Vec<&String> = hers.keys().filter(|path| its.contains_key(*path)).collect();
+        assert!(both.is_empty(), "{both:?}");
+        assert_eq!(hers["alight.vessel.landing.go"], true);
+        assert_eq!(hers["alight.landing.go"], false);
+        assert_eq!(hers["alight.landing.why"], "drone 3: Landed");
+        assert_eq!(its["alight.drones.3.landing.go"], true);
+        assert!(hers.contains_key("notifications.alight.vessel.processes"));
+        assert!(its.contains_key("notifications.alight.drones.3.processes"));
+    }
+
+    #[test]
+    fn units_of_every_number() {
+        for known in [vessel(), drone()] {
+            let (mut deltas, status) = (Deltas::default(), judged(known, Go::default()));
+            let delta = parsed(deltas.delta(&status, 0));
+            let list = |update: usize, of: &str| delta["updates"][update][of].as_array().unwrap().clone();
+            let meta: BTreeMap<String, Value> = (list(1, "meta").iter())
+                .map(|m| (m["path"].as_str().unwrap().to_owned(), m["value"].clone()))
+                .collect();
+            let mut numbers = 0;
+            for value in list(0, "values") {
+                let path = value["path"].as_str().unwrap();
+                if value["value"].is_number() {
+                    numbers += 1;
+                    // The number of a drone is a name.
+                    let is_name = path == "alight.deck.drone";
+                    assert!(meta[path]["units"].is_string() != is_name, "{path}: {meta:?}");
+                }
+                for (name, part) in value["value"].as_object().into_iter().flatten() {
+                    let units = |m: &Value| m["properties"][name]["units"].is_string();
+                    let has = meta.get(path).is_some_and(units);
+                    assert!(has || !part.is_number(), "{path}.{name}");
+                }
+            }
+            assert!(numbers > 0);
+            // Once to each server.
+            let mut other = status.clone();
+            other.running = false;
+            assert_eq!(
+                parsed(deltas.delta(&other, S))["updates"]
+                    .as_array()
+                    .unwrap()
+                    .len(),
+                1
+            );
+            deltas.forget();
+            assert_eq!(
+                parsed(deltas.delta(&status, 2 * S))["updates"]
+                    .as_array()
+                    .unwrap()
+                    .len(),
+                2
+            );
         }
     }
     /// Paths and values of a delta.
@@ -214,7 +395,7 @@ mod tests {
             ])
         };
         let first = sent(deltas.delta(&old("1 s"), 0));
-        let at = |all: &BTreeMap<String, Value>| all.get("notifications.alight.link").cloned();
+        let at = |all: &BTreeMap<String, Value>| all.get("notifications.alight.drone.link").cloned();
         assert_eq!(
             at(&first),
             Some(json!({"state": "warn", "method": ["visual"], "message": "1 s old (antenna)"}))
@@ -226,7 +407,10 @@ mod tests {
         // Another state at once; what is fine from the start is not sent.
         let broken = with_findings(vec![link.broken("none", ""), Topic("deck").fine("free")]);
         let worse = sent(deltas.delta(&broken, 12 * S));
-        assert_eq!(worse.keys().collect::<Vec<_>>(), ["notifications.alight.link"]);
+        assert_eq!(
+            worse.keys().collect::<Vec<_>>(),
+            ["notifications.alight.drone.link"]
+        );
         assert_eq!(at(&worse).unwrap()["method"], json!(["visual", "sound"]));
         let fine = at(&sent(deltas.delta(&with_findings(Vec::new()), 13 * S))).unwrap();
         assert_eq!(
@@ -241,15 +425,6 @@ mod tests {
     #[test]
     fn values_of_a_vessel_and_what_is_not_known_any_more() {
         let told = Facts::vessel(&VesselComputer::default()).report;
-        let contact = |age_s| DroneContact {
-            age_s,
-            status: DroneStatus {
-                header: Header::new(1, 3, 1, 0, Time::EPOCH),
-                battery: Some(0.777),
-                deck_distance_m: Some(12.34),
-                ..DroneStatus::default()
-            },
-        };
         let status = |drones: &[DroneContact]| {
             let mut seen = Snapshot {
                 computer: told.into(),
@@ -268,12 +443,12 @@ mod tests {
         let mut deltas = Deltas::default();
         let all = sent(deltas.delta(&status(&[contact(1.0)]), 0));
         assert_eq!(all["alight.deck.drone"], 3);
-        assert_eq!(all["alight.drones.3.battery"], 0.78);
-        assert_eq!(all["alight.drones.3.deckDistance"], 12.3);
+        assert_eq!(all["alight.vessel.drones.3.battery"], 0.78);
+        assert_eq!(all["alight.vessel.drones.3.deckDistance"], 12.3);
         let lost = sent(deltas.delta(&status(&[contact(9.0)]), S));
-        assert_eq!(lost["alight.drones.3.received"], false);
+        assert_eq!(lost["alight.vessel.drones.3.received"], false);
         let gone = sent(deltas.delta(&status(&[]), 2 * S));
-        assert_eq!(gone["alight.drones.3.battery"], Value::Null);
+        assert_eq!(gone["alight.vessel.drones.3.battery"], Value::Null);
         // It is said once, and kept no longer.
         assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
         let later = sent(deltas.delta(&status(&[]), 3 * S));

@@ -59,9 +59,9 @@ fn signalk_client_across_a_restart_of_the_server() {
                 .map(|v| v["value"].clone())
         };
         // Nothing runs: every connection is sent all of it.
-        assert_eq!(of("alight.running"), Some(false.into()), "{delta}");
+        assert_eq!(of("alight.drones.1.running"), Some(false.into()), "{delta}");
         assert_eq!(
-            of("notifications.alight.processes").unwrap()["state"],
+            of("notifications.alight.drones.1.processes").unwrap()["state"],
             "warn",
             "{delta}"
         );

@@ -56,14 +56,25 @@ impl Order {
             None => Progress::UnderWay(self.sending.is_due(now).then_some(self.command)),
         }
     }
-    /// Why it was given up, for people.
+    /// Why it was given up, for people: the mission's reason in full where it rejects the order, as far as one STATUSTEXT holds it.
     pub(super) fn refusal(&self, mission: Option<&MissionState>) -> String {
         let (_, order) = named(self.command.kind);
-        let why = mission.map_or("no mission reports".into(), |m| {
-            let own = m.rejected.filter(|_| self.answered(m).is_some());
-            m.state.because(&own.unwrap_or(m.waiting))
-        });
-        format!("{order} was not taken: {why}")
+        let Some(m) = mission else {
+            return format!("{order} was not taken: no mission reports");
+        };
+        match m.rejected.filter(|_| self.answered(m).is_some()) {
+            Some(why) => {
+                let (_, name) = order.split_once(' ').unwrap_or(("", order));
+                let why = why.to_string();
+                // Some reasons name the order themselves.
+                if why.starts_with("no ") {
+                    why
+                } else {
+                    format!("no {name}: {why}")
+                }
+            }
+            None => format!("{order} was not taken: {}", m.state.because(&m.waiting)),
+        }
     }
 }
 

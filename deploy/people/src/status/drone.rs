@@ -15,6 +15,7 @@ use alight_shared::topics;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use super::finding::{Finding, Topic};
+use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 
 /// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
@@ -161,17 +162,36 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     }
 }
 
+/// Whether a landing may be ordered now, or go on.
+pub fn go(s: &Situation, findings: &[Finding]) -> Go {
+    let mission = s.seen.mission.fresh(s.now_ns);
+    let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
+    Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
+}
+
 /// What is not known that a landing needs.
-pub fn unknown(s: &Situation) -> Option<&'static str> {
+fn unknown(s: &Situation) -> Option<&'static str> {
     let seen = &s.seen;
-    if seen.mission.fresh(s.now_ns).is_none() {
-        Some("no mission reports")
-    } else if seen.autopilot.fresh(s.now_ns).is_none() {
+    let Some(mission) = seen.mission.fresh(s.now_ns) else {
+        return Some("no mission reports");
+    };
+    if seen.autopilot.fresh(s.now_ns).is_none() {
         Some("no message of the autopilot")
     } else if seen.forecast.fresh(s.now_ns).is_none() {
         Some("no forecast of the deck")
+    } else if let Some(missing) = no_waves(s, mission) {
+        Some(missing)
     } else {
-        None
+        mission.wind.is_none().then_some(go::NO_WIND)
+    }
+}
+
+/// Unknown waves of the vessel, where a landing needs her computer.
+fn no_waves(s: &Situation, mission: &MissionState) -> Option<&'static str> {
+    match (mission.least_vessel, s.seen.wave.fresh(s.now_ns)) {
+        (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
+        (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
+        (VesselLevel::Computer, Some(wave)) => go::no_forecast(wave.confidence.into()),
     }
 }
 
@@ -457,227 +477,4 @@ fn shadow(s: &ShadowComparison) -> Figure {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::status::Status;
-    use alight_computer::exit::Exit;
-    use alight_computer::process::snapshot::Newest;
-    use alight_computer::process::snapshot::Snapshot;
-    use alight_shared::msg::{ComputerReport, DeckForecast, Header, LinkState, MissionSettings, Reason, Seq};
-    use alight_shared::plain::Plain;
-    use alight_shared::process::ProcessState;
-    use alight_uav::computer::PROCESSES;
-
-    const NOW_NS: i64 = 100_000_000_000;
-
-    fn mission(state: State, waiting: ReasonCode) -> MissionState {
-        MissionState {
-            header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
-            state,
-            since: Time::from_secs(12.0),
-            entered: ReasonCode::InSight.into(),
-            waiting: Reason::new(waiting, 0.31, 0.2),
-            battery_reserve: 0.34,
-            ..MissionState::default()
-        }
-    }
-    /// It came just now.
-    fn came<T: Plain>(value: T) -> Newest<T> {
-        let mut newest = Newest::default();
-        newest.set(NOW_NS, Some(value));
-        newest
-    }
-    fn status(seen: &Snapshot, now_ns: i64) -> Status {
-        Status::of(Situation::of(seen, now_ns))
-    }
-    fn told() -> ComputerReport {
-        ComputerReport {
-            title: "default".into(),
-            processes: Seq::filled(PROCESSES.iter().copied()),
-            ..ComputerReport::default()
-        }
-    }
-    fn flying() -> Snapshot {
-        let report = |kind| ProcessState {
-            kind,
-            at_ns: NOW_NS,
-            ..ProcessState::default()
-        };
-        Snapshot {
-            computer: told().into(),
-            processes: PROCESSES.iter().map(|k| (*k, report(*k))).collect(),
-            mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
-            autopilot: came(AutopilotState {
-                armed: true,
-                battery: Some(0.8),
-                ..AutopilotState::default()
-            }),
-            link: came(LinkState {
-                age_s: 0.06,
-                ..LinkState::default()
-            }),
-            ..Snapshot::default()
-        }
-    }
-    fn texts(snapshot: &Snapshot) -> Vec<String> {
-        let text = status(snapshot, NOW_NS).text();
-        text.lines().map(str::to_owned).collect()
-    }
-
-    #[test]
-    fn status_page_of_a_flying_drone() {
-        let lines = texts(&flying());
-        assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
-        for (label, part) in [
-            ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
-            ("distance", "no forecast"),
-            ("link", "60.0 ms old"),
-            ("battery", "80 %, needs 34 %"),
-            ("autopilot", "armed"),
-            ("processes", "8 run, bridge"),
-            ("alarms", "none"),
-        ] {
-            let line = lines.iter().find(|l| l.starts_with(label));
-            assert!(line.is_some_and(|l| l.contains(part)), "{label}: {lines:?}");
-        }
-        assert_eq!(status(&flying(), NOW_NS).worst.exit(), Exit::Success);
-    }
-
-    #[test]
-    fn status_page_with_every_alarm() {
-        let mut s = flying();
-        s.processes.clear();
-        s.computer = came(ComputerReport {
-            edited: Some("drone.toml was edited since the start".into()),
-            ..told()
-        });
-        s.mission = came(MissionState {
-            settings: MissionSettings {
-                mode: LandingMode::Shadow,
-                ..MissionSettings::default()
-            },
-            waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
-            ..mission(State::Landed, ReasonCode::None)
-        });
-        s.autopilot = came(AutopilotState {
-            armed: true,
-            battery: Some(0.1),
-            rejection: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
-            shadow: Some(ShadowComparison::default()),
-            ..AutopilotState::default()
-        });
-        s.link = came(LinkState {
-            age_s: f64::INFINITY,
-            second_sender: Some(7),
-            ..LinkState::default()
-        });
-        let lines = texts(&s);
-        assert!(
-            lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
-            "{lines:?}"
-        );
-        let has = |part: &str| lines.iter().any(|l| l.contains(part));
-        for part in [
-            "still ARMED",
-            "no report of bridge",
-            "no landing:",
-            "battery at 10 %",
-            "a SECOND COMPUTER",
-            "was edited",
-            "no vessel received yet",
-        ] {
-            assert!(has(part), "{part}: {lines:?}");
-        }
-        assert_eq!(status(&s, NOW_NS).worst.exit(), Exit::Broken);
-    }
-
-    #[test]
-    fn silent_vessel_with_its_tags_in_sight() {
-        let mut s = flying();
-        s.link = came(LinkState {
-            age_s: f64::INFINITY,
-            ..LinkState::default()
-        });
-        s.forecast = came(DeckForecast {
-            radio_age_s: f64::INFINITY,
-            vision_age_s: 0.1,
-            ..DeckForecast::default()
-        });
-        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
-            s.mission = came(MissionState {
-                least_vessel,
-                ..mission(State::Tracking, ReasonCode::NotIdentified)
-            });
-            let all = findings(&Situation::of(&s, NOW_NS));
-            let link = all.iter().find(|f| f.topic == "link");
-            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
-        }
-        // A beacon leads to it, where that is permitted.
-        s.forecast = came(DeckForecast {
-            radio_age_s: f64::INFINITY,
-            vision_age_s: f64::INFINITY,
-            beacon: Some([12.0, 0.8]),
-            ..DeckForecast::default()
-        });
-        for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
-            s.mission = came(MissionState {
-                least_vessel,
-                ..mission(State::Search, ReasonCode::Searching)
-            });
-            let all = findings(&Situation::of(&s, NOW_NS));
-            let link = all.iter().find(|f| f.topic == "link");
-            assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
-        }
-    }
-
-    /// A service that was started anew: of its processes one has reported so far.
-    #[test]
-    fn processes_that_have_just_started() {
-        let mut seen = flying();
-        seen.processes.retain(|kind, _| *kind == PROCESSES[0]);
-        let mut missing = |since_s: i64| {
-            seen.since_ns = NOW_NS - since_s * 1_000_000_000;
-            let all = status(&seen, NOW_NS).findings;
-            all.iter().any(|f| f.found.starts_with("no report of"))
-        };
-        assert!(!missing(1) && missing(2));
-    }
-
-    #[test]
-    fn status_page_key() {
-        let key = |s: &Snapshot, now_ns| status(s, now_ns).key();
-        let mut other = flying();
-        let before = key(&other, NOW_NS);
-        other.link = came(LinkState {
-            age_s: 0.09,
-            ..LinkState::default()
-        });
-        other.mission = came(MissionState {
-            waiting: Reason::new(ReasonCode::TooSteep, 0.4, 0.2),
-            ..mission(State::Tracking, ReasonCode::TooSteep)
-        });
-        assert_eq!(key(&other, NOW_NS), before);
-        assert_ne!(key(&other, NOW_NS + 60_000_000_000), before, "silent processes");
-        other.mission = came(mission(State::Descent, ReasonCode::TooSteep));
-        assert_ne!(key(&other, NOW_NS), before);
-    }
-
-    #[test]
-    fn status_page_shadow_line() {
-        let s = ShadowComparison {
-            tilt: [0.1, -0.05],
-            thrust: 0.41,
-            apart_rad: 0.02,
-            apart_mps: 0.3,
-            ..ShadowComparison::default()
-        };
-        assert_eq!(
-            shadow(&s),
-            Figure::of(
-                "shadow",
-                "would command roll 5.7 pitch -2.9 deg, thrust 0.41",
-                "apart by 1.1 deg, 0.30 m/s"
-            )
-        );
-    }
-}
+mod tests;

@@ -1,6 +1,6 @@
 //! GO or NO-GO for a landing, and the stages of one.
 
-use alight_shared::msg::State;
+use alight_shared::msg::{Reason, State};
 use serde::Serialize;
 
 use super::finding::{Finding, Level};
@@ -16,7 +16,25 @@ const STAGES: [State; 7] = [
     State::Landed,
 ];
 
-/// Whether a landing may go on, in one word and one sentence.
+/// A forecast of less than this quality is shown as one of 0 %.
+const NO_QUALITY: f64 = 0.005;
+/// Text for an unknown wind.
+pub const NO_WIND: &str = "the wind is not known yet";
+
+/// Text for a forecast without this quality, 0 to 1; None: it has some.
+pub fn no_forecast(quality: f64) -> Option<&'static str> {
+    let none = !(quality >= NO_QUALITY);
+    none.then_some("forecast quality 0 %: the vessel's motion is not identified yet, or she lies still")
+}
+
+/// Reason against an order to land in a state that was `entered` so: the drone stands, is to take off, or has given up, be it by
+/// an abort; None: a landing may be ordered, or goes on.
+pub fn barred(state: State, entered: &Reason) -> Option<String> {
+    let bars = state.ending().is_some() || state.stands_for_take_off() || state == State::TakeOff;
+    bars.then(|| state.because(entered))
+}
+
+/// Whether a landing may be ordered now, or go on, with the reason in one sentence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Go {
     /// None: not known.
@@ -26,21 +44,41 @@ pub struct Go {
 }
 
 impl Go {
+    /// One that is not known, because this is missing.
+    pub fn unknown(missing: impl Into<String>) -> Go {
+        Go {
+            go: None,
+            why: missing.into(),
+        }
+    }
+    /// A NO-GO for this reason.
+    pub fn barred(why: impl Into<String>) -> Go {
+        Go {
+            go: Some(false),
+            why: why.into(),
+        }
+    }
+    /// The worse of both, of equals the first: a NO-GO before what is not known, that before a GO.
+    pub fn worse(self, other: Option<Go>) -> Go {
+        let rank = |go: &Go| match go.go {
+            Some(false) => 2,
+            None => 1,
+            Some(true) => 0,
+        };
+        match other {
+            Some(other) if rank(&other) > rank(&self) => other,
+            Some(_) | None => self,
+        }
+    }
     /// By what was found; `unknown` says what is missing for a judgement.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
         // Of several the worst; of equals the first.
         let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
-            return Go {
-                go: Some(false),
-                why: format!("{}: {}", f.topic, f.found),
-            };
+            return Go::barred(format!("{}: {}", f.topic, f.found));
         }
         if let Some(missing) = unknown {
-            return Go {
-                go: None,
-                why: missing.into(),
-            };
+            return Go::unknown(missing);
         }
         let why = match findings.iter().filter(|f| f.level > Level::Fine).count() {
             0 => "nothing stands against a landing".into(),
@@ -96,6 +134,7 @@ pub fn stages(state: State) -> Vec<Stage> {
 mod tests {
     use super::*;
     use crate::status::finding::Topic;
+    use alight_shared::msg::ReasonCode;
 
     #[test]
     fn go_and_what_stops_it() {
@@ -126,6 +165,33 @@ mod tests {
             (None, "no mission reports".into())
         );
         assert_eq!(go(&[&link], Some("no mission reports")).0, Some(false));
+    }
+
+    #[test]
+    fn worse_of_two_goes() {
+        let go = || Go::of(&[], None);
+        let (unknown, barred) = (|| Go::unknown("no wind"), || Go::barred("Landed"));
+        assert_eq!(go().worse(None), go());
+        assert_eq!(go().worse(Some(unknown())), unknown());
+        assert_eq!(unknown().worse(Some(go())), unknown());
+        assert_eq!(unknown().worse(Some(barred())), barred());
+        assert_eq!(barred().worse(Some(unknown())), barred());
+    }
+
+    #[test]
+    fn states_in_which_no_landing_is_ordered() {
+        let why = |state, code: ReasonCode| barred(state, &code.into());
+        assert_eq!(
+            why(State::GaveUp, ReasonCode::Operator).as_deref(),
+            Some("Gave up: operator's command")
+        );
+        let bars = |state| why(state, ReasonCode::None).is_some();
+        assert!([State::Landed, State::Preparing, State::TakeOff, State::StandDown].map(bars) == [true; 4]);
+        // The mission takes an order in a climb after a take-off, and one goes on in a descent.
+        assert!([State::Idle, State::Hold, State::ClimbOut, State::Descent].map(bars) == [false; 4]);
+        assert!(
+            no_forecast(0.004).is_some() && no_forecast(f64::NAN).is_some() && no_forecast(0.3).is_none()
+        );
     }
 
     #[test]

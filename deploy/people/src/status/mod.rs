@@ -115,7 +115,7 @@ pub struct Status {
     pub running: bool,
     /// How it is, in one clause.
     pub headline: String,
-    /// Whether a landing may go on.
+    /// Whether a landing may be ordered now, or go on; of a vessel with what her foremost drone reports.
     pub go: Go,
     /// The state of the landing; None: not known.
     pub state: Option<StateView>,
@@ -172,12 +172,10 @@ impl Status {
                 (state, headline, figures, compass::of_drone(&situation))
             }
         };
-        // A vessel is judged without a drone, too.
-        let unknown = match situation.vessel() {
-            Some(_) => None,
-            None => drone::unknown(&situation),
+        let go = match situation.vessel() {
+            Some((_, status)) => vessel::go(&findings, status),
+            None => drone::go(&situation, &findings),
         };
-        let go = Go::of(&findings, unknown);
         // Of several drones each has a figure, which judges itself.
         for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);

@@ -11,6 +11,7 @@ use alight_shared::msg::{
 use alight_shared::process::ProcessKind;
 
 use super::finding::{Finding, Level, Topic};
+use super::go::Go;
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
 
@@ -142,7 +143,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         )
     }));
     all.extend(deck.aborts.iter().map(|id| {
-        TOPIC.warning(
+        TOPIC.stopping(
             format!("drone {id} has not acknowledged an abort"),
             "it is repeated until it does",
         )
@@ -288,6 +289,43 @@ fn foremost(status: &VesselStatus) -> Option<&DroneContact> {
         .find(|d| Some(d.status.header.drone) == status.deck_owner);
     let newest = status.drones.iter().min_by(|a, b| a.age_s.total_cmp(&b.age_s));
     owner.or(newest)
+}
+
+/// Whether a landing may be ordered by what the vessel knows of herself.
+pub fn own_go(findings: &[Finding], status: &VesselStatus) -> Go {
+    let own = findings.iter().filter(|f| f.topic != DRONES);
+    let own: Vec<Finding> = own.cloned().collect();
+    Go::of(&own, no_waves(status))
+}
+
+/// The worse of that and of what the foremost drone reports.
+pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
+    Go::of(findings, no_waves(status)).worse(foremost_go(status))
+}
+
+/// Unknown waves, which a landing needs.
+fn no_waves(status: &VesselStatus) -> Option<&'static str> {
+    match status.estimator.waves {
+        Some([_, quality]) => go::no_forecast(quality),
+        None => Some("the waves are not known yet"),
+    }
+}
+
+/// Reason against an order by the foremost drone's report; None: there is no such reason.
+fn foremost_go(status: &VesselStatus) -> Option<Go> {
+    let Some(d) = foremost(status) else {
+        return Some(Go::unknown("no drone is received"));
+    };
+    let number = d.status.header.drone;
+    if d.age_s > LOST_CONTACT_S {
+        let ago = time(d.age_s);
+        return Some(Go::unknown(format!("drone {number} was received {ago} ago")));
+    }
+    if let Some(why) = go::barred(d.status.state, &d.status.entered) {
+        return Some(Go::barred(format!("drone {number}: {why}")));
+    }
+    let windless = d.status.wind.is_none();
+    windless.then(|| Go::unknown(format!("drone {number}: {}", go::NO_WIND)))
 }
 
 /// The state of the foremost drone.

@@ -1,9 +1,10 @@
 //! `alight tag`: the deck's tags as a list for the configuration and as sheets to print.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use alight_computer::config::DroneComputer;
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::subject::SHIPPED;
 use alight_computer::terminal;
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
@@ -15,9 +16,12 @@ use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};
 /// The deck's tags.
 #[derive(Args, Debug)]
 pub struct TagArgs {
-    /// Configuration of the drone's computer, whose deck and tags are meant [default: the shipped one's]
+    /// Configuration of the drone's computer, whose vessel, deck and tags are meant [default: /etc/alight/drone.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// The shipped configuration's deck, in the place of this computer's; its tags have numbers that any boat may have
+    #[arg(long, conflicts_with = "config")]
+    pub shipped: bool,
     /// The tags that are suggested for the deck's size, in the place of those that are configured
     #[arg(long)]
     pub suggest: bool,
@@ -56,12 +60,30 @@ impl Paper {
     }
 }
 
+/// The configuration that is meant, and where it is from; `installed`: where this computer's is.
+fn meant(args: &TagArgs, installed: &Path) -> Result<(DroneComputer, String), CliError> {
+    if args.shipped {
+        return Ok((DroneComputer::default(), "the shipped configuration".into()));
+    }
+    let path = match &args.config {
+        Some(path) => path.as_path(),
+        // One that may not be read is not missing: to read it fails with that reason.
+        None if installed.try_exists().unwrap_or(true) => installed,
+        None => {
+            return Err(CliError(format!(
+                "this computer has no {}, which names the tags: name the drone's configuration with --config (alight init \
+                 writes one); --shipped takes the shipped deck's tags, whose numbers any boat may have",
+                installed.display()
+            )));
+        }
+    };
+    Ok((config::load(path)?, path.display().to_string()))
+}
+
 /// Prints the list and writes the sheets.
 pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
-    let computer = match &args.config {
-        Some(path) => config::load::<DroneComputer>(path)?,
-        None => DroneComputer::default(),
-    };
+    let [_, installed] = SHIPPED.map(Path::new);
+    let (computer, from) = meant(args, installed)?;
     let drone = computer.drone;
     let deck = drone.deck;
     let tags = if args.suggest {
@@ -70,14 +92,17 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
         drone.tags()
     };
     // What is printed and glued keeps its numbers unless it is asked for others.
-    let vessel = args.vessel.or(args.suggest.then_some(computer.bridge.vessel_id));
-    let tags = vessel.map_or(tags, |vessel| of_vessel(&tags, vessel));
+    let configured = computer.bridge.vessel_id;
+    let numbered = args.vessel.or(args.suggest.then_some(configured));
+    let tags = numbered.map_or(tags, |vessel| of_vessel(&tags, vessel));
+    let whose = format!("Vessel {}, {}", numbered.unwrap_or(configured), numbers(&tags));
+    terminal::note(true, format!("alight tag: {whose}, by {from}"));
     terminal::line(listed(&tags));
     for fault in faults(&tags, &deck) {
         terminal::note(true, format!("alight tag: {fault}"));
     }
     if let Some(path) = &args.pdf {
-        let (bytes, pages) = Sheets::print(&deck, &tags, args.paper);
+        let (bytes, pages) = Sheets::print(&whose, &deck, &tags, args.paper);
         std::fs::write(path, bytes).doing(format!("writing {}", path.display()))?;
         let text = format!(
             "{}: {pages} pages. Print at 100 %, without fitting to the page.",
@@ -86,6 +111,16 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
         terminal::note(true, text);
     }
     Ok(Exit::Success)
+}
+
+/// Count of the tags, and their smallest and largest numbers.
+fn numbers(tags: &[DeckTag]) -> String {
+    let ids = || tags.iter().map(|tag| tag.id);
+    match (tags.len(), ids().min(), ids().max()) {
+        (1, Some(id), _) => format!("tag {id}"),
+        (count, Some(smallest), Some(largest)) => format!("{count} tags {smallest} to {largest}"),
+        (_, _, _) => "no tags".into(),
+    }
 }
 
 /// A tag as the drone's configuration has it, on a line of its own.
@@ -182,14 +217,17 @@ impl Page {
 
 /// The pages.
 struct Sheets {
+    /// Vessel and numbers, which every sheet has.
+    whose: String,
     paper: Paper,
     pages: Vec<Page>,
 }
 
 impl Sheets {
     /// The PDF and how many pages it has.
-    fn print(deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
+    fn print(whose: &str, deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
         let mut sheets = Sheets {
+            whose: whose.into(),
             paper,
             pages: Vec::new(),
         };
@@ -210,10 +248,11 @@ impl Sheets {
         let (cx, cy) = (0.5 * width, height - 2.0 * BORDER_MM - 0.5 * length_mm * scale);
         let mut y = height - BORDER_MM;
         let title = format!(
-            "Deck {length_mm:.0} x {across_mm:.0} mm from above, scale 1 : {:.1}; forward is up",
+            "{}: deck {length_mm:.0} x {across_mm:.0} mm from above, scale 1 : {:.1}; forward is up",
+            self.whose,
             1.0 / scale
         );
-        page.text(BORDER_MM, y, 4.0, &title);
+        page.text(BORDER_MM, y, 3.5, &title);
         let (x0, y0) = (cx - 0.5 * across_mm * scale, cy - 0.5 * length_mm * scale);
         page.rectangle(x0, y0, across_mm * scale, length_mm * scale)
             .stroke();
@@ -282,6 +321,7 @@ impl Sheets {
                 column + 1
             );
             page.text(BORDER_MM, y + height + MARK_MM[0] + 3.0, 3.0, &words);
+            page.text(BORDER_MM, y - MARK_MM[0] - 4.0, 3.0, &self.whose);
             page.ruler();
             self.pages.push(page);
         }
@@ -326,6 +366,52 @@ mod tests {
         assert_eq!(*read.drone.tags(), *tags);
     }
 
+    fn written(sheets: (Vec<u8>, usize)) -> String {
+        String::from_utf8_lossy(&sheets.0).into_owned()
+    }
+
+    /// The tags are this computer's, and one without a configuration is an error.
+    #[test]
+    fn tags_of_this_computer() {
+        let directory = std::env::temp_dir().join(format!("alight-tag-{}", std::process::id()));
+        std::fs::create_dir_all(&directory).unwrap();
+        let installed = directory.join("drone.toml");
+        let args = |config: Option<&Path>, shipped| TagArgs {
+            config: config.map(Path::to_path_buf),
+            shipped,
+            suggest: false,
+            vessel: None,
+            pdf: None,
+            paper: Paper::A4,
+        };
+        let first = |args: &TagArgs| meant(args, &installed).map(|(c, _)| c.drone.tags()[0].id);
+        let why = first(&args(None, false)).unwrap_err().to_string();
+        assert!(why.contains("--config") && why.contains("--shipped"), "{why}");
+        assert_eq!(first(&args(None, true)).unwrap(), 0);
+        let tags = of_vessel(&suggested(2.5, 1.7), 1);
+        std::fs::write(&installed, listed(&tags)).unwrap();
+        assert_eq!(first(&args(None, false)).unwrap(), 48);
+        assert_eq!(first(&args(None, true)).unwrap(), 0);
+        assert_eq!(first(&args(Some(installed.as_path()), false)).unwrap(), 48);
+        std::fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn sheets_name_vessel_numbers_and_size() {
+        let tags = of_vessel(&suggested(2.5, 1.7), 1);
+        let whose = format!("Vessel 1, {}", numbers(&tags));
+        assert_eq!(whose, "Vessel 1, 11 tags 48 to 58");
+        let sheets = Sheets::print(&whose, &DeckGeometry::default(), &tags, Paper::A0);
+        let pages = sheets.1;
+        let text = written(sheets);
+        assert_eq!(text.matches("Vessel 1, 11 tags 48 to 58").count(), pages);
+        for tag in tags.iter() {
+            let own = format!("Tag {} of 36h11, black side {:.1} mm", tag.id, 1e3 * tag.side_m);
+            assert!(text.contains(&own), "{own}");
+        }
+        assert_eq!(numbers(&[]), "no tags");
+    }
+
     #[test]
     fn tag_sheets_at_true_scale() {
         let deck = DeckGeometry::default();
@@ -337,13 +423,13 @@ mod tests {
         };
         // 125 mm fit on A4; 1 m is 6 x 4 tiles of 180 x 267 mm there, and 2 x 1 on A0.
         for (side_m, paper, tiles) in [(0.1, Paper::A4, 1), (0.8, Paper::A4, 24), (0.8, Paper::A0, 2)] {
-            let (bytes, pages) = Sheets::print(&deck, &one(side_m), paper);
+            let (bytes, pages) = Sheets::print("Vessel 1", &deck, &one(side_m), paper);
             assert_eq!(pages, 1 + tiles, "{side_m} m on {paper:?}");
             let text = String::from_utf8_lossy(&bytes);
             assert!(text.starts_with("%PDF-") && text.contains("/Count "), "{side_m}");
         }
         // The black square's width in the tile's own millimetres.
-        let (bytes, _) = Sheets::print(&deck, &one(0.1), Paper::A4);
+        let (bytes, _) = Sheets::print("Vessel 1", &deck, &one(0.1), Paper::A4);
         assert!(String::from_utf8_lossy(&bytes).contains(" 100 100 re"));
     }
 }

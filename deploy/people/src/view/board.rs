@@ -144,6 +144,10 @@ impl Board {
     }
     /// A step of the mission.
     pub fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
+        let was_armed = self.situation.seen.autopilot.map(|a| a.armed);
+        if was_armed == Some(false) && i.autopilot.is_some_and(|a| a.armed) {
+            self.flight_begins();
+        }
         self.situation.seen.autopilot.set(t.nanos(), i.autopilot);
         if let Some(m) = &o.state {
             self.entered(t, m);
@@ -189,11 +193,18 @@ impl Board {
         self.motion.add(t, sample);
     }
 
+    /// Drops the answer to an order of the flight before.
+    fn flight_begins(&mut self) {
+        self.order.answer.clear();
+    }
     /// Keeps a change of state, and what it ends.
     fn entered(&mut self, t: Time<TrueTime>, m: &MissionState) {
         let before = self.shown.replace(m.state);
         if before == Some(m.state) {
             return;
+        }
+        if is_flight(m.state) && !before.is_some_and(is_flight) {
+            self.flight_begins();
         }
         keep(&mut self.log, (t, m.state.because(&m.entered)), LOG_LINES);
         if m.state.is_landing() {
@@ -277,6 +288,11 @@ impl Board {
             drone,
         })
     }
+}
+
+/// A landing or a take-off goes on in a state.
+fn is_flight(state: State) -> bool {
+    state.is_landing() || state.is_take_off()
 }
 
 /// Roll, pitch, height of a vessel's estimate.

@@ -1,5 +1,6 @@
 //! Tests of orders by a ground station.
 
+use super::super::ground_station::fit;
 use super::*;
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Time;
@@ -342,5 +343,28 @@ fn station_order_that_the_mission_rejects() {
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     let answer = answer.unwrap();
     assert_eq!(answer.result, CommandResult::TemporarilyRejected);
-    assert!(answer.text.unwrap().starts_with("a station was not taken: "));
+    assert!(answer.text.unwrap().starts_with("no station from here: "));
+}
+
+/// After the touchdown an order to land is rejected, with the reason in full.
+#[test]
+fn landing_ordered_of_a_drone_that_stands() {
+    let mut orders = StationOrders::default();
+    let header = Header::new(0, 1, 7, 1, at(10.0));
+    let asked = orders.received(at(10.0), STATION, &new(command::USER_1), FREE);
+    assert_eq!(asked, Received::Order(CommandKind::Land));
+    orders.give(LAND, STATION, header);
+    let mission = MissionState {
+        state: State::Landed,
+        order: Some([header.boot, header.sequence]),
+        rejected: Some(ReasonCode::OnDeck.into()),
+        ..tracking(10.1)
+    };
+    let (_, answer) = orders.poll(at(10.1), Some(&mission));
+    let answer = answer.unwrap();
+    assert_eq!(answer.result, CommandResult::TemporarilyRejected);
+    assert_eq!(
+        fit(&answer.text.unwrap()),
+        "no landing: the drone stands on the deck"
+    );
 }

@@ -335,3 +335,60 @@ fn vessel_certificate_by_its_topic_alone() {
     assert_eq!(untold.headline, "does not report");
     assert!(found(&untold, "certificate").is_empty());
 }
+
+/// The vessel's own, and the worse of that and what the drone reports.
+#[test]
+fn go_of_a_vessel_and_of_its_drone() {
+    let go = |change: Change<'_>| {
+        let mut w = vessel();
+        w.status.drones[0].status.wind = Some([3.0, 1.0]);
+        change(&mut w);
+        let s = status(&w, 100);
+        let own = own_go(&s.findings, &w.status);
+        ([own.go, s.go.go], s.go.why)
+    };
+    let (fine, nothing) = (Some(true), "nothing stands against a landing");
+    assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
+    let (no, unknown) = (Some(false), None);
+    let cases: [(Change<'_>, [Option<bool>; 2], &str); 8] = [
+        (
+            &|w| w.status.estimator.waves = Some([0.9, 0.0]),
+            [unknown; 2],
+            "quality 0 %",
+        ),
+        (&|w| w.status.estimator.waves = None, [unknown; 2], "waves"),
+        (&|w| w.status.deck.closed = Some(Closure::Crew), [no; 2], "closed"),
+        (
+            &|w| w.status.deck.aborts = Seq::filled([1]),
+            [no; 2],
+            "acknowledged an abort",
+        ),
+        (
+            &|w| w.status.drones[0].status.wind = None,
+            [fine, unknown],
+            "drone 1: the wind",
+        ),
+        (
+            &|w| w.status.drones[0].status.state = State::Landed,
+            [fine, no],
+            "drone 1: Landed",
+        ),
+        (
+            &|w| w.status.drones[0].status.state = State::GaveUp,
+            [fine, no],
+            "drone 1: Gave up",
+        ),
+        (
+            &|w| w.status.drones = Seq::new(),
+            [fine, unknown],
+            "no drone is received",
+        ),
+    ];
+    for (change, expected, why) in cases {
+        let (shown, because) = go(change);
+        assert_eq!(shown, expected, "{because}");
+        assert!(because.contains(why), "{because}");
+    }
+    let lost = go(&|w| w.status.drones[0].age_s = 9.0);
+    assert_eq!(lost.0, [fine, unknown], "{}", lost.1);
+}

@@ -198,3 +198,26 @@ fn board_of_ended_flights() {
     let after = board.picture(at(2000.0));
     assert_eq!((after.flights.len(), after.status.state), (FLIGHTS, None));
 }
+
+/// The answer to an abort stays until the next flight begins: by a landing, or by the motors.
+#[test]
+fn board_of_an_old_answer() {
+    let mut board = Board::new(Known::default());
+    let step = |board: &mut Board, t_s: f64, state, armed| {
+        let mut input = autopilot(0.8);
+        input.autopilot.as_mut().unwrap().armed = armed;
+        board.mission(at(t_s), &input, &mission(t_s, state, Reason::default()));
+        board.picture(at(t_s)).order.answer
+    };
+    let answers = |board: &mut Board| board.order.answer = "abort taken: Gave up".into();
+    step(&mut board, 1.0, State::Descent, true);
+    step(&mut board, 2.0, State::GaveUp, true);
+    answers(&mut board);
+    assert_eq!(step(&mut board, 3.0, State::GaveUp, true), "abort taken: Gave up");
+    assert_eq!(step(&mut board, 4.0, State::Hold, true), "");
+    answers(&mut board);
+    // The landing goes on.
+    assert_ne!(step(&mut board, 5.0, State::Approach, true), "");
+    assert_ne!(step(&mut board, 6.0, State::Idle, false), "");
+    assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
+}

@@ -510,6 +510,8 @@ addEventListener("resize", draw);
 
 // ---- the one order ----
 
+// What the server shows of the last order: empty again once the next flight begins.
+let answered = "";
 function showOrder(order) {
   $("order").hidden = order.label === null;
   if (order.label !== null) {
@@ -518,7 +520,10 @@ function showOrder(order) {
     text("no", `go back without ${order.label}`);
     text("question", `Really ${order.label.toLowerCase()}?`);
   }
-  if (order.answer && !$("answer").dataset.own) text("answer", order.answer);
+  if (order.answer !== answered && !$("answer").dataset.own) {
+    answered = order.answer;
+    text("answer", answered);
+  }
 }
 
 $("ask").addEventListener("click", () => $("confirm").showModal());

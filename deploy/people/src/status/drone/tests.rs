@@ -1,0 +1,280 @@
+use super::*;
+use crate::status::Status;
+use alight_computer::exit::Exit;
+use alight_computer::process::snapshot::Newest;
+use alight_computer::process::snapshot::Snapshot;
+use alight_shared::msg::{
+    ComputerReport, DeckForecast, Header, LinkState, MissionSettings, Reason, Seq, WaveModel,
+};
+use alight_shared::plain::Plain;
+use alight_shared::process::ProcessState;
+use alight_uav::computer::PROCESSES;
+
+const NOW_NS: i64 = 100_000_000_000;
+
+fn mission(state: State, waiting: ReasonCode) -> MissionState {
+    MissionState {
+        header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
+        state,
+        since: Time::from_secs(12.0),
+        entered: ReasonCode::InSight.into(),
+        waiting: Reason::new(waiting, 0.31, 0.2),
+        battery_reserve: 0.34,
+        ..MissionState::default()
+    }
+}
+/// It came just now.
+fn came<T: Plain>(value: T) -> Newest<T> {
+    let mut newest = Newest::default();
+    newest.set(NOW_NS, Some(value));
+    newest
+}
+fn status(seen: &Snapshot, now_ns: i64) -> Status {
+    Status::of(Situation::of(seen, now_ns))
+}
+fn told() -> ComputerReport {
+    ComputerReport {
+        title: "default".into(),
+        processes: Seq::filled(PROCESSES.iter().copied()),
+        ..ComputerReport::default()
+    }
+}
+fn flying() -> Snapshot {
+    let report = |kind| ProcessState {
+        kind,
+        at_ns: NOW_NS,
+        ..ProcessState::default()
+    };
+    Snapshot {
+        computer: told().into(),
+        processes: PROCESSES.iter().map(|k| (*k, report(*k))).collect(),
+        mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
+        autopilot: came(AutopilotState {
+            armed: true,
+            battery: Some(0.8),
+            ..AutopilotState::default()
+        }),
+        link: came(LinkState {
+            age_s: 0.06,
+            ..LinkState::default()
+        }),
+        ..Snapshot::default()
+    }
+}
+fn texts(snapshot: &Snapshot) -> Vec<String> {
+    let text = status(snapshot, NOW_NS).text();
+    text.lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn status_page_of_a_flying_drone() {
+    let lines = texts(&flying());
+    assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
+    for (label, part) in [
+        ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
+        ("distance", "no forecast"),
+        ("link", "60.0 ms old"),
+        ("battery", "80 %, needs 34 %"),
+        ("autopilot", "armed"),
+        ("processes", "8 run, bridge"),
+        ("alarms", "none"),
+    ] {
+        let line = lines.iter().find(|l| l.starts_with(label));
+        assert!(line.is_some_and(|l| l.contains(part)), "{label}: {lines:?}");
+    }
+    assert_eq!(status(&flying(), NOW_NS).worst.exit(), Exit::Success);
+}
+
+#[test]
+fn status_page_with_every_alarm() {
+    let mut s = flying();
+    s.processes.clear();
+    s.computer = came(ComputerReport {
+        edited: Some("drone.toml was edited since the start".into()),
+        ..told()
+    });
+    s.mission = came(MissionState {
+        settings: MissionSettings {
+            mode: LandingMode::Shadow,
+            ..MissionSettings::default()
+        },
+        waiting: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
+        ..mission(State::Landed, ReasonCode::None)
+    });
+    s.autopilot = came(AutopilotState {
+        armed: true,
+        battery: Some(0.1),
+        rejection: Reason::new(ReasonCode::AutopilotParameterUnknown, 10.0, 0.0),
+        shadow: Some(ShadowComparison::default()),
+        ..AutopilotState::default()
+    });
+    s.link = came(LinkState {
+        age_s: f64::INFINITY,
+        second_sender: Some(7),
+        ..LinkState::default()
+    });
+    let lines = texts(&s);
+    assert!(
+        lines.len() <= 20 && lines.iter().all(|l| l.chars().count() <= 80),
+        "{lines:?}"
+    );
+    let has = |part: &str| lines.iter().any(|l| l.contains(part));
+    for part in [
+        "still ARMED",
+        "no report of bridge",
+        "no landing:",
+        "battery at 10 %",
+        "a SECOND COMPUTER",
+        "was edited",
+        "no vessel received yet",
+    ] {
+        assert!(has(part), "{part}: {lines:?}");
+    }
+    assert_eq!(status(&s, NOW_NS).worst.exit(), Exit::Broken);
+}
+
+#[test]
+fn silent_vessel_with_its_tags_in_sight() {
+    let mut s = flying();
+    s.link = came(LinkState {
+        age_s: f64::INFINITY,
+        ..LinkState::default()
+    });
+    s.forecast = came(DeckForecast {
+        radio_age_s: f64::INFINITY,
+        vision_age_s: 0.1,
+        ..DeckForecast::default()
+    });
+    for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Tag, false)] {
+        s.mission = came(MissionState {
+            least_vessel,
+            ..mission(State::Tracking, ReasonCode::NotIdentified)
+        });
+        let all = findings(&Situation::of(&s, NOW_NS));
+        let link = all.iter().find(|f| f.topic == "link");
+        assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
+    }
+    // A beacon leads to it, where that is permitted.
+    s.forecast = came(DeckForecast {
+        radio_age_s: f64::INFINITY,
+        vision_age_s: f64::INFINITY,
+        beacon: Some([12.0, 0.8]),
+        ..DeckForecast::default()
+    });
+    for (least_vessel, stops) in [(VesselLevel::Computer, true), (VesselLevel::Beacon, false)] {
+        s.mission = came(MissionState {
+            least_vessel,
+            ..mission(State::Search, ReasonCode::Searching)
+        });
+        let all = findings(&Situation::of(&s, NOW_NS));
+        let link = all.iter().find(|f| f.topic == "link");
+        assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
+    }
+}
+
+/// A service that was started anew: of its processes one has reported so far.
+#[test]
+fn processes_that_have_just_started() {
+    let mut seen = flying();
+    seen.processes.retain(|kind, _| *kind == PROCESSES[0]);
+    let mut missing = |since_s: i64| {
+        seen.since_ns = NOW_NS - since_s * 1_000_000_000;
+        let all = status(&seen, NOW_NS).findings;
+        all.iter().any(|f| f.found.starts_with("no report of"))
+    };
+    assert!(!missing(1) && missing(2));
+}
+
+#[test]
+fn status_page_key() {
+    let key = |s: &Snapshot, now_ns| status(s, now_ns).key();
+    let mut other = flying();
+    let before = key(&other, NOW_NS);
+    other.link = came(LinkState {
+        age_s: 0.09,
+        ..LinkState::default()
+    });
+    other.mission = came(MissionState {
+        waiting: Reason::new(ReasonCode::TooSteep, 0.4, 0.2),
+        ..mission(State::Tracking, ReasonCode::TooSteep)
+    });
+    assert_eq!(key(&other, NOW_NS), before);
+    assert_ne!(key(&other, NOW_NS + 60_000_000_000), before, "silent processes");
+    other.mission = came(mission(State::Descent, ReasonCode::TooSteep));
+    assert_ne!(key(&other, NOW_NS), before);
+}
+
+#[test]
+fn status_page_shadow_line() {
+    let s = ShadowComparison {
+        tilt: [0.1, -0.05],
+        thrust: 0.41,
+        apart_rad: 0.02,
+        apart_mps: 0.3,
+        ..ShadowComparison::default()
+    };
+    assert_eq!(
+        shadow(&s),
+        Figure::of(
+            "shadow",
+            "would command roll 5.7 pitch -2.9 deg, thrust 0.41",
+            "apart by 1.1 deg, 0.30 m/s"
+        )
+    );
+}
+
+/// A GO is shown where an order may be given now, and nowhere else.
+#[test]
+fn go_of_a_drone_by_what_is_known() {
+    let wave = |confidence| WaveModel {
+        header: Header::new(0, 1, 1, 1, Time::from_secs(20.0)),
+        significant_height_m: 0.9,
+        confidence,
+        modes: Seq::new(),
+        slopes: Seq::new(),
+        advice: None,
+    };
+    let ready = || {
+        let mut snapshot = flying();
+        snapshot.autopilot = came(AutopilotState::default());
+        snapshot.mission = came(MissionState {
+            entered: ReasonCode::Operator.into(),
+            wind: Some([3.0, 1.0]),
+            ..mission(State::Hold, ReasonCode::NotCommanded)
+        });
+        snapshot.forecast = came(DeckForecast::default());
+        snapshot.wave = came(wave(0.8));
+        snapshot
+    };
+    let go = |snapshot: &Snapshot| {
+        let go = status(snapshot, NOW_NS).go;
+        (go.go, go.why)
+    };
+    let with = |change: &dyn Fn(&mut MissionState)| {
+        let mut snapshot = ready();
+        let mut m = snapshot.mission.unwrap();
+        change(&mut m);
+        snapshot.mission = came(m);
+        go(&snapshot)
+    };
+    assert_eq!(go(&ready()).0, Some(true));
+    assert_eq!(with(&|m| m.wind = None), (None, go::NO_WIND.into()));
+    let landed = with(&|m| (m.state, m.entered) = (State::Landed, ReasonCode::Touchdown.into()));
+    assert_eq!(landed, (Some(false), "Landed: touchdown".into()));
+    let aborted = with(&|m| (m.state, m.entered) = (State::GaveUp, ReasonCode::Operator.into()));
+    assert_eq!(aborted.0, Some(false));
+    assert!(aborted.1.contains("Gave up: operator's command"), "{aborted:?}");
+    let takes_off = with(&|m| (m.state, m.entered) = (State::SpinUp, ReasonCode::CountedDown.into()));
+    assert_eq!(takes_off.0, Some(false));
+    // The quality of the forecast, unless the drone needs none of the vessel's computer.
+    let mut snapshot = ready();
+    snapshot.wave = came(wave(0.001));
+    let (shown, why) = go(&snapshot);
+    assert_eq!((shown, why.contains("quality 0 %")), (None, true), "{why}");
+    snapshot.wave = Newest::default();
+    assert_eq!(go(&snapshot).0, None);
+    let mut by_tag = snapshot.mission.unwrap();
+    by_tag.least_vessel = VesselLevel::Tag;
+    snapshot.mission = came(by_tag);
+    assert_eq!(go(&snapshot).0, Some(true));
+}
