@@ -7,7 +7,8 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal;
 use alight_shared::config::{self, Check, Keys, commented};
 use alight_sim::harness::outcome::TIME_LIMIT_S;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::{Fault, Kind, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
@@ -126,11 +127,10 @@ impl Scene {
         }
         scenario.begin_anyway |= args.begin_anyway;
         if let Some(outage) = args.outage_at {
-            scenario.radio_outage = outage.0.map(|state| StateOutage {
-                state,
-                after_s: 0.0,
-                duration_s: args.outage_duration.unwrap_or(f64::INFINITY),
-            });
+            let lasts_s = args.outage_duration.unwrap_or(f64::INFINITY);
+            let lost = |state| Fault::new(Kind::RadioLost, Moment::In(state), 0.0, lasts_s);
+            scenario.faults.retain(|f| f.kind != Kind::RadioLost);
+            scenario.faults.extend(outage.0.map(lost));
         }
         if let Some(path) = &args.deck_motion {
             let default = DeckMotionConfig::default();

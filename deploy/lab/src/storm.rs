@@ -227,16 +227,15 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<Option<StormEnd>, CliError
     }))
 }
 
-/// Reads a list that real processes can fly: of a landing, with faults at the first entries of their states.
+/// Reads a list that real processes can fly: of a landing.
 pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     let storm = read(path)?;
-    let first = storm.faults.iter().all(|f| f.entry == 1);
-    if storm.flight == FlightKind::Landing && first {
+    if storm.flight == FlightKind::Landing {
         return Ok(storm);
     }
     Err(CliError::because(
         format!("reading the list {}", path.display()),
-        "real processes fly landings, with faults at first entries; fly it by `alight storm --list`",
+        "real processes fly landings; fly it by `alight storm --list`",
     ))
 }
 
@@ -382,6 +381,7 @@ mod tests {
             ending: Ending::Landed,
             violation: None,
             began: vec![(Kind::Blind, state, 1.0)],
+            states: Vec::new(),
             lasted_s: 1.0,
         };
         let mut coverage = Coverage::default();

@@ -497,6 +497,10 @@ impl Physics {
         })
     }
 
+    /// Whether a drone touches something now.
+    pub fn touches(&self, k: usize) -> bool {
+        self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
+    }
     /// What the judge of a drone's landing looks at, beside its mission's newest state.
     pub fn observation(&self, k: usize, mission: &MissionState) -> Observation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());

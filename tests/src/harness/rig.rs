@@ -5,7 +5,7 @@ use alight_shared::msg::{CommandKind, MissionState, State};
 use super::failing::Failing;
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::storm::{Effect, Kind, Moment};
+use super::storm::{Effect, Fault, Kind, Moment};
 use super::tap::{NoTap, Tap};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -38,13 +38,17 @@ impl Rig {
     ) -> Result<Rig, SetupError> {
         let mut world = World::new(scenario, nodes, seed)?;
         world.warm_up(tap);
-        Ok(Rig {
+        Ok(Rig::of(world, scenario, nodes))
+    }
+    /// Of a world after its warm-up.
+    pub fn of(world: World, scenario: &Scenario, nodes: &NodeConfigs) -> Rig {
+        Rig {
             world,
             scenario: scenario.clone(),
             nodes: nodes.clone(),
             visited: vec![vec![(State::Idle, 0.0)]; scenario.drones as usize],
             touched_s: None,
-        })
+        }
     }
     /// At the start, with the order to land.
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
@@ -62,7 +66,7 @@ impl Rig {
     pub fn advance(&mut self, tap: &mut impl Tap) {
         self.world.tick(tap);
         let t_s = self.t_s();
-        if self.touched_s.is_none() && !self.world.observation().contacts.is_empty() {
+        if self.touched_s.is_none() && self.world.physics().touches(0) {
             self.touched_s = Some(t_s);
         }
         for (drone, visited) in self.world.drones().iter().zip(&mut self.visited) {
@@ -98,7 +102,7 @@ impl Rig {
 
     /// A fault of this kind and size begins, beside which nothing fails.
     pub fn begin(&mut self, kind: Kind, size: f64) {
-        match kind.spec().effect {
+        match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
             Effect::Lasting(fail) => {
                 let mut failing = Failing::default();
@@ -109,7 +113,7 @@ impl Rig {
     }
     /// It is over.
     pub fn end(&mut self, kind: Kind, size: f64) {
-        match kind.spec().effect {
+        match kind.effect() {
             Effect::Events(_, end) => end(self, size),
             Effect::Lasting(_) => self.world.fail(&Failing::default()),
         }
@@ -150,6 +154,15 @@ impl Rig {
             Moment::In(state) => self.first_entered_s(0, state),
             Moment::Contact => self.touched_s,
         }
+    }
+    /// The states that a drone has entered, each with the time after the start, s.
+    pub fn entered(&self, k: usize) -> &[(State, f64)] {
+        &self.visited[k]
+    }
+    /// When a fault is to begin, after the start, s; None before its moment.
+    pub fn due_s(&self, fault: &Fault) -> Option<f64> {
+        let moment_s = fault.moment_s(self.entered(0), self.touched_s)?;
+        Some(moment_s + fault.after_s)
     }
     /// Collective thrust that its autopilot commands, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {

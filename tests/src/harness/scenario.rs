@@ -5,21 +5,19 @@ pub mod foresight;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config::ConfigError;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::State;
 use alight_shared::surroundings::SurroundingsConfig;
-use alight_shared::time::{Clock, Span, Time};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::planner::{Planner, PlannerKind};
 use alight_uav::settings::DroneSettings;
 use alight_usv::{DeckConfig, VesselNodeConfig};
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::draws::DrawConfig;
 use self::foresight::ForesightConfig;
+use super::storm::fault::Fault;
 use crate::baselines::Baseline;
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
@@ -30,40 +28,6 @@ use crate::physics::vessel::response::{HullConfig, HullError, HullFiles};
 use crate::radio::RadioConfig;
 use crate::sensors::SensorConfig;
 use crate::sensors::noise::Noise;
-
-/// An outage of the radio, both directions, that a state of the mission brings about.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StateOutage {
-    /// It begins when the mission first enters this state.
-    pub state: State,
-    /// It begins this much later, s.
-    #[serde(default)]
-    pub after_s: f64,
-    /// It lasts so long, s; infinite (`inf`) for good.
-    pub duration_s: f64,
-}
-
-impl StateOutage {
-    /// Its window `[from, until)` when the mission enters the state at `t`.
-    pub fn window<C: Clock>(&self, t: Time<C>) -> [Time<C>; 2] {
-        let from = t + Span::from_secs(self.after_s);
-        // Longer than any trial is for good.
-        [from, from + Span::from_secs(self.duration_s.min(1e6))]
-    }
-}
-
-impl Check for StateOutage {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("after_s", self.after_s, 0.0, 600.0)?;
-        at.require(
-            self.duration_s >= 0.0,
-            "duration_s",
-            format!("{}", self.duration_s),
-            "seconds, 0 or more, or inf",
-        )
-    }
-}
 
 config! {
     /// Where a drone starts, relative to the vessel at the start.
@@ -180,9 +144,6 @@ config! {
         pub sensors: SensorConfig;
         /// The radio.
         pub radio: RadioConfig;
-        /// Its outage at a state of the mission.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        pub radio_outage: Option<StateOutage> = None;
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
@@ -195,6 +156,9 @@ config! {
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// The world runs on for so long after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
+        /// What fails, as in a storm's list; `lasts_s` may be `inf`.
+        #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
+        pub faults: Vec<Fault> = Vec::new();
     }
     check |this, at| {
         if let Some(hull) = &this.hull {
@@ -209,9 +173,7 @@ config! {
         if let Some(motion) = &this.deck_motion {
             motion.check(&at.table("deck_motion"))?;
         }
-        if let Some(outage) = &this.radio_outage {
-            outage.check(&at.table("radio_outage"))?;
-        }
+        Fault::check_all(&this.faults, &at.table("fault"), f64::INFINITY)?;
     }
 }
 

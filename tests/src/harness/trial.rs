@@ -5,7 +5,9 @@ use alight_shared::time::Span;
 
 use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S, centroid_error};
 use crate::harness::physics::TICK;
+use crate::harness::rig::Rig;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::harness::storm::Schedule;
 use crate::harness::tap::{NoTap, Tap};
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
@@ -90,6 +92,7 @@ pub fn land(
 ) -> FlownTrial {
     world.warm_up(tap);
     world.command(CommandKind::Land);
+    let (mut rig, mut faults) = (Rig::of(world, scenario, nodes), Schedule::new(&scenario.faults));
 
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
     let mut judge = Judge::default();
@@ -103,7 +106,9 @@ pub fn land(
     let mut likelihood = None;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
-        world.tick(tap);
+        faults.act(&mut rig);
+        rig.advance(tap);
+        let world = &mut rig.world;
         let t_s = world.physics().time_since_start().secs();
         let mission = world.mission_state();
         if mission.state != state {
@@ -113,9 +118,6 @@ pub fn land(
             if state == State::Descent {
                 likelihood = mission.likelihood;
                 world.ask_change();
-            }
-            if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
-                world.radio_outage(0, &outage);
             }
         }
         if let Some(trace) = trace.as_mut()
@@ -139,17 +141,18 @@ pub fn land(
         }
     }
     let sim_time_s =
-        world.physics().time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
+        rig.world.physics().time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
     let mut outcome = judge.outcome(seed, sea, nodes.planner_name(), sim_time_s);
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.likelihood = likelihood;
-    outcome.digest = format!("{:016x}", world.physics().digest());
+    outcome.digest = format!("{:016x}", rig.world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
-        world.tick(tap);
+        faults.act(&mut rig);
+        rig.advance(tap);
     }
     if scenario.stay_s > 0.0 && outcome.success {
-        outcome.stay_position_error_m = Some(centroid_error(&world.observation().feet));
+        outcome.stay_position_error_m = Some(centroid_error(&rig.world.observation().feet));
     }
     FlownTrial { outcome, trace }
 }

@@ -12,7 +12,7 @@ pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
 use super::outcome::Observation;
 use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
-use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
+use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::tap::{NoTap, Tap};
 use super::vessel_computer::VesselSide;
 use crate::autopilots::boat::BoatAutopilot;
@@ -254,10 +254,12 @@ impl World {
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// The outage of a drone's radio that a mission's new state brings about.
-    pub fn radio_outage(&mut self, k: usize, outage: &StateOutage) {
-        let window = outage.window(self.physics.now());
-        self.drones[k].radio.set_outage(window);
+    /// A drone's radio loses everything for so long from now on, s; infinite for good. The first such time stays.
+    pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
+        let from = self.physics.now();
+        // Longer than any trial is for good.
+        let until = from + Span::from_secs(lasts_s.min(1e6));
+        self.drones[k].radio.set_outage([from, until]);
     }
 
     /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.

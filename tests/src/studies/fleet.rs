@@ -6,7 +6,7 @@ use alight_shared::msg::{CommandKind, DeckOrder, State};
 
 use super::aborts::drive;
 use crate::harness::physics::TICK;
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
 use crate::physics::sea::SeaConfig;
@@ -111,14 +111,9 @@ impl Flight {
             8 => {
                 self.report.outages += 1;
                 let duration_s = self.between(5.0, 20.0);
-                let outage = StateOutage {
-                    state: State::Idle,
-                    after_s: 0.0,
-                    duration_s,
-                };
                 let watched = &mut self.drones[k];
                 watched.silent_until = watched.silent_until.max(t + duration_s);
-                self.world.radio_outage(k, &outage);
+                self.world.radio_outage(k, duration_s);
             }
             _ if self.closed.is_none() => {
                 self.report.closures += 1;

@@ -3,7 +3,8 @@
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::{Fault, Kind, Moment, Schedule};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::beacon::BeaconConfig;
@@ -38,14 +39,11 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
     let (mut judge, mut states, mut reasons) = (Judge::default(), Vec::new(), Vec::new());
-    let mut found_s = None;
+    let (mut found_s, mut faults) = (None, Schedule::new(&scenario.faults));
     rig.each(limit_s, |rig| {
+        faults.act(rig);
         let m = *rig.mission(0);
         if states.last() != Some(&m.state) {
-            let first = !states.contains(&m.state);
-            if let Some(outage) = scenario.radio_outage.filter(|o| first && o.state == m.state) {
-                rig.world.radio_outage(0, &outage);
-            }
             states.push(m.state);
         }
         for code in [m.entered.code, m.waiting.code] {
@@ -131,11 +129,7 @@ fn lost_from(state: State, hull: &str, least_vessel: VesselLevel) -> (Scenario, 
     scenario.install_hull(&mut nodes, hull).unwrap();
     scenario.start.distance_m = [150.0, 150.0];
     scenario.sensors.uvdar.max_range_m = 0.0;
-    scenario.radio_outage = Some(StateOutage {
-        state,
-        after_s: 0.0,
-        duration_s: f64::INFINITY,
-    });
+    scenario.faults = vec![Fault::new(Kind::RadioLost, Moment::In(state), 0.0, f64::INFINITY)];
     (scenario, nodes)
 }
 

@@ -3,15 +3,9 @@
 
 use alight_shared::msg::{BatteryPlace, CommandKind, DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::studies::fleet;
 use alight_usv::deck::DeckInputs;
-
-const FOR_GOOD: StateOutage = StateOutage {
-    state: State::Descent,
-    after_s: 0.0,
-    duration_s: f64::INFINITY,
-};
 
 /// Drones above one deck in a slight sea, each commanded to land.
 fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
@@ -105,7 +99,7 @@ fn two_drones_without_radio() {
     fleet.until(60.0, |f| {
         place(f, second)[1] > 15.0 || f.state(first) == State::Landed
     });
-    (0..2).for_each(|k| fleet.world.radio_outage(k, &FOR_GOOD));
+    (0..2).for_each(|k| fleet.world.radio_outage(k, f64::INFINITY));
     fleet.run(40.0);
     assert_state(&fleet, first, State::Landed);
     assert_never_descended(&fleet, second);
@@ -117,7 +111,7 @@ fn two_drones_without_radio() {
 #[test]
 fn deck_of_a_drone_landed_without_radio() {
     let (mut fleet, first, second) = pair(26);
-    fleet.world.radio_outage(first, &FOR_GOOD);
+    fleet.world.radio_outage(first, f64::INFINITY);
     // Half way the vessel is started anew.
     fleet.run(60.0);
     fleet.restart_vessel();

@@ -195,7 +195,7 @@ impl Cell {
         }
     }
     fn begin(&self, rig: &mut Rig) {
-        match self.gone.spec().effect {
+        match self.gone.effect() {
             Effect::Lasting(fail) => {
                 let mut failing = Failing::default();
                 let size = match (self.gone, self.firmware) {
@@ -210,7 +210,7 @@ impl Cell {
         }
     }
     fn end(&self, rig: &mut Rig) {
-        match self.gone.spec().effect {
+        match self.gone.effect() {
             Effect::Lasting(_) => rig.world.fail(&Failing::default()),
             Effect::Events(_, end) => end(rig, 0.0),
         }

@@ -5,7 +5,8 @@ use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::{Fault, Kind, Moment};
 use alight_sim::harness::tap::Tap;
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly, fly_with};
 use alight_sim::physics::sea::SeaConfig;
@@ -115,16 +116,25 @@ fn landing_in_the_roughest_row_of_table_2() {
 
 #[test]
 fn landing_without_radio_from_tracking_on() {
+    let tracking = Moment::In(State::Tracking);
     let scenario = Scenario {
-        radio_outage: Some(StateOutage {
-            state: State::Tracking,
-            after_s: 0.0,
-            duration_s: f64::INFINITY,
-        }),
+        faults: vec![Fault::new(Kind::RadioLost, tracking, 0.0, f64::INFINITY)],
         ..at_sea(0.5, 5.0)
     };
     let landed = (20..24).filter(|s| outcome(&scenario, *s).success).count();
     assert!(landed >= 3, "{landed} of 4");
+}
+
+/// A trial flies faults of any kind that its scenario has.
+#[test]
+fn landing_aborted_by_a_fault_of_its_scenario() {
+    let scenario = Scenario {
+        faults: vec![Fault::new(Kind::Abort, Moment::In(State::Descent), 0.3, 0.0)],
+        ..at_sea(0.3, 5.0)
+    };
+    let (flight, names) = flown(&scenario, &NodeConfigs::default(), 20);
+    assert!(!flight.outcome.success, "{:?}", flight.outcome);
+    assert!(names.last() == Some(&State::GaveUp.name()), "{names:?}");
 }
 
 #[test]

@@ -3,10 +3,10 @@
 
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State, VesselEstimate};
+use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
 use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::Tap;
 use alight_sim::harness::world::World;
 use alight_sim::physics::body::RigidState;
@@ -87,12 +87,7 @@ pub(crate) fn fly_above(
     for tick in 0..(secs * 100.0) as u32 {
         let since = f64::from(tick) * 0.01;
         if since >= cut_s && since < cut_s + 0.01 {
-            let for_good = StateOutage {
-                state: State::Idle,
-                after_s: 0.0,
-                duration_s: f64::INFINITY,
-            };
-            world.radio_outage(0, &for_good);
+            world.radio_outage(0, f64::INFINITY);
         }
         let deck = world.physics().deck();
         let (place, velocity) = follow(&deck);

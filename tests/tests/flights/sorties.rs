@@ -3,7 +3,7 @@
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::vessel::Course;
 use alight_uav::autopilot::modes::Firmware;
@@ -227,15 +227,6 @@ fn own_mission_that_does_not_begin() {
     assert_eq!((m.sorties, m.waiting.code), ([1, 0], ReasonCode::HandOverRefused));
 }
 
-/// The radio does not reach the drone from now on, for so long, s.
-fn radio_out(rig: &mut Rig, duration_s: f64) {
-    let outage = StateOutage {
-        state: State::Idle,
-        after_s: 0.0,
-        duration_s,
-    };
-    rig.world.radio_outage(0, &outage);
-}
 /// On its own mission far away from a vessel under way, out of radio range, with a battery that calls.
 fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
@@ -246,7 +237,7 @@ fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     upload(&mut rig, 0, 300.0);
     choose(&mut rig, own_mission_mode(firmware));
     assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 180.0));
-    radio_out(&mut rig, silent_s);
+    rig.world.radio_outage(0, silent_s);
     rig.run(20.0);
     assert_eq!(rig.state(0), State::Idle);
     if let Some(linked) = rig.world.linked(0) {
@@ -274,7 +265,7 @@ fn sortie_ended_out_of_radio_range() {
             "{firmware:?}: {:?}",
             rig.visited(0)
         );
-        radio_out(&mut rig, 0.0);
+        rig.world.radio_outage(0, 0.0);
         let (landed, met) = until(&mut rig, 200.0, State::Landed);
         let waiting = rig.mission(0).waiting;
         assert!(

@@ -10,7 +10,7 @@ use alight_computer::process::snapshot::time;
 use alight_computer::process::supervisor::{Supervisor, arguments};
 use alight_shared::msg::State;
 use alight_shared::process::ProcessKind;
-use alight_sim::harness::scenario::StateOutage;
+use alight_sim::harness::storm::{Fault, Kind, Moment};
 use alight_sim::radio::{ChannelCounts, Congestion};
 use alight_transport::radio::TlsConfig;
 use alight_transport::statistics::Quantiles;
@@ -42,7 +42,7 @@ pub fn congestion() -> Congestion {
 pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
-    outage: Option<StateOutage>,
+    outage: Option<Fault>,
     /// What the processes do to what they receive.
     pub impairment: Option<LinkImpairment>,
     /// Where the vessel listens.
@@ -92,7 +92,8 @@ impl RadioPath {
             Emulate::Auto | Emulate::Never => None,
         };
         let tls = certificates(scene, args, owned)?;
-        let outage = scene.scenario.radio_outage;
+        let mut faults = scene.scenario.faults.iter();
+        let outage = faults.find(|f| f.kind == Kind::RadioLost).copied();
         let link = LinkImpairment {
             epoch_ns,
             seed: args.seed,
@@ -216,7 +217,8 @@ impl RadioWatch {
                 self.ages.add(*age_s);
             }
         }
-        if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
+        let entered = |o: Fault| state.is_some_and(|s| o.moment == Moment::In(s));
+        if !self.outage_announced && air.outage.is_some_and(entered) {
             self.outage_announced = true;
             supervisor.write_line(ProcessKind::Link, OUTAGE);
         }

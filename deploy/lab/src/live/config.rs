@@ -11,7 +11,8 @@ use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys, commented};
 use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
-use alight_sim::harness::scenario::{Scenario, StateOutage};
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::harness::storm::Fault;
 use alight_sim::radio::RadioConfig;
 use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
@@ -48,9 +49,9 @@ pub struct LinkImpairment {
     pub epoch_ns: i64,
     /// Seed of its losses and delays.
     pub seed: u64,
-    /// Its outage at a state of the mission.
+    /// Its outage, which begins at the first entry of a state of the mission.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub outage: Option<StateOutage>,
+    pub outage: Option<Fault>,
     /// Delay, loss, outages.
     pub profile: RadioConfig,
 }

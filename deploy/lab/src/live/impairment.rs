@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use alight_shared::msg::MissionState;
-use alight_shared::time::{Time, TrueTime};
-use alight_sim::harness::scenario::StateOutage;
+use alight_shared::time::{Span, Time, TrueTime};
+use alight_sim::harness::storm::{Fault, Moment};
 use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{ChannelCounts, Direction, Radio, on_air};
 use alight_transport::clock::steady_ns;
@@ -25,7 +25,7 @@ const MAX_WAIT: Duration = Duration::from_millis(50);
 pub struct Impaired<T> {
     radio: Radio<T>,
     epoch_ns: i64,
-    outage: Option<StateOutage>,
+    outage: Option<Fault>,
     /// When the mission first entered the outage's state, on the steady clock, ns; 0 before that.
     entered_ns: Arc<AtomicI64>,
 }
@@ -50,7 +50,7 @@ impl<T: Clone> Impaired<T> {
                 "impairment",
                 MAX_WAIT,
                 |missions: Vec<MissionState>| {
-                    let entered = missions.iter().any(|m| m.state == outage.state);
+                    let entered = missions.iter().any(|m| Moment::In(m.state) == outage.moment);
                     if entered {
                         entered_ns.store(steady_ns(), Ordering::Relaxed);
                     }
@@ -92,7 +92,10 @@ impl<T: Clone> Impaired<T> {
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {
-            self.radio.set_outage(outage.window(self.true_time(entered_ns)));
+            let from = self.true_time(entered_ns) + Span::from_secs(outage.after_s);
+            // Longer than any landing is for good.
+            let until = from + Span::from_secs(outage.lasts_s.min(1e6));
+            self.radio.set_outage([from, until]);
         }
         let epoch_ns = self.epoch_ns;
         let arrived = self.radio.receive(self.true_time(now_ns)).into_iter();
@@ -135,6 +138,7 @@ impl ReceiveChannel for Inbound {
 mod tests {
     use super::*;
     use alight_shared::msg::State;
+    use alight_sim::harness::storm::Kind;
     use alight_sim::radio::RadioConfig;
 
     #[test]
@@ -142,11 +146,7 @@ mod tests {
         let link = LinkImpairment {
             epoch_ns: 1_000,
             seed: 3,
-            outage: Some(StateOutage {
-                state: State::Flare,
-                after_s: 0.5,
-                duration_s: 1.0,
-            }),
+            outage: Some(Fault::new(Kind::RadioLost, Moment::In(State::Flare), 0.5, 1.0)),
             profile: RadioConfig {
                 loss: 0.0,
                 duplicate: 0.0,

@@ -46,7 +46,7 @@ use crate::live::args::LandArgs;
 use crate::live::boat;
 use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::live::fault::{Fault, Seen};
-use crate::live::list::{LiveList, Order};
+use crate::live::list::{self, LiveFaults, Order};
 use crate::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::live::world::{CONTACT, WorldReport};
 use crate::record::{self, Subject};
@@ -93,13 +93,14 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
 
 /// One landing.
 pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
-    let list = args.faults.as_deref().map(LiveList::read).transpose()?;
+    let list = args.faults.as_deref().map(list::read).transpose()?;
     let scene = match &list {
-        Some(list) => with_flags(args, list.scene()),
+        Some(list) => with_flags(args, list::scene(list)),
         None => scene(args)?,
     };
+    let faults = LiveFaults::of(&scene.scenario.faults)?;
     let args = &LandArgs {
-        seed: list.as_ref().map_or(args.seed, LiveList::seed),
+        seed: list.map_or(args.seed, |list| list.seed),
         ..args.clone()
     };
     if let Some(path) = &args.plot {
@@ -128,7 +129,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     if let Some(flight) = &plan.flight {
         recorder::can_write(flight)?;
     }
-    let landing = match Landing::begin(args, list.as_ref(), &memory, &plan, &owned) {
+    let landing = match Landing::begin(args, faults, &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
@@ -377,7 +378,7 @@ struct Landing<'a> {
 impl<'a> Landing<'a> {
     fn begin(
         args: &'a LandArgs,
-        list: Option<&LiveList>,
+        faults: LiveFaults,
         memory: &Memory,
         plan: &'a LandingSetup,
         owned: &OwnedInstance,
@@ -405,12 +406,11 @@ impl<'a> Landing<'a> {
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
-        let of_list = list.iter().flat_map(|l| &l.processes);
-        let of_list = of_list.filter_map(Fault::of);
+        let of_scene = faults.processes.iter().filter_map(Fault::of);
         let of_flag = args.fault.and_then(|spec| Fault::new(spec, args.seed));
         Ok(Landing {
-            faults: of_flag.into_iter().chain(of_list).collect(),
-            orders: list.map_or_else(Vec::new, |l| l.orders.clone()),
+            faults: of_flag.into_iter().chain(of_scene).collect(),
+            orders: faults.orders,
             args,
             plan,
             supervisor,

@@ -1,11 +1,10 @@
-//! A storm's list on real processes (`alight land --faults`): its scene, and those of its faults that can be done to
+//! A storm's list on real processes (`alight land --faults`): its scene, and those of a scene's faults that can be done to
 //! processes, to the radio and by orders.
 
 use std::path::Path;
 
 use alight_computer::exit::CliError;
 use alight_shared::msg::{CommandKind, MissionState, State};
-use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::storm::{Fault, Kind, Moment, Storm};
 
 use crate::scene::Scene;
@@ -17,6 +16,9 @@ const ORDERS: [(Kind, CommandKind); 3] = [
     (Kind::Hold, CommandKind::Hold),
     (Kind::OrderedAgain, CommandKind::Land),
 ];
+
+/// Where the others are flown.
+const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight storm --list` or `alight trial`";
 
 /// An order that is given when the mission has been in a state for so long.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,44 +44,59 @@ impl Order {
     }
 }
 
-/// A list as real processes fly it.
-pub struct LiveList {
-    storm: Storm,
+/// Reads a list that real processes can fly, of one drone.
+pub fn read(path: &Path) -> Result<Storm, CliError> {
+    let storm = read_list(path)?;
+    if storm.drones == 1 {
+        return Ok(storm);
+    }
+    let doing = format!("reading the list {}", path.display());
+    let why = format!("{} drones: `alight land` flies one{IN_LOCK_STEP}", storm.drones);
+    Err(CliError::because(doing, why))
+}
+
+/// A list's scene.
+pub fn scene(storm: &Storm) -> Scene {
+    let (scenario, nodes) = storm.scene();
+    let [amplitude_m, period_s] = storm.sea;
+    Scene {
+        scenario,
+        nodes,
+        sea: format!("{amplitude_m},{period_s}"),
+        flags: String::new(),
+        remarks: Vec::new(),
+    }
+}
+
+/// The faults of a scene as real processes have them, beside the radio's.
+#[derive(Default)]
+pub struct LiveFaults {
     /// Of processes. A killed one is started again by its supervisor, not after `lasts_s`.
     pub processes: Vec<Fault>,
     /// Orders.
     pub orders: Vec<Order>,
-    outage: Option<StateOutage>,
+    radio_lost: bool,
 }
 
-impl LiveList {
-    /// Reads one; a fault that only lock-step can bring about is an error that names it.
-    pub fn read(path: &Path) -> Result<LiveList, CliError> {
-        let storm = read_list(path)?;
-        let mut list = LiveList {
-            processes: Vec::new(),
-            orders: Vec::new(),
-            outage: None,
-            storm: storm.clone(),
-        };
-        let refuse = |what: String| {
-            let doing = format!("reading the list {}", path.display());
-            CliError::because(doing, format!("{what}; fly it by `alight storm --list`"))
-        };
-        if storm.drones > 1 {
-            return Err(refuse(format!(
-                "{} drones: `alight land` flies one",
-                storm.drones
-            )));
+impl LiveFaults {
+    /// A fault that only lock-step can bring about is an error that names it.
+    pub fn of(faults: &[Fault]) -> Result<LiveFaults, CliError> {
+        let mut live = LiveFaults::default();
+        for fault in faults {
+            let added = live.add(fault);
+            added.map_err(|what| CliError::because("the faults", format!("{what}{IN_LOCK_STEP}")))?;
         }
-        for fault in &storm.faults {
-            list.add(fault).map_err(&refuse)?;
-        }
-        Ok(list)
+        Ok(live)
     }
 
     fn add(&mut self, fault: &Fault) -> Result<(), String> {
         let kind = fault.kind;
+        if fault.entry != 1 {
+            return Err(format!(
+                "{}: real processes have faults at first entries",
+                kind.name()
+            ));
+        }
         if kind.process().is_some() {
             if !kind.freezes() && fault.size != 0.0 {
                 return Err(format!(
@@ -105,12 +122,8 @@ impl LiveList {
                 entered_s: None,
                 given: false,
             });
-        } else if kind == Kind::RadioLost && self.outage.is_none() {
-            self.outage = Some(StateOutage {
-                state,
-                after_s: fault.after_s,
-                duration_s: fault.lasts_s,
-            });
+        } else if kind == Kind::RadioLost && !self.radio_lost {
+            self.radio_lost = true;
         } else {
             let of_processes = Kind::ALL.iter().copied().filter(|k| k.process().is_some());
             let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
@@ -123,24 +136,6 @@ impl LiveList {
         }
         Ok(())
     }
-
-    /// Its seed.
-    pub fn seed(&self) -> u64 {
-        self.storm.seed
-    }
-    /// Its scene.
-    pub fn scene(&self) -> Scene {
-        let (mut scenario, nodes): (Scenario, NodeConfigs) = self.storm.scene();
-        scenario.radio_outage = self.outage;
-        let [amplitude_m, period_s] = self.storm.sea;
-        Scene {
-            scenario,
-            nodes,
-            sea: format!("{amplitude_m},{period_s}"),
-            flags: String::new(),
-            remarks: Vec::new(),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -148,19 +143,10 @@ mod tests {
     use super::*;
 
     fn with(kind: Kind, size: f64) -> Result<(), String> {
-        let mut list = LiveList {
-            storm: Storm::drawn(1, 0),
-            processes: Vec::new(),
-            orders: Vec::new(),
-            outage: None,
-        };
-        list.add(&Fault {
-            kind,
-            moment: Moment::In(State::Descent),
-            entry: 1,
-            after_s: 0.5,
+        let moment = Moment::In(State::Descent);
+        LiveFaults::default().add(&Fault {
             size,
-            lasts_s: 1.0,
+            ..Fault::new(kind, moment, 0.5, 1.0)
         })
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use alight_computer::exit::{CliError, Doing};
+use alight_shared::config;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -138,7 +139,7 @@ pub fn text(name: &str) -> Result<String, CliError> {
 /// Reads a study; `origin` names the text in errors.
 pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     let doing = || format!("reading the study {origin}");
-    let definition: Definition = toml::from_str(text).doing(doing())?;
+    let definition: Definition = config::read(text, "the study").doing(doing())?;
     let axes = definition.grid.iter().flat_map(|g| &g.axis);
     let empty = axes.clone().find(|a| a.choice.is_empty());
     if let Some(axis) = empty {

@@ -5,10 +5,11 @@ use alight_shared::msg::State;
 use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
-use super::kinds::{Effect, Takes};
+use super::kinds::Takes;
 use super::people::People;
+use super::schedule::{Schedule, Scheduled};
 use super::watch::{Ending, Scene, Violation, Watch, end, goes_on, is_stuck, is_unsaid};
-use super::{Fault, FlightKind, Kind, Moment, Mutant, Storm};
+use super::{FlightKind, Kind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
@@ -23,6 +24,8 @@ const ASHORE_S: f64 = 2.0;
 const SEEN_S: f64 = 1.0;
 /// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
 const GIVEN_UP_S: f64 = 20.0;
+/// A descent that began more recently is let come to its end, s.
+const DESCENDS_S: f64 = 30.0;
 
 /// A flown storm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -33,25 +36,10 @@ pub struct Flown {
     pub violation: Option<Violation>,
     /// The faults that began: kind, the mission's state at that time, and when, s after the order.
     pub began: Vec<(Kind, State, f64)>,
+    /// The first drone's states, and when each was entered, s after the order.
+    pub states: Vec<(&'static str, f64)>,
     /// Time from the order to the end, s.
     pub lasted_s: f64,
-}
-
-/// A fault of the list at its place in time.
-struct Scheduled {
-    fault: Fault,
-    began_s: Option<f64>,
-    over: bool,
-    /// An abort, or a person who took over, stopped something when it began.
-    stops: bool,
-    /// What it has left of the battery where it met that, 0 to 1.
-    charge_left: Option<f64>,
-}
-
-impl Scheduled {
-    fn is_active(&self, t_s: f64) -> bool {
-        self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
-    }
 }
 
 /// Flies it; `show` is given each fault and each state as it begins.
@@ -69,6 +57,12 @@ pub fn fly_mutant(
     while run.tick(mutant, show) {}
     Ok(Flown {
         lasted_s: run.rig.t_s(),
+        states: run
+            .rig
+            .entered(0)
+            .iter()
+            .map(|(state, t_s)| (state.name(), *t_s))
+            .collect(),
         ..run.flown
     })
 }
@@ -78,9 +72,9 @@ struct Run {
     flight: FlightKind,
     rig: Rig,
     people: People,
-    faults: Vec<Scheduled>,
-    /// The states that the first drone has entered, each with its time, s.
-    entered: Vec<(State, f64)>,
+    faults: Schedule,
+    /// Of the states that the first drone has entered so many were shown.
+    shown: usize,
     watches: Vec<Watch>,
     /// When a fault was active last, s.
     last_s: f64,
@@ -97,19 +91,12 @@ impl Run {
         let mut rig = Rig::new(&scenario, &nodes, storm.seed)?;
         set_up(&mut rig);
         rig.world.share_deck();
-        let pending = |fault: &Fault| Scheduled {
-            fault: *fault,
-            began_s: None,
-            over: false,
-            stops: false,
-            charge_left: None,
-        };
         Ok(Run {
             flight: storm.flight,
             rig,
             people: People::new(storm.flight),
-            faults: storm.faults.iter().map(pending).collect(),
-            entered: vec![(State::Idle, 0.0)],
+            faults: Schedule::new(&storm.faults),
+            shown: 1,
             watches: vec![Watch::default(); storm.drones.into()],
             last_s: 0.0,
             moved_s: 0.0,
@@ -117,6 +104,7 @@ impl Run {
                 ending: Ending::Waits,
                 violation: None,
                 began: Vec::new(),
+                states: Vec::new(),
                 lasted_s: 0.0,
             },
         })
@@ -124,16 +112,15 @@ impl Run {
 
     /// One tick, after what is ordered, begins and ends before it; whether the flight goes on.
     fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
-        let (t_s, state) = (self.rig.t_s(), self.rig.state(0));
-        if self.entered.last().is_none_or(|(last, _)| *last != state) {
-            self.entered.push((state, t_s));
-            show(t_s, &format!("{}: {}", state.name(), self.rig.mission(0).entered));
+        let t_s = self.rig.t_s();
+        if self.rig.entered(0).len() > self.shown {
+            self.shown += 1;
+            let m = self.rig.mission(0);
+            show(t_s, &format!("{}: {}", m.state.name(), m.entered));
         }
         self.people.act(&mut self.rig);
-        for k in 0..self.faults.len() {
-            self.step(k, show);
-        }
-        let failing = failing(&self.faults, t_s);
+        self.begin_and_end(show);
+        let failing = self.faults.failing(t_s);
         self.rig.world.fail(&Failing { mutant, ..failing });
         self.rig.advance(&mut NoTap);
         let over = match self.look() {
@@ -149,47 +136,25 @@ impl Run {
         over.is_none()
     }
 
-    /// Begins or ends the `k`-th fault where that is due.
-    fn step(&mut self, k: usize, show: &mut dyn FnMut(f64, &str)) {
-        let (t_s, rig) = (self.rig.t_s(), &mut self.rig);
-        let Some(scheduled) = self.faults.get_mut(k) else {
-            return;
-        };
-        let fault = scheduled.fault;
-        let moment_s = || fault.moment_s(&self.entered, rig.began_s(Moment::Contact));
-        match scheduled.began_s {
-            None if moment_s().is_some_and(|at| t_s >= at + fault.after_s) => {
-                scheduled.began_s = Some(t_s);
-                scheduled.stops = !self.flight.takes_off() || goes_on(self.flight, rig, 0);
-                scheduled.charge_left = fault.kind.empties().then_some(0.0);
-                self.flown.began.push((fault.kind, rig.state(0), t_s));
-                let (size, lasts) = (fault.size, fault.lasts_s);
-                show(
-                    t_s,
-                    &format!("fault: {}, size {size}, for {lasts} s", fault.kind.name()),
-                );
-                if !self.people.give(rig, fault.kind)
-                    && let Effect::Events(begin, _) = fault.kind.spec().effect
-                {
-                    begin(rig, fault.size);
-                }
-            }
-            Some(_) if !scheduled.over && !scheduled.is_active(t_s) => {
-                scheduled.over = true;
-                let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
-                scheduled.charge_left = charge.filter(|_| fault.kind.empties());
-                if let Effect::Events(_, end) = fault.kind.spec().effect {
-                    end(rig, fault.size);
-                }
-            }
-            None | Some(_) => {}
+    /// Begins and ends the faults that are due.
+    fn begin_and_end(&mut self, show: &mut dyn FnMut(f64, &str)) {
+        let (flight, people, flown) = (self.flight, &self.people, &mut self.flown);
+        for scheduled in &mut self.faults.0 {
+            scheduled.step(&mut self.rig, |rig, scheduled| {
+                let (t_s, fault) = (rig.t_s(), scheduled.fault);
+                scheduled.stops = !flight.takes_off() || goes_on(flight, rig, 0);
+                flown.began.push((fault.kind, rig.state(0), t_s));
+                let (name, size, lasts) = (fault.kind.name(), fault.size, fault.lasts_s);
+                show(t_s, &format!("fault: {name}, size {size}, for {lasts} s"));
+                people.give(rig, fault.kind)
+            });
         }
     }
 
     /// The first rule that the last tick broke.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
-        let scene = scene_of(self.flight, &self.faults, self.people.ordered_s(), rig.t_s());
+        let scene = scene_of(self.flight, &self.faults.0, self.people.ordered_s(), rig.t_s());
         let mut looks = self.watches.iter_mut().enumerate();
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
@@ -197,7 +162,7 @@ impl Run {
     /// How the flight has ended, and what a drone that was left alone for long enough has broken; None: it goes on.
     fn over(&mut self) -> Option<(Ending, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
-        let active = self.faults.iter().any(|f| f.began_s.is_some() && !f.over);
+        let active = self.faults.0.iter().any(|f| f.began_s.is_some() && !f.over);
         if active {
             self.last_s = t_s;
         }
@@ -213,7 +178,8 @@ impl Run {
         let given_up = rig.state(0) == State::GaveUp || people.is_up(rig);
         let given_up = given_up && t_s > rig.entered_s(0).max(self.last_s) + GIVEN_UP_S;
         let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
-        if !alone {
+        let descends = matches!(rig.state(0), State::Descent | State::Flare);
+        if !alone || descends && t_s < rig.entered_s(0) + DESCENDS_S {
             // A storm that is cut off has not been left alone for long enough to be asked.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
@@ -239,17 +205,6 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// What fails now, of all that are active.
-fn failing(faults: &[Scheduled], t_s: f64) -> Failing {
-    let mut failing = Failing::default();
-    for f in faults.iter().filter(|f| f.is_active(t_s)) {
-        if let Effect::Lasting(fail) = f.fault.kind.spec().effect {
-            fail(&mut failing, f.fault.size);
-        }
-    }
-    failing
-}
-
 /// The faults as the rules see them; people ordered something last at `ordered_s`.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> Scene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
@@ -269,6 +224,8 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
+        without_computer: began()
+            .any(|(f, at)| f.fault.kind == Kind::ComputerRebooted && until(super::watch::RESUME_S)(f, at)),
         charge_left: began().filter_map(|(f, _)| f.charge_left).reduce(f64::min),
         aborted_s,
         last_abort_s,

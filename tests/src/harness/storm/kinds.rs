@@ -1,18 +1,9 @@
-//! The kinds of faults: of what each has a size, how large and how long they are drawn, and what they excuse.
+//! The kinds of faults: of what each has a size, how large and how long they are drawn, what they excuse, and what they do.
+//!
+//! What they do is a column that `effects.rs` reads, which knows the world; nothing here does, so that a scenario has faults.
 
-use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
 use alight_shared::process::ProcessKind;
-use alight_shared::time::Span;
-use alight_uav::autopilot::message::CommandResult;
-use alight_usv::deck::DeckInputs;
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-
-use crate::autopilots::simulated::mode_number;
-use crate::harness::failing::Failing;
-use crate::harness::rig::Rig;
-use crate::harness::world::Checkpoints;
-use crate::radio::ChannelFault;
 
 /// What a fault takes from the drone, so that not every rule can hold meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,22 +27,10 @@ pub struct Spec {
     pub lasts_s: [f64; 2],
     /// What it takes.
     pub takes: Takes,
-    /// What it does.
-    pub effect: Effect,
 }
 
-/// What a fault does to the world, by its size.
-#[derive(Clone, Copy, Debug)]
-pub enum Effect {
-    /// Something fails as long as it lasts.
-    Lasting(fn(&mut Failing, f64)),
-    /// Something happens when it begins, and when it is over.
-    Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
-}
-use Effect::{Events, Lasting};
-
-/// Lists the kinds with their specification: name, of what the size is, size, duration, what it takes, effect.
-macro_rules! kinds {
+/// Declares the kinds of `each_kind` with all columns but the last.
+macro_rules! names {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         /// Kinds of faults.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -98,7 +77,7 @@ macro_rules! kinds {
             pub const fn spec(self) -> Spec {
                 match self {
                     $(Kind::$kind => Spec {
-                        of: $of, size: $size, lasts_s: $lasts, takes: Takes::$takes, effect: $effect,
+                        of: $of, size: $size, lasts_s: $lasts, takes: Takes::$takes,
                     },)*
                 }
             }
@@ -116,14 +95,6 @@ const FREEZE: [f64; 2] = [0.1, 3.0];
 const GAP: [f64; 2] = [0.2, 8.0];
 /// 0: the successor has its predecessor's checkpoint; 1: it has none.
 pub(super) const CHECKPOINT: [f64; 2] = [0.0, 1.0];
-
-/// All packets are lost.
-const LOST: ChannelFault = ChannelFault {
-    loss: 1.0,
-    delay_s: 0.0,
-    jitter_s: 0.0,
-    doubled: 0.0,
-};
 /// A sensor measures wrongly for so long, s.
 const WRONG: [f64; 2] = [2.0, 30.0];
 /// Somebody or something pushes the vessel for so long, s.
@@ -157,41 +128,9 @@ const STOPS: [(Kind, ProcessKind, Stop); 14] = [
     (Kind::VesselFrozen, ProcessKind::Vessel, Freezes),
 ];
 
-/// Nothing happens.
-const fn nothing(_: &mut Rig, _: f64) {}
-/// A process of the first drone dies.
-fn kill(rig: &mut Rig, process: ProcessKind) {
-    rig.world.kill(0, process);
-}
-/// It starts anew, with checkpoints by this size.
-fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
-    rig.world.start(0, process, kept(size));
-}
-/// A successor's checkpoints by this size.
-fn kept(size: f64) -> Checkpoints {
-    if size >= 0.5 {
-        Checkpoints::Lost
-    } else {
-        Checkpoints::Kept
-    }
-}
-/// The mode is chosen by the pilot's switch or the ground station.
-fn choose(rig: &mut Rig, mode: AutopilotMode) {
-    if let Some(linked) = rig.world.linked(0) {
-        let autopilot = &mut linked.autopilot;
-        autopilot.choose(mode_number(autopilot.firmware(), mode));
-    }
-}
-
-/// The deck's sensor reports something on it, or nothing.
-fn occupy(rig: &mut Rig, occupied: bool) {
-    rig.world.deck_inputs(DeckInputs {
-        occupied: Some(occupied),
-        ..DeckInputs::default()
-    });
-}
-
-kinds! {
+/// Gives a macro the kinds: name, of what the size is, size, duration, what it takes, effect.
+#[rustfmt::skip]
+macro_rules! each_kind { ($with:ident) => { $with! {
     /// The predictor's process dies.
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
         Events(|r, _| kill(r, ProcessKind::Predictor), |r, size| start(r, ProcessKind::Predictor, size));
@@ -468,4 +407,6 @@ kinds! {
     /// The crew closes the deck for so long.
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
-}
+} } }
+pub(super) use each_kind;
+each_kind!(names);

@@ -5,14 +5,17 @@
 //! After Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed leaves kinds out).
 
 mod draw;
+mod effects;
+pub(super) mod fault;
 mod flight;
 mod kinds;
-mod moment;
 mod people;
 mod plan;
+mod schedule;
 mod shrink;
 pub mod watch;
 
+use alight_shared::config::{self, ConfigError, Keys};
 use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -24,42 +27,17 @@ use crate::studies::aborts::drive;
 
 pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
+pub use effects::Effect;
+pub use fault::{Fault, Moment};
 pub use flight::{Flown, fly, fly_mutant};
-pub use kinds::{Effect, Kind, Spec, Takes};
-pub use moment::Moment;
+pub use kinds::{Kind, Spec, Takes};
 pub use plan::FlightKind;
+pub use schedule::Schedule;
 pub use shrink::shrink;
 pub use watch::Ending;
 
 /// Faults of a list, at most.
 pub const MAX_FAULTS: usize = 16;
-/// A fault begins at most so long after its state was entered, and lasts at most so long, s.
-const MAX_S: f64 = 60.0;
-/// It begins at no later entry of its state.
-const MAX_ENTRY: u8 = 9;
-
-/// One fault.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fault {
-    /// What.
-    pub kind: Kind,
-    /// It begins at this moment ...
-    #[serde(rename = "state")]
-    pub moment: Moment,
-    /// ... at this entry of its state in the flight, the first being 1; of first contacts there is one ...
-    #[serde(default = "one")]
-    pub entry: u8,
-    /// ... and so much later, s.
-    #[serde(default)]
-    pub after_s: f64,
-    /// Its size, in the unit of [`Spec::of`].
-    #[serde(default)]
-    pub size: f64,
-    /// How long it lasts, s; of what happens at once, nothing.
-    #[serde(default)]
-    pub lasts_s: f64,
-}
 
 /// A flight and its faults.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -93,7 +71,7 @@ pub struct Storm {
     pub faults: Vec<Fault>,
 }
 
-/// One drone, and the first entry.
+/// One drone.
 const fn one() -> u8 {
     1
 }
@@ -118,8 +96,8 @@ pub enum StormError {
 impl Storm {
     /// Reads a list; a figure out of its range is an error that names it.
     pub fn read(text: &str) -> Result<Storm, StormError> {
-        let storm: Storm = toml::from_str(text).map_err(|e| StormError::Toml(e.to_string()))?;
-        storm.check()?;
+        let storm: Storm = config::read(text, "the list").map_err(|e| StormError::Toml(e.to_string()))?;
+        storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
     }
     /// As a file that is read again.
@@ -127,44 +105,26 @@ impl Storm {
         toml::to_string(self).unwrap_or_default()
     }
 
-    fn check(&self) -> Result<(), StormError> {
-        let within = |what: String, value: f64, [low, high]: [f64; 2]| {
-            if (low..=high).contains(&value) {
-                return Ok(());
-            }
-            let wanted = format!("{what} = {value}: {low} to {high} is possible");
-            Err(StormError::Range(wanted))
-        };
-        within("sea, amplitude".into(), self.sea[0], [0.0, 1.0])?;
-        within("sea, period".into(), self.sea[1], [3.0, 12.0])?;
-        within("speed_mps".into(), self.speed_mps, [0.0, 10.0])?;
-        within("wind_mps".into(), self.wind_mps, [0.0, 15.0])?;
-        let most_drones = f64::from(self.flight.most_drones());
-        within("drones".into(), f64::from(self.drones), [1.0, most_drones])?;
-        within(
-            "faults in the list".into(),
-            self.faults.len() as f64,
-            [0.0, MAX_FAULTS as f64],
-        )?;
-        for fault in &self.faults {
-            let (name, spec) = (fault.kind.name(), fault.kind.spec());
-            let largest = spec.size[0].abs().max(spec.size[1].abs());
-            let of = if spec.of.is_empty() { "none" } else { spec.of };
-            within(format!("{name}, size ({of})"), fault.size, [-largest, largest])?;
-            let entries = [1.0, f64::from(MAX_ENTRY)];
-            within(format!("{name}, entry"), f64::from(fault.entry), entries)?;
-            within(format!("{name}, after_s"), fault.after_s, [0.0, MAX_S])?;
-            within(format!("{name}, lasts_s"), fault.lasts_s, [0.0, MAX_S])?;
-        }
-        Ok(())
+    fn check(&self) -> Result<(), ConfigError> {
+        let at = Keys::ROOT;
+        at.range("sea[0]", self.sea[0], 0.0, 1.0)?;
+        at.range("sea[1]", self.sea[1], 3.0, 12.0)?;
+        at.range("speed_mps", self.speed_mps, 0.0, 10.0)?;
+        at.range("wind_mps", self.wind_mps, 0.0, 15.0)?;
+        let most_drones = self.flight.most_drones().into();
+        at.range("drones", self.drones.into(), 1.0, most_drones)?;
+        let of_faults = at.table("fault");
+        of_faults.range("count", self.faults.len() as f64, 0.0, MAX_FAULTS as f64)?;
+        Fault::check_all(&self.faults, &of_faults, fault::MAX_S)
     }
 
-    /// The scene of a landing, and the nodes' configurations; what another flight changes of them is its own
+    /// The scene of a landing with the faults, and the nodes' configurations; what another flight changes of them is its own
     /// ([`FlightKind`]).
     pub fn scene(&self) -> (Scenario, NodeConfigs) {
         let [amplitude_m, period_s] = self.sea;
         let mut scenario = Scenario {
             sea: SeaConfig::paper(amplitude_m, period_s),
+            faults: self.faults.clone(),
             ..Scenario::default()
         };
         if self.course.is_under_way() {
@@ -205,7 +165,7 @@ mod tests {
             (aimed.faults[3].kind, aimed.faults[3].moment),
             (Kind::RangeZero, Moment::In(State::Flare))
         );
-        assert_eq!(aimed.check(), Ok(()));
+        assert!(aimed.check().is_ok());
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");
         assert!(matches!(Storm::read(&wrong), Err(StormError::Range(_))));
         assert!(matches!(Storm::read("seed = 1"), Err(StormError::Toml(_))));

@@ -141,6 +141,8 @@ pub struct Scene {
     pub uncommanded: bool,
     /// Thrust is taken.
     pub without_power: bool,
+    /// The drone's computer is without power, or was a moment ago: its autopilot lands by itself, wherever it is.
+    pub without_computer: bool,
     /// What a fault has left of the battery, 0 to 1: nothing while it lasts; None: no fault met it.
     pub charge_left: Option<f64>,
     /// When the mission received an abort, s.
@@ -162,6 +164,7 @@ impl Scene {
         Scene {
             uncommanded: false,
             without_power: false,
+            without_computer: false,
             charge_left: None,
             aborted_s: None,
             last_abort_s: None,
@@ -245,7 +248,7 @@ impl Watch {
                 return Some((Rule::TippedOver, contact.normal_mps));
             }
         }
-        if (without_power || self.elsewhere) && o.in_water {
+        if (without_power || scene.without_computer || self.elsewhere) && o.in_water {
             self.struck_s = Some(t_s);
         }
         (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))
@@ -403,16 +406,14 @@ const fn names_battery(why: ReasonCode) -> bool {
     )
 }
 
-/// Long after the last fault: broken by a drone that follows our set-points in the air and is asked in vain. It has energy that its
-/// mission promises, the charge that counts being no less than the way to the deck and one attempt take, or time being left before
-/// it turns back on a sortie; or it has raised its alarm, a place for its low battery or a reason that names that. And it states
-/// what its next step waits for.
+/// Long after the last fault: broken by a drone that follows our set-points in the air and is asked in vain. Its charge is known,
+/// which the status compares with what the way to the deck and one attempt take; or time is left before it turns back on a sortie;
+/// or it has raised its alarm, a place for its low battery or a reason that names that. And it states what its next step waits for.
 pub fn is_unsaid(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let waits = o.motors_on && !o.in_water && autopilot.is_some_and(SimulatedAutopilot::in_offboard);
-    let promised = mission.battery.is_some_and(|b| b >= mission.battery_reserve)
-        || mission.turns_in_s.is_some_and(|left_s| left_s > 0.0);
+    let promised = mission.battery.is_some() || mission.turns_in_s.is_some_and(|left_s| left_s > 0.0);
     let reasons = [mission.waiting, mission.entered]
         .into_iter()
         .chain(mission.rejected);

@@ -1,6 +1,7 @@
 //! Places on a vessel, as an installer measures them: deck, sensors, trim. One TOML file beside the
 //! response table.
 
+use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::tags::Tags;
 use serde::{Deserialize, Serialize};
@@ -75,7 +76,7 @@ impl Places {
             origin: origin.into(),
             message,
         };
-        let places: Places = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+        let places: Places = config::read(text, "the places").map_err(|e| wrong(e.to_string()))?;
         let (deck, trim) = (&places.deck, &places.trim);
         let lengths = [
             ("deck.forward_m", deck.forward_m, [-50.0, 50.0]),

@@ -1,16 +1,50 @@
-//! The moment at which a fault begins, and how a single fault is drawn.
+//! One fault: what, when and for how long, the figures that it may have, and how a single one is drawn. A scenario has
+//! faults, too: nothing here knows the world.
 
+use alight_shared::config::{ConfigError, Keys};
 use alight_shared::msg::State;
 use serde::de::IntoDeserializer as _;
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 
-use super::{Fault, Kind};
+use super::kinds::Kind;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
+/// A fault begins at most so long after its state was entered, and one of a storm lasts at most so long, s.
+pub(super) const MAX_S: f64 = 60.0;
+/// It begins at no later entry of its state.
+const MAX_ENTRY: u8 = 9;
 /// The first contact's name among the states.
 const CONTACT: &str = "Contact";
+
+/// One fault.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// What.
+    pub kind: Kind,
+    /// It begins at this moment ...
+    #[serde(rename = "state")]
+    pub moment: Moment,
+    /// ... at this entry of its state in the flight, the first being 1; of first contacts there is one ...
+    #[serde(default = "first")]
+    pub entry: u8,
+    /// ... and so much later, s.
+    #[serde(default)]
+    pub after_s: f64,
+    /// Its size, in the unit of [`Spec::of`](super::Spec::of).
+    #[serde(default)]
+    pub size: f64,
+    /// How long it lasts, s; of what happens at once, nothing. In a scenario `inf` is for good.
+    #[serde(default)]
+    pub lasts_s: f64,
+}
+
+/// The first entry.
+const fn first() -> u8 {
+    1
+}
 
 /// When a fault begins. In a list it is the state's name, or `Contact`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,22 +110,41 @@ const FROZEN_S: [f64; 2] = [0.2, 2.0];
 const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {
+    /// Without a size, at the first entry.
+    pub const fn new(kind: Kind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
+        Fault {
+            kind,
+            moment,
+            entry: first(),
+            after_s,
+            size: 0.0,
+            lasts_s,
+        }
+    }
     /// A fault of a process that begins within the phase of its moment, its times drawn from the seed.
     pub fn drawn(kind: Kind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
         let [shortest, longest] = if kind.freezes() { FROZEN_S } else { AWAY_S };
-        Fault {
-            kind,
-            moment,
-            entry: 1,
-            after_s,
-            size: 0.0,
-            lasts_s: shortest + (longest - shortest) * noise.uniform(),
+        let lasts_s = shortest + (longest - shortest) * noise.uniform();
+        Fault::new(kind, moment, after_s, lasts_s)
+    }
+    /// Faults that last at most so long, s: a figure out of its range is an error that names it.
+    pub(crate) fn check_all(faults: &[Fault], at: &Keys<'_>, longest_s: f64) -> Result<(), ConfigError> {
+        for fault in faults {
+            let at = at.table(fault.kind.name());
+            let spec = fault.kind.spec();
+            let largest = spec.size[0].abs().max(spec.size[1].abs());
+            let of = if spec.of.is_empty() { "none" } else { spec.of };
+            at.range(&format!("size ({of})"), fault.size, -largest, largest)?;
+            at.range("entry", fault.entry.into(), 1.0, MAX_ENTRY.into())?;
+            at.range("after_s", fault.after_s, 0.0, MAX_S)?;
+            at.range("lasts_s", fault.lasts_s, 0.0, longest_s)?;
         }
+        Ok(())
     }
     /// When its moment began, s: by the states that the drone has entered, each with its time, and by its first contact.
-    pub(super) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
+    pub(crate) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
         match self.moment {
             Moment::In(state) => {
                 let mut entries = entered.iter().filter(|(s, _)| *s == state);
@@ -105,7 +158,10 @@ impl Fault {
 
 #[cfg(test)]
 mod tests {
+    use alight_shared::config;
+
     use super::*;
+    use crate::harness::scenario::Scenario;
 
     #[test]
     fn times_by_seed() {
@@ -139,6 +195,28 @@ mod tests {
         assert_eq!(at(Moment::In(State::Idle), 1), Some(0.0));
         // Of the first contact there is one.
         assert_eq!(at(Moment::Contact, 2), Some(33.0));
+    }
+
+    #[test]
+    fn faults_of_a_scenario() {
+        let read = |fault: &str| config::parse::<Scenario>(&format!("[[fault]]\n{fault}"), "test");
+        let lost = Fault::new(Kind::RadioLost, Moment::In(State::Flare), 0.5, f64::INFINITY);
+        let text = "kind = \"radio-lost\"\nstate = \"Flare\"\nafter_s = 0.5\nlasts_s = inf";
+        let scenario = read(text).unwrap();
+        assert_eq!(scenario.faults, [lost]);
+        let written = config::commented(&scenario).unwrap();
+        assert_eq!(config::parse::<Scenario>(&written, "test").unwrap(), scenario);
+        let late = read(&text.replace("0.5", "61.0")).unwrap_err().to_string();
+        assert!(
+            late.contains("`fault.radio-lost.after_s` is 61: allowed is 0 to 60"),
+            "{late}"
+        );
+        let former = config::parse::<Scenario>("[radio_outage]\nstate = \"Flare\"\nduration_s = 1", "test");
+        let former = former.unwrap_err().to_string();
+        assert!(
+            former.contains("`radio_outage`") && former.contains("`fault`"),
+            "{former}"
+        );
     }
 
     #[test]

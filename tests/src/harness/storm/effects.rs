@@ -1,0 +1,80 @@
+//! What the kinds of faults do to the world.
+
+use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
+use alight_shared::process::ProcessKind;
+use alight_shared::time::Span;
+use alight_uav::autopilot::message::CommandResult;
+use alight_usv::deck::DeckInputs;
+use nalgebra::Vector3;
+
+use super::kinds::{Kind, each_kind};
+use crate::autopilots::simulated::mode_number;
+use crate::harness::failing::Failing;
+use crate::harness::rig::Rig;
+use crate::harness::world::Checkpoints;
+use crate::radio::ChannelFault;
+
+/// What a fault does to the world, by its size.
+#[derive(Clone, Copy, Debug)]
+pub enum Effect {
+    /// Something fails as long as it lasts.
+    Lasting(fn(&mut Failing, f64)),
+    /// Something happens when it begins, and when it is over.
+    Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
+}
+use Effect::{Events, Lasting};
+
+/// All packets are lost.
+const LOST: ChannelFault = ChannelFault {
+    loss: 1.0,
+    delay_s: 0.0,
+    jitter_s: 0.0,
+    doubled: 0.0,
+};
+
+/// Nothing happens.
+const fn nothing(_: &mut Rig, _: f64) {}
+/// A process of the first drone dies.
+fn kill(rig: &mut Rig, process: ProcessKind) {
+    rig.world.kill(0, process);
+}
+/// It starts anew, with checkpoints by this size.
+fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
+    rig.world.start(0, process, kept(size));
+}
+/// A successor's checkpoints by this size.
+fn kept(size: f64) -> Checkpoints {
+    if size >= 0.5 {
+        Checkpoints::Lost
+    } else {
+        Checkpoints::Kept
+    }
+}
+/// The mode is chosen by the pilot's switch or the ground station.
+fn choose(rig: &mut Rig, mode: AutopilotMode) {
+    if let Some(linked) = rig.world.linked(0) {
+        let autopilot = &mut linked.autopilot;
+        autopilot.choose(mode_number(autopilot.firmware(), mode));
+    }
+}
+
+/// The deck's sensor reports something on it, or nothing.
+fn occupy(rig: &mut Rig, occupied: bool) {
+    rig.world.deck_inputs(DeckInputs {
+        occupied: Some(occupied),
+        ..DeckInputs::default()
+    });
+}
+
+/// Takes the last column of `each_kind`.
+macro_rules! effects {
+    ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
+        impl Kind {
+            /// What it does.
+            pub const fn effect(self) -> Effect {
+                match self { $(Kind::$kind => $effect,)* }
+            }
+        }
+    };
+}
+each_kind!(effects);

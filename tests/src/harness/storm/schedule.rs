@@ -1,0 +1,85 @@
+//! The faults of a flight in time: when each begins and ends, and what fails meanwhile.
+
+use super::effects::Effect;
+use super::fault::Fault;
+use crate::harness::failing::Failing;
+use crate::harness::rig::Rig;
+
+/// A fault at its place in time.
+pub(super) struct Scheduled {
+    pub(super) fault: Fault,
+    /// When it began, s.
+    pub(super) began_s: Option<f64>,
+    pub(super) over: bool,
+    /// An abort, or a person who took over, stopped something when it began.
+    pub(super) stops: bool,
+    /// What it has left of the battery where it met that, 0 to 1.
+    pub(super) charge_left: Option<f64>,
+}
+
+impl Scheduled {
+    fn is_active(&self, t_s: f64) -> bool {
+        self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
+    }
+
+    /// Begins or ends it where that is due. `begins` is told that it begins, and whether that is an order which it gives itself.
+    pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
+        let (t_s, fault) = (rig.t_s(), self.fault);
+        match self.began_s {
+            None if rig.due_s(&fault).is_some_and(|at| t_s >= at) => {
+                self.began_s = Some(t_s);
+                self.charge_left = fault.kind.empties().then_some(0.0);
+                if !begins(rig, self)
+                    && let Effect::Events(begin, _) = fault.kind.effect()
+                {
+                    begin(rig, fault.size);
+                }
+            }
+            Some(_) if !self.over && !self.is_active(t_s) => {
+                self.over = true;
+                let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
+                self.charge_left = charge.filter(|_| fault.kind.empties());
+                if let Effect::Events(_, end) = fault.kind.effect() {
+                    end(rig, fault.size);
+                }
+            }
+            None | Some(_) => {}
+        }
+    }
+}
+
+/// All of them.
+pub struct Schedule(pub(super) Vec<Scheduled>);
+
+impl Schedule {
+    /// None has begun.
+    pub fn new(faults: &[Fault]) -> Schedule {
+        let pending = |fault: &Fault| Scheduled {
+            fault: *fault,
+            began_s: None,
+            over: false,
+            stops: false,
+            charge_left: None,
+        };
+        Schedule(faults.iter().map(pending).collect())
+    }
+    /// Begins and ends what is due before a tick, and lets fail what is active; without faults the world stays untouched.
+    pub fn act(&mut self, rig: &mut Rig) {
+        for scheduled in &mut self.0 {
+            scheduled.step(rig, |_, _| false);
+        }
+        if !self.0.is_empty() {
+            rig.world.fail(&self.failing(rig.t_s()));
+        }
+    }
+    /// What fails now, of all that are active.
+    pub(super) fn failing(&self, t_s: f64) -> Failing {
+        let mut failing = Failing::default();
+        for f in self.0.iter().filter(|f| f.is_active(t_s)) {
+            if let Effect::Lasting(fail) = f.fault.kind.effect() {
+                fail(&mut failing, f.fault.size);
+            }
+        }
+        failing
+    }
+}
