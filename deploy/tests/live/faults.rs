@@ -62,9 +62,8 @@ fn live_link_killed_after_the_stop() {
 /// States that lasted longer than this, s: a shorter one may pass between two looks at live processes.
 const BRIEF_S: f64 = 0.1;
 
-/// The states by their order, of names with the times at which they were entered.
-fn lasting(states: impl Iterator<Item = (String, f64)>) -> Vec<String> {
-    let all: Vec<(String, f64)> = states.collect();
+/// The states that lasted, by their order, of names with the times at which they were entered.
+fn lasting(all: &[(String, f64)]) -> Vec<String> {
     let until = |k: usize| all.get(k + 1).map_or(f64::INFINITY, |(_, t_s)| *t_s);
     let mut names: Vec<String> = (0..all.len())
         .filter(|k| until(*k) - all[*k].1 > BRIEF_S)
@@ -72,6 +71,12 @@ fn lasting(states: impl Iterator<Item = (String, f64)>) -> Vec<String> {
         .collect();
     names.dedup();
     names
+}
+
+/// Whether these states are among `all`, in the same order.
+fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
+    let mut all = all.iter();
+    states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
 /// Where the list ends in lock-step and on real processes, through the same states: landed, or waiting.
@@ -103,13 +108,16 @@ fn endings(list: &str, name: &str) -> [bool; 2] {
     let text = |v: &Value| v.as_str().expect("a name").to_owned();
     let [phases, states] =
         [&live["live"]["phases"], &step["states"]].map(|all| all.as_array().expect("a list"));
-    let flown = phases
+    let flown: Vec<(String, f64)> = phases
         .iter()
-        .map(|p| (text(&p["state"]), p["t_s"].as_f64().expect("a time")));
-    let stepped = states
+        .map(|p| (text(&p["state"]), p["t_s"].as_f64().expect("a time")))
+        .collect();
+    let stepped: Vec<(String, f64)> = states
         .iter()
-        .map(|s| (text(&s[0]), s[1].as_f64().expect("a time")));
-    assert_eq!(lasting(flown), lasting(stepped));
+        .map(|s| (text(&s[0]), s[1].as_f64().expect("a time")))
+        .collect();
+    let same = are_among(&lasting(&flown), &stepped) && are_among(&lasting(&stepped), &flown);
+    assert!(same, "{flown:?}\n{stepped:?}");
     [live["outcome"] == "success", step["ending"] == "landed"]
 }
 
@@ -139,8 +147,8 @@ fn abort_to_the_successor_of_a_killed_mission() {
     );
     let (flown, out) = std::thread::scope(|scope| {
         let flown = scope.spawn(|| fly(&name, &flight));
-        let descends = |s: &Value| s["mission"]["state"] == "Descent";
-        let first = pid(&status_when(&name, descends), "mission");
+        // Before its fault: a look takes longer than the fault may wait.
+        let first = pid(&status_when(&name, |s| pid(s, "mission").is_some()), "mission");
         status_when(&name, |s| pid(s, "mission").is_some_and(|new| Some(new) != first));
         let config = directory(&name).join("drone.toml");
         let out = run(format!("command abort --json --config {}", config.display()));
