@@ -65,6 +65,27 @@ fn replay_of_a_recording() {
 }
 
 #[test]
+fn replay_of_processes_that_were_killed() {
+    let kill = |kind: &str, state: &str| {
+        format!("[[fault]]\nkind = \"{kind}\"\nstate = \"{state}\"\nafter_s = 0.1\nlasts_s = 0.15\n")
+    };
+    let faults = kill("predictor-killed", "Descent")
+        + &kill("mission-killed", "Flare")
+        + &kill("link-killed", "Approach");
+    let start = "[start]\nwarm_up_s = 15.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
+    let (scene, recording) = (file("killed.toml", faults + start), scratch("killed.mcap"));
+    let flown = alight(format!(
+        "trial --scenario {scene} --seed 5 --record {}",
+        recording.display()
+    ));
+    assert_eq!(flown.status.code(), Some(0), "{}", stderr(&flown));
+    let replay = json(&alight(format!("replay {} --json", recording.display())));
+    assert_eq!(replay["identical"], true, "{replay}");
+    let starts = replay["nodes"].as_array().unwrap().len();
+    assert_eq!(starts, 8, "six nodes, two of them twice: {replay}");
+}
+
+#[test]
 fn plot_of_a_recording() {
     let (file, _) = recorded();
     let (plot, other) = (scratch("belief.svg"), scratch("belief.png"));

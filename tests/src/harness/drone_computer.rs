@@ -105,7 +105,8 @@ impl Observer {
 pub struct DroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
-    /// The boot id of each of its processes that was started after the computer.
+    /// The boot id with which its processes began, and of each that was started since.
+    first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
@@ -245,6 +246,7 @@ impl DroneComputer {
         DroneComputer {
             k,
             boot,
+            first_boot: boot,
             boots: BTreeMap::new(),
             radio: Session::new(&scenario.radio, &streams),
             rows,
@@ -413,6 +415,7 @@ impl DroneComputer {
         self.linked = physics
             .autopilot(self.k)
             .map(|(config, autopilot)| LinkedAutopilot::new(config, &streams, autopilot));
+        self.boots.insert(ProcessKind::Autopilot, self.boot);
         self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
             self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
@@ -440,7 +443,7 @@ impl DroneComputer {
         (t, now): Moment,
         tap: &'a mut T,
     ) -> impl FnMut(&I, &O) + use<'a, T, I, O> {
-        let boot = self.boots.get(&process).copied().unwrap_or(self.boot);
+        let boot = self.boots.get(&process).copied().unwrap_or(self.first_boot);
         move |input, output| {
             tap.step(
                 t,

@@ -151,10 +151,14 @@ pub struct References {
 pub struct Newest(Option<Header<DroneClock>>);
 
 impl References {
-    /// Takes out of `input` what the file has already.
-    pub fn take(input: &mut impl Input, newest: &mut Newest) -> References {
-        let forecast = input.forecast().and_then(Option::take);
-        let plan = input.plan().and_then(Option::take);
+    /// Takes out of `input` what the file has already: of a process that was killed it lacks the last steps.
+    pub fn take(input: &mut impl Input, newest: &mut Newest, written: &Computed) -> References {
+        let forecast = input
+            .forecast()
+            .and_then(|slot| slot.take_if(|f| written.has_forecast(&f.header)));
+        let plan = input
+            .plan()
+            .and_then(|slot| slot.take_if(|p| written.has_plan(&p.header)));
         let before = newest.0;
         newest.0 = input.drone().and_then(|d| d.map(|d| d.header)).or(before);
         let drone = input
@@ -181,7 +185,7 @@ pub struct Missing;
 /// Forecasts and plans that are kept: more than can be under way between two nodes.
 const KEPT: usize = 128;
 
-/// What the replay has computed, newest last.
+/// What the replay has computed, or a recording written, newest last.
 #[derive(Default)]
 pub struct Computed {
     forecasts: Vec<DeckForecast>,
@@ -198,6 +202,12 @@ impl Computed {
             NodeStep::Planner(_, _, o) => keep(&mut self.plans, o.plan),
             NodeStep::Vessel(..) | NodeStep::Bridge(..) | NodeStep::Mission(..) | NodeStep::Pilot(..) => {}
         }
+    }
+    fn has_forecast(&self, of: &Header<DroneClock>) -> bool {
+        find(&self.forecasts, |f| name(&f.header) == name(of)).is_ok()
+    }
+    fn has_plan(&self, of: &Header<DroneClock>) -> bool {
+        find(&self.plans, |p| name(&p.header) == name(of)).is_ok()
     }
     /// Puts what was left out into `input`.
     pub fn fill(&mut self, input: &mut impl Input, references: References) -> Result<(), Missing> {

@@ -9,7 +9,7 @@ use mcap::McapError;
 use serde::Serialize;
 
 use crate::exit::CliError;
-use crate::record::entry::{Entry, Input, Newest, PartHeader, References};
+use crate::record::entry::{Computed, Entry, Input, Newest, PartHeader, References};
 use crate::record::observer::{NodeStep, StepObserver};
 use crate::record::sink::{Channel, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
@@ -26,6 +26,7 @@ pub struct Recorder {
     /// Of the start whose step comes next.
     current: Channel,
     newest: Newest,
+    written: Computed,
     failed: Option<WireError>,
 }
 
@@ -57,6 +58,7 @@ impl Recorder {
                 channels,
                 current: Channel::default(),
                 newest: Newest::default(),
+                written: Computed::default(),
                 failed: None,
             };
             Ok((recorder, more))
@@ -72,7 +74,7 @@ impl Recorder {
     }
     fn entry(&mut self, t: Time<TrueTime>, now_ns: i64, input: &impl Input, output: &impl Serialize) {
         let mut input = input.clone();
-        let references = References::take(&mut input, &mut self.newest);
+        let references = References::take(&mut input, &mut self.newest, &self.written);
         let wrote = wire::hash_record(output).and_then(|output| {
             let entry = Entry {
                 now_ns,
@@ -115,6 +117,7 @@ impl StepObserver for Recorder {
             NodeStep::Planner(now, i, o) => self.entry(t, now.nanos(), i, o),
             NodeStep::Pilot(now, i, o) => self.entry(t, now.nanos(), i, o),
         }
+        self.written.keep(&step);
         self.views.step(&mut self.sink, t, step);
     }
 }

@@ -119,7 +119,7 @@ pub fn export(
     observers.extend(recorder.as_mut().map(|r| r as &mut dyn StepObserver));
     observers.extend(watcher.as_mut().map(|w| &mut **w as &mut dyn StepObserver));
     // The recording has the times of the simulated world.
-    replay(&log, &law, Span::ZERO, observers)?;
+    let replayed = replay(&log, &law, Span::ZERO, observers)?;
     if let Some(recorder) = recorder {
         recorder.finish(&[
             ("outcome", outcome.outcome.name().to_string()),
@@ -130,7 +130,14 @@ pub fn export(
     if let Some(watcher) = watcher {
         watcher.linger();
     }
-    Ok(())
+    // What is recorded are the outputs of the computation, which have to be those of the flight.
+    match replayed.iter().find_map(|r| Some((&r.node, r.differs_at_step?))) {
+        Some((node, step)) => Err(CliError(format!(
+            "recording {}: {node} computes another output at its step {step} than it had in flight; please report it",
+            directory.display()
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Records a simulated flight.
