@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use alight_computer::config::view::ViewConfig;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal;
@@ -36,6 +37,8 @@ pub struct Scene {
     pub flags: String,
     /// What a person should know of it.
     pub remarks: Vec<String>,
+    /// The drone's crew reads winds and speeds in knots.
+    pub knots: bool,
 }
 
 impl Scene {
@@ -172,7 +175,16 @@ impl Scene {
             nodes,
             sea,
             remarks,
+            knots: drone.view.knots,
         })
+    }
+    /// View of it: a simulated landing may be broken off by whoever sees its page.
+    pub fn view(&self) -> ViewConfig {
+        ViewConfig {
+            abort: true,
+            knots: self.knots,
+            ..ViewConfig::default()
+        }
     }
     /// Makes the world what the configurations describe: deck, keep-out volumes, airframe, places of the sensors.
     pub fn describe(&mut self) {

@@ -1,7 +1,10 @@
 //! What went over a boat's networks, a message a line: NMEA 2000 as text of a gateway or a logger, and deltas of Signal K.
 
+use alight_shared::time::Time;
+
+use super::wrapping::Peeled;
 use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoder, Mount, Mounting, N2kDecoder, SignalKDecoder};
+use crate::sensors::{Decoder, Mount, Mounting, N2kDecoder, SignalKDecoder, SourceMeasurement};
 
 /// Lines that are looked at, and how many of their messages have to be such.
 const LOOKED_AT: usize = 40;
@@ -22,7 +25,7 @@ impl Bus {
     fn begins(self, head: &[u8]) -> bool {
         let mut decoder = self.decoder(&Mounting::default());
         for line in head.split_inclusive(|b| *b == b'\n').take(LOOKED_AT) {
-            decoder.push(line, &mut Vec::new());
+            decoder.push(&Peeled::of(line).content, &mut Vec::new());
         }
         let found = decoder.decoded();
         let messages = found.good + found.ignored;
@@ -39,7 +42,15 @@ impl Bus {
         let mut decoder = self.decoder(&Mounting::new(mount));
         let (mut gather, mut decoded) = (Gather::default(), Vec::new());
         for line in bytes.split_inclusive(|b| *b == b'\n') {
-            decoder.push(line, &mut decoded);
+            let peeled = Peeled::of(line);
+            // A delta has the time of its update.
+            let arrival_ns = peeled.arrival_ns.filter(|_| matches!(self, Bus::N2k));
+            if let Some(at_ns) = arrival_ns {
+                decoder.arrive(Time::from_nanos(at_ns));
+            }
+            decoder.push(&peeled.content, &mut decoded);
+            let own = decoder.timeless().into_iter().zip(arrival_ns.into_iter().cycle());
+            decoded.extend(own.map(|(m, at_ns)| SourceMeasurement::new(at_ns, m)));
             decoded.drain(..).for_each(|m| gather.push(m, 0));
         }
         decoder.finish(&mut decoded);
@@ -95,6 +106,35 @@ mod tests {
             said.contains("no heading") && said.contains("30 130306"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn n2k_recording_in_a_raw_log_and_in_quotes() {
+        let frame = "09F11923 FF FF 7F 52 00 21 FE FF";
+        let timeless = "can0  09F11923   [8]  FF FF 7F 52 00 21 FE FF";
+        let mut texts = [String::new(), String::new(), String::new()];
+        for k in 0..300_u64 {
+            let line = format!("12:00:{:02}.{} R {frame}", k / 10, k % 10);
+            let [raw, quoted, by_arrival] = &mut texts;
+            *raw += &format!("{};A;{line}\n", 1_779_278_400_000 + 100 * k);
+            *quoted += &format!("{k},\"{line}\",3\n");
+            *by_arrival += &format!("{};A;{timeless}\n", 1_779_278_400_000 + 100 * k);
+        }
+        for text in texts {
+            let r = crate::log::read(text.as_bytes(), "boat.log", &Mount::default()).unwrap();
+            assert_eq!(
+                (
+                    r.format,
+                    r.decoded.good,
+                    r.decoded.corrupted,
+                    r.measurements.len()
+                ),
+                ("NMEA 2000", 300, 0, 300),
+                "{text:.80}"
+            );
+            let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
+            assert!((last - 29.9).abs() < 0.1, "{last}");
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod csv;
 mod sentences;
 pub mod table;
 mod ulog;
+mod wrapping;
 
 use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};

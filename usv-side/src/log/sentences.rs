@@ -3,12 +3,15 @@
 use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
+use super::wrapping::Peeled;
 use super::{Gather, LogError, Recording};
 use crate::sensors::{Decoder, Mount, Mounting, NmeaDecoder};
 
 /// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
+/// Sentences in which gateways send NMEA 2000.
+const CARRIERS: [&str; 3] = ["PCDIN", "MXPGN", "PDGY"];
 
 /// What became of the sentences of a kind.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,7 +84,20 @@ impl Kinds {
             0 => String::new(),
             n => format!("; and {n} more kinds"),
         };
-        format!("{total} sentences: {}{more}", named.join("; "))
+        format!("{total} sentences: {}{more}{}", named.join("; "), self.carriers())
+    }
+    /// Remedy for the kinds that carry NMEA 2000; empty without one.
+    fn carriers(&self) -> String {
+        let there = CARRIERS.into_iter().filter(|c| self.0.contains_key(*c));
+        let there: Vec<&str> = there.collect();
+        match there.len() {
+            0 => String::new(),
+            n => format!(
+                "; {} {} NMEA 2000, which is not read inside of sentences: let the gateway send RAW",
+                there.join(", "),
+                if n == 1 { "carries" } else { "carry" }
+            ),
+        }
     }
 }
 
@@ -109,9 +125,10 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
     let (mut gather, mut decoded, mut kinds) = (Gather::default(), Vec::new(), Kinds::default());
     for line in bytes.split_inclusive(|b| *b == b'\n') {
+        let line = Peeled::of(line).content;
         let before = decoder.decoded();
-        decoder.push(line, &mut decoded);
-        kinds.count(line, &before, &decoder.decoded());
+        decoder.push(&line, &mut decoded);
+        kinds.count(&line, &before, &decoder.decoded());
         decoded.drain(..).for_each(|m| gather.push(m, 0));
     }
     decoder.finish(&mut decoded);
@@ -154,6 +171,39 @@ mod tests {
         ] {
             assert!(e.contains(says), "{says}: {e}");
         }
+    }
+
+    #[test]
+    fn n2k_inside_of_sentences() {
+        let mut text = String::new();
+        for k in 0..30 {
+            text += &sentence(&format!(
+                "GPGGA,1200{k:02}.00,1000.00000,N,02000.00000,E,1,12,0.8,1.0,M,20.0,M,,"
+            ));
+            text += &sentence("PCDIN,01F119,00000000,23,00FF7FAA00DC00FF");
+        }
+        let r = read(text.as_bytes(), "boat.nmea", &Mount::default()).unwrap();
+        let notes = r.notes.join("\n");
+        assert!(
+            notes.contains("PCDIN carries NMEA 2000") && notes.contains("send RAW"),
+            "{notes}"
+        );
+        assert!(!notes.contains("MXPGN"), "{notes}");
+    }
+
+    #[test]
+    fn sentences_in_quoted_cells() {
+        let mut text = String::new();
+        for k in 0..200 {
+            let body = format!(
+                "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
+                k / 10,
+                k % 10
+            );
+            text += &format!("{k},\"{}\"\r\n", sentence(&body).trim_end());
+        }
+        let r = read(text.as_bytes(), "boat.csv", &Mount::default()).unwrap();
+        assert_eq!((r.decoded.good, r.decoded.corrupted), (200, 0));
     }
 
     #[test]

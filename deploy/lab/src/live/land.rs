@@ -10,7 +10,6 @@ use std::time::Duration;
 use alight_computer::config::camera::{CameraSource, UltravioletSource};
 use alight_computer::config::recorder::RecorderConfig;
 use alight_computer::config::supervision::Supervision;
-use alight_computer::config::view::ViewConfig;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::facts::{Facts, Reporter};
@@ -278,11 +277,7 @@ impl LandingSetup {
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             recorder: RecorderConfig::default(),
-            // A simulated landing may be broken off by whoever sees its page.
-            view: ViewConfig {
-                abort: true,
-                ..ViewConfig::default()
-            },
+            view: scene.view(),
             drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {

@@ -65,6 +65,7 @@ pub fn scene(storm: &Storm) -> Scene {
         sea: format!("{amplitude_m},{period_s}"),
         flags: String::new(),
         remarks: Vec::new(),
+        knots: false,
     }
 }
 

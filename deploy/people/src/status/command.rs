@@ -24,8 +24,8 @@ Exit codes: 0 fine, 1 warnings or nothing runs, 2 broken; of --watch those of th
 pub struct StatusArgs {
     #[command(flatten)]
     subject: Subject,
-    /// Show everything: each finding, each process, each topic as each process reads it, the radio
-    #[arg(long, conflicts_with_all = ["watch", "json"])]
+    /// Show everything: each finding, each process, each topic as each process reads it, the radio; --json always does
+    #[arg(long, conflicts_with = "watch")]
     all: bool,
     /// Go on showing until stopped (q); without a terminal a line for each change
     #[arg(long)]
@@ -116,4 +116,24 @@ fn show(args: &StatusArgs, status: &Status) -> Result<(), CliError> {
         terminal::line(status.text());
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: StatusArgs,
+    }
+
+    #[test]
+    fn everything_as_json() {
+        let parsed =
+            |flags: &[&str]| Command::try_parse_from([&["status"][..], flags].concat()).map(|c| c.args);
+        assert!(parsed(&["--all", "--json"]).is_ok_and(|a| a.all && a.json));
+        assert!(parsed(&["--all", "--watch"]).is_err());
+    }
 }

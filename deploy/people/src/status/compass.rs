@@ -106,7 +106,7 @@ pub fn of_drone(s: &Situation) -> Option<Compass> {
         advised_deg: advised_deg.flatten(),
         text: received
             .as_ref()
-            .map_or(text.clone(), |a| format!("{text}; {}", advice(a))),
+            .map_or(text.clone(), |a| format!("{text}; {}", advice(a, s.known.knots))),
     })
 }
 
@@ -116,7 +116,7 @@ pub fn bearing_deg(rad: f32) -> f64 {
 }
 
 /// Waves and advised course in words: `waves from 20° to port of the bow; turn to 030°, ...`.
-pub fn advice(a: &CourseAdvice) -> String {
+pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = words(from_bow(bearing_deg(a.waves_to) + 180.0, now));
     let percent = a.likelihood.map(|p| format!("{:.0} %", 100.0 * p));
@@ -136,7 +136,8 @@ pub fn advice(a: &CourseAdvice) -> String {
     let slower = if a.speed[0] == a.speed[1] {
         String::new()
     } else {
-        format!(", at {:.0} m/s", a.speed[1])
+        let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
+        format!(", at {:.0} {unit}", f64::from(a.speed[1]) / scale)
     };
     format!(
         "waves from {waves}; {heading}{slower}: {} of landings succeed instead of {}, the deck tilts {} instead of {} \
@@ -146,11 +147,11 @@ pub fn advice(a: &CourseAdvice) -> String {
 }
 
 /// The vessel's heading, with the advice.
-pub fn figure(a: &CourseAdvice) -> Figure {
+pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     Figure::of(
         "heading",
         format!("{:03.0} deg", bearing_deg(a.heading[0])),
-        advice(a),
+        advice(a, knots),
     )
 }
 
@@ -162,14 +163,14 @@ fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
 }
 
 /// What the vessel knows: the waves, and the advice of its own estimate.
-pub fn of_vessel(status: &VesselStatus) -> Option<Compass> {
+pub fn of_vessel(status: &VesselStatus, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);
     Some(Compass {
         heading_deg: bearing_deg(a.heading[0]),
         waves_from_deg: Some(waves),
         advised_deg,
-        text: advice(&a),
+        text: advice(&a, knots),
         wind_from_deg: None,
     })
 }
@@ -206,7 +207,7 @@ mod tests {
     #[test]
     fn advised_heading_of_a_vessel() {
         let mut status = VesselStatus::default();
-        assert_eq!(of_vessel(&status), None);
+        assert_eq!(of_vessel(&status, false), None);
         let rad = |deg: f64| deg.to_radians() as f32;
         let mut a = CourseAdvice {
             heading: [rad(350.0), rad(30.0)],
@@ -218,7 +219,7 @@ mod tests {
             waves_to: rad(210.0),
         };
         status.estimator.advice = Some(a);
-        let compass = of_vessel(&status).unwrap();
+        let compass = of_vessel(&status, false).unwrap();
         assert_eq!(
             (compass.waves_from_deg, compass.advised_deg),
             (Some(40.0), Some(40.0))
@@ -228,10 +229,12 @@ mod tests {
             text.contains("turn to 030°, 40° to starboard of the bow, at 3 m/s: 97 % of landings succeed instead of 81 %"),
             "{text}"
         );
+        let in_knots = of_vessel(&status, true).unwrap().text;
+        assert!(in_knots.contains("of the bow, at 6 kn: 97 %"), "{in_knots}");
         a.heading[1] = a.heading[0];
-        assert!(advice(&a).contains("keep the heading, at 3 m/s"));
+        assert!(advice(&a, false).contains("keep the heading, at 3 m/s"));
         a.speed[1] = a.speed[0];
         status.estimator.advice = Some(a);
-        assert_eq!(of_vessel(&status).unwrap().advised_deg, None);
+        assert_eq!(of_vessel(&status, false).unwrap().advised_deg, None);
     }
 }

@@ -249,7 +249,7 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
             .map(|f| f.stale(s.seen.mission.is_old(s.now_ns))),
     );
     let advice = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
-    all.extend(advice.as_ref().map(compass::figure));
+    all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
     all.extend(s.seen.response.as_ref().map(response));
     all.extend(processes(s));
     all

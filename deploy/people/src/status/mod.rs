@@ -163,7 +163,8 @@ impl Status {
                 let state = vessel::state(&situation, status);
                 let figures = vessel::figures(&situation, known, status);
                 let headline = vessel::headline(&situation, worst);
-                (state, headline, figures, compass::of_vessel(status))
+                let compass = compass::of_vessel(status, situation.known.knots);
+                (state, headline, figures, compass)
             }
             None => {
                 let state = drone::state(&situation);

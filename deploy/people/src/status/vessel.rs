@@ -33,7 +33,7 @@ pub fn findings(s: &Situation, known: &VesselReport, status: &VesselStatus) -> V
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
     all.extend(helm_findings(&status.deck));
-    all.extend(status.estimator.advice.as_ref().map(advised_course));
+    all.extend((status.estimator.advice).map(|a| advised_course(&a, s.known.knots)));
     all.extend(drones(status));
     all
 }
@@ -216,8 +216,8 @@ fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
 }
 
 /// The course that the helm may choose before a landing.
-fn advised_course(a: &CourseAdvice) -> Finding {
-    Topic("heading").fine(compass::advice(a))
+fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
+    Topic("heading").fine(compass::advice(a, knots))
 }
 
 /// Name of the figures of drones, each of which judges itself.
@@ -368,7 +368,7 @@ pub fn figures(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Ve
         ""
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
-    all.extend(status.estimator.advice.as_ref().map(compass::figure));
+    all.extend((status.estimator.advice).map(|a| compass::figure(&a, s.known.knots)));
     let helm = &status.deck.helm;
     all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
     all.push(speed(&status.estimator, s.known.knots));

@@ -14,13 +14,15 @@ use alight_computer::terminal::{Form, note};
 use alight_shared::config;
 use alight_shared::msg::Decoded;
 use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, Recording};
-use alight_usv::review::review;
+use alight_usv::review::{Review, SourceReview, review};
 use alight_usv::sensors::{Measurement, Mount};
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 
 /// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
+/// An attitude alone that comes less often does not show how the deck rocks, Hz: as in `alight check`.
+const MIN_ATTITUDE_HZ: f64 = 5.0;
 
 /// A recording to estimate.
 #[derive(Args, Debug)]
@@ -54,15 +56,54 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     };
     let review = review(&vessel, &recorded);
     if review.estimates == 0 {
-        return Err(CliError(format!(
-            "{origin}: the estimator never started; it needs inertial samples or attitudes, for at least a few \
-             seconds without a break{}",
-            review.notes.iter().map(|n| format!("; {n}")).collect::<String>()
-        )));
+        return Err(CliError(not_started(&origin, &review)));
     }
     note(args.form.alone(), show::table(&origin, &review).trim_end());
     args.form.print(&review, &review.predictions)?;
     Ok(Exit::Success)
+}
+
+/// Why the estimator never started: what it needs, what was there, what was left out.
+fn not_started(origin: &str, review: &Review) -> String {
+    let mut parts = vec![format!(
+        "{origin}: the estimator never started; it needs inertial samples or attitudes, for a few seconds \
+         without a break"
+    )];
+    let there = review.sources.iter().map(|s| {
+        let rate = format!("{} {} at {:.1} Hz", s.samples, s.kind, s.rate_hz);
+        match s.counts.rejected + s.counts.out_of_order {
+            0 => rate,
+            n => format!("{rate}, {n} of them rejected or out of order"),
+        }
+    });
+    let there: Vec<String> = there.collect();
+    parts.push(match there.is_empty() {
+        true => "there was no measurement".into(),
+        false => format!("there were {}", there.join("; ")),
+    });
+    let has_inertial = review.sources.iter().any(|s| s.kind == "imu");
+    let slow = |s: &&SourceReview| s.kind == "attitude" && !has_inertial && s.rate_hz < MIN_ATTITUDE_HZ;
+    parts.extend(review.sources.iter().filter(slow).map(|s| {
+        format!(
+            "attitude at {:.1} Hz: too slow for a rocking deck ({MIN_ATTITUDE_HZ} Hz or more is needed)",
+            s.rate_hz
+        )
+    }));
+    let d = &review.decoded;
+    let left_out = [
+        (d.left_out, "without a measurement in them"),
+        (d.ignored, "of kinds that are not read"),
+        (d.corrupted, "damaged"),
+        (d.undated, "without a time"),
+        (review.outliers_in_time, "dated far ahead"),
+    ];
+    let some = left_out.iter().filter(|(n, _)| *n > 0);
+    let some: Vec<String> = some.map(|(n, why)| format!("{n} {why}")).collect();
+    if !some.is_empty() {
+        parts.push(format!("left out: {}", some.join(", ")));
+    }
+    parts.extend(review.notes.iter().cloned());
+    parts.join("; ")
 }
 
 /// How the recorded sensors are mounted.
@@ -144,4 +185,31 @@ fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
         notes: Vec::new(),
     };
     Ok((recording, config))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reason_of_an_estimator_that_never_started() {
+        let rows: String = (0..=30).map(|t| format!("{t},1,2\n")).collect();
+        let table = format!("t_s,roll_deg,pitch_deg\n{rows}");
+        let recorded = log::read(table.as_bytes(), "slow.csv", &Mount::default()).unwrap();
+        let recorded = Recording {
+            decoded: Decoded {
+                left_out: 7,
+                ..recorded.decoded
+            },
+            ..recorded
+        };
+        let text = not_started("slow.csv", &review(&VesselNodeConfig::default(), &recorded));
+        for part in [
+            "31 attitude at 1.0 Hz",
+            "attitude at 1.0 Hz: too slow for a rocking deck",
+            "left out: 7 without a measurement in them",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
 }

@@ -1,0 +1,105 @@
+//! Wrapping of a line by its logger; it is taken off before the reader of any format of lines.
+
+use std::borrow::Cow;
+
+/// Longest line whose quotes are taken off, bytes.
+const MAX_QUOTED: usize = 256 << 10;
+/// Digits of milliseconds since 1970: from 2001 to 2286.
+const MILLIS_DIGITS: usize = 13;
+
+/// A line without what its logger wrote around it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Peeled<'a> {
+    /// When the logger received it, ns since 1970.
+    pub(super) arrival_ns: Option<i64>,
+    /// The line, with its end.
+    pub(super) content: Cow<'a, [u8]>,
+}
+
+impl<'a> Peeled<'a> {
+    /// Takes off the milliseconds and the name of a Signal K server's raw log (`milliseconds;name;line`), and the quotes of
+    /// a table's cell.
+    pub(super) fn of(line: &'a [u8]) -> Self {
+        let (arrival_ns, rest) = match raw_log(line) {
+            Some((at_ns, rest)) => (Some(at_ns), rest),
+            None => (None, line),
+        };
+        let content = quoted(rest).map_or(Cow::Borrowed(rest), Cow::Owned);
+        Peeled { arrival_ns, content }
+    }
+}
+
+/// Time and line behind the prefix of a raw log.
+fn raw_log(line: &[u8]) -> Option<(i64, &[u8])> {
+    let mut parts = line.splitn(3, |b| *b == b';');
+    let (millis, _name, rest) = (parts.next()?, parts.next()?, parts.next()?);
+    if millis.len() != MILLIS_DIGITS || !millis.iter().all(u8::is_ascii_digit) {
+        return None;
+    }
+    let millis: i64 = core::str::from_utf8(millis).ok()?.parse().ok()?;
+    Some((millis.checked_mul(1_000_000)?, rest))
+}
+
+/// The longest quoted cell of a line, as a line of its own. Quotes inside of a sentence or an object are its own.
+fn quoted(line: &[u8]) -> Option<Vec<u8>> {
+    let first = line.iter().find(|b| matches!(b, b'"' | b'{' | b'$' | b'!'))?;
+    if *first != b'"' || line.len() > MAX_QUOTED {
+        return None;
+    }
+    let (mut longest, mut cell) = (Vec::new(), None);
+    let mut bytes = line.iter().copied().peekable();
+    while let Some(b) = bytes.next() {
+        match (b, cell.take()) {
+            (b'"', None) => cell = Some(Vec::new()),
+            // Two of them are one.
+            (b'"', Some(mut open)) if bytes.next_if_eq(&b'"').is_some() => {
+                open.push(b'"');
+                cell = Some(open);
+            }
+            (b'"', Some(closed)) => {
+                if closed.len() > longest.len() {
+                    longest = closed;
+                }
+            }
+            (b, Some(mut open)) => {
+                open.push(b);
+                cell = Some(open);
+            }
+            (_, None) => {}
+        }
+    }
+    longest.push(b'\n');
+    (longest.len() > 1).then_some(longest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_in_what_loggers_write_around_them() {
+        let raw = "17:33:21.141 R 09F80115 A0 7D\n";
+        let delta = "{\"updates\":[]}\n";
+        for (line, content, arrival_ns) in [
+            (raw.to_owned(), raw, None),
+            (
+                format!("1779278400123;A;{raw}"),
+                raw,
+                Some(1_779_278_400_123_000_000),
+            ),
+            (
+                format!("1779278400123;I;{delta}"),
+                delta,
+                Some(1_779_278_400_123_000_000),
+            ),
+            (format!("\"12:00\",\"{}\",7\r\n", raw.trim_end()), raw, None),
+            ("1,\"{\"\"updates\"\":[]}\"\n".to_owned(), delta, None),
+            ("12;A;x\n".to_owned(), "12;A;x\n", None),
+            ("$GPTXT,01,\"a\"*00\n".to_owned(), "$GPTXT,01,\"a\"*00\n", None),
+        ] {
+            let peeled = Peeled::of(line.as_bytes());
+            assert_eq!(peeled.arrival_ns, arrival_ns, "{line}");
+            assert_eq!(&*peeled.content, content.as_bytes(), "{line}");
+        }
+    }
+}
