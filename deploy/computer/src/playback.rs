@@ -2,6 +2,7 @@
 
 use alight_bridge::Bridge;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::ComputerReport;
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
@@ -25,7 +26,6 @@ use crate::record::log::{Log, Order, Start};
 use crate::record::observer::{NodeStep, StepObserver};
 use crate::record::reading::Step;
 use crate::record::{BASELINE_FILE, NODES, WORLD};
-use crate::situation::Known;
 use crate::terminal::note;
 
 /// The tick of a recording's times, as in lock-step, ns.
@@ -48,7 +48,7 @@ pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
 /// Starts the view of a flight that is computed, under a name; also gives the lines that say where it is served.
 pub type StartViewer<'a> =
-    &'a dyn Fn(&ViewConfig, &str, Known, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
+    &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
 
 /// How one node's replay went.
 #[derive(Clone, Debug, PartialEq, Serialize)]

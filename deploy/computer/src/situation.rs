@@ -19,11 +19,8 @@ use crate::subject::Computer;
 /// Two periods of the processes' reports: who has not reported by then is silent, s.
 pub const OBSERVATION_S: f64 = 1.2;
 
-/// What does not change, as far as it is known: what the computer has told of itself.
-pub type Known = ComputerReport;
-
-/// What a computer is to tell once its processes run, by the configuration that is read here.
-pub fn configured(computer: &Computer) -> Known {
+/// What a computer is to report once its processes run, by the configuration that is read here.
+pub fn configured(computer: &Computer) -> ComputerReport {
     match computer {
         Computer::Vessel(v) => Facts::vessel(v).report,
         Computer::Drone(d) => Facts::drone(d).report,
@@ -48,8 +45,8 @@ pub struct SourceHealth {
 /// What is known on one computer.
 #[derive(Clone, Debug, Default)]
 pub struct Situation {
-    /// What the computer has told of itself, or is to tell.
-    pub known: Known,
+    /// What the computer has reported of itself, or is to report.
+    pub known: ComputerReport,
     /// The newest of each topic.
     pub seen: Snapshot,
     /// The observer's clock, ns: the steady clock where processes run.
@@ -59,10 +56,10 @@ pub struct Situation {
 impl Situation {
     /// By what was received until `now_ns`.
     pub fn of(seen: &Snapshot, now_ns: i64) -> Situation {
-        Situation::look(seen, &Known::default(), now_ns)
+        Situation::look(seen, &ComputerReport::default(), now_ns)
     }
-    /// The same of a computer that is `configured` so, which counts until it has told by what its processes run.
-    pub fn look(seen: &Snapshot, configured: &Known, now_ns: i64) -> Situation {
+    /// The same of a computer that is `configured` so, which counts until it has reported by what its processes run.
+    pub fn look(seen: &Snapshot, configured: &ComputerReport, now_ns: i64) -> Situation {
         Situation {
             known: seen.computer.unwrap_or(*configured),
             seen: seen.clone(),
@@ -73,10 +70,10 @@ impl Situation {
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
-    /// What a vessel's computer has told of itself, and what its process reports.
+    /// What a vessel's computer has reported of itself, and what its process reports.
     pub fn vessel(&self) -> Option<(&VesselReport, &VesselStatus)> {
-        let told = self.seen.computer.as_ref()?;
-        Some((told.vessel.as_ref()?, self.seen.vessel.as_ref()?))
+        let reported = self.seen.computer.as_ref()?;
+        Some((reported.vessel.as_ref()?, self.seen.vessel.as_ref()?))
     }
     /// The newest report of a process.
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
@@ -200,10 +197,10 @@ mod tests {
     use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
     use alight_shared::time::Time;
 
-    /// What runs is known by what it tells, without any file, and not by a configuration of today.
+    /// What runs is known by what it reports, without any file, and not by a configuration of today.
     #[test]
     fn situation_by_topics_alone() {
-        let told = ComputerReport {
+        let reported = ComputerReport {
             header: Header::new(8, 0, 1, 1, Time::from_secs(100.0)),
             title: "vessel 8".into(),
             processes: Seq::filled([ProcessKind::Vessel]),
@@ -227,16 +224,16 @@ mod tests {
             sources: [(0, measured)].into(),
             ..Snapshot::default()
         };
-        let configured = Known {
+        let configured = ComputerReport {
             title: "vessel 7".into(),
             vessel: Some(VesselReport::default()),
-            ..Known::default()
+            ..ComputerReport::default()
         };
         let now_ns = 101_000_000_000;
         let waits = Situation::look(&seen, &configured, now_ns);
         assert_eq!(waits.known.title.as_str(), "vessel 7");
-        assert!(waits.vessel().is_none(), "it has not told what it is");
-        seen.computer = told.into();
+        assert!(waits.vessel().is_none(), "it has not reported what it is");
+        seen.computer = reported.into();
         let s = Situation::look(&seen, &configured, now_ns);
         let all = serde_json::to_value(&s).unwrap();
         assert_eq!(s.known.title.as_str(), "vessel 8");

@@ -179,14 +179,14 @@ impl Coverage {
             self.states.extend(counts.then_some((flight, *state)));
         }
     }
-    /// The storm aimed at the pair of its flight that began and was aimed at least often; as drawn before anything was flown.
+    /// The storm aimed at the rarest pair of its flight, by begins and aims; as drawn before anything was flown.
     fn aim(&mut self, storm: Storm) -> Storm {
         if self.begun.is_empty() {
             return storm;
         }
         let count = |of: &BTreeMap<Pair, usize>, pair: &Pair| of.get(pair).copied().unwrap_or(0);
-        let least = pairs(storm.flight).min_by_key(|p| count(&self.begun, p) + count(&self.aimed, p));
-        let Some(pair) = least else { return storm };
+        let rarest = pairs(storm.flight).min_by_key(|p| count(&self.begun, p) + count(&self.aimed, p));
+        let Some(pair) = rarest else { return storm };
         *self.aimed.entry(pair).or_default() += 1;
         storm.aimed(pair)
     }

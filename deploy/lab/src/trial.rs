@@ -3,8 +3,8 @@
 use alight_computer::config::view::ViewConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::playback::{StartViewer, Viewer};
-use alight_computer::situation::Known;
 use alight_computer::terminal::{self, note};
+use alight_shared::msg::ComputerReport;
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
 use crate::args::TrialArgs;
@@ -78,13 +78,13 @@ fn watcher(
         return Ok(None);
     };
     let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
-    let known = Known {
+    let known = ComputerReport {
         title: format!("trial, sea {}, seed {}", scene.sea, args.seed)
             .as_str()
             .into(),
         deck_size_m: Some([deck.length_m, deck.width_m]),
         disarm_s: Some(scene.nodes.autopilot.disarm.longest_s()),
-        ..Known::default()
+        ..ComputerReport::default()
     };
     let bodies = Some((*deck, *airframe));
     let (watcher, lines) = start(&view, "trial", known, bodies)?;

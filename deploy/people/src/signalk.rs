@@ -7,9 +7,9 @@
 //! Nothing of it is a path that the vessel's sensors read (`alight_usv::sensors`): a server gives none of it back as a
 //! measurement. What a server sends is no order.
 
+use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, BTreeSet};
 
-use alight_computer::situation::Known;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneContact, VesselStatus};
 use serde_json::{Value, json};
@@ -114,7 +114,7 @@ fn meaning(path: &str) -> Option<Value> {
 }
 
 /// Below which path the values of a computer are that no other writes.
-fn own(known: &Known) -> String {
+fn own(known: &ComputerReport) -> String {
     match (&known.vessel, known.drone_id) {
         (Some(_), _) => "vessel".into(),
         (None, Some(number)) => format!("drones.{number}"),
@@ -264,7 +264,7 @@ mod tests {
         }
     }
     /// A computer's status by its report.
-    fn judged(known: Known, go: Go) -> Status {
+    fn judged(known: ComputerReport, go: Go) -> Status {
         let mut snapshot = Snapshot {
             computer: known.into(),
             ..Snapshot::default()
@@ -290,11 +290,11 @@ mod tests {
             ..with_findings(vec![Topic("processes").warning("late", "look")])
         }
     }
-    fn vessel() -> Known {
+    fn vessel() -> ComputerReport {
         Facts::vessel(&VesselComputer::default()).report
     }
-    fn drone() -> Known {
-        Known {
+    fn drone() -> ComputerReport {
+        ComputerReport {
             drone_id: Some(3),
             ..Facts::drone(&DroneComputer::default()).report
         }
@@ -424,10 +424,10 @@ mod tests {
 
     #[test]
     fn values_of_a_vessel_and_what_is_not_known_any_more() {
-        let told = Facts::vessel(&VesselComputer::default()).report;
+        let reported = Facts::vessel(&VesselComputer::default()).report;
         let status = |drones: &[DroneContact]| {
             let mut seen = Snapshot {
-                computer: told.into(),
+                computer: reported.into(),
                 ..Snapshot::default()
             };
             seen.vessel.set(

@@ -57,18 +57,18 @@ impl Strangers {
         let rows = image.pixels().chunks_exact(width);
         let mirrored: Vec<u8> = rows.flat_map(|row| row.iter().rev().copied()).collect();
         let mirrored = buffer(width, height, &mirrored)?;
-        let least = self.min_margin;
+        let margin = self.min_margin;
         if let Some(own) = &mut self.own {
             let is_decks = |id: usize| self.tags.iter().any(|tag| usize::from(tag.id) == id);
-            if let Some(id) = numbers(own, &plain, least).into_iter().find(|id| !is_decks(*id)) {
+            if let Some(id) = numbers(own, &plain, margin).into_iter().find(|id| !is_decks(*id)) {
                 return Some(Stranger::Number(id));
             }
-            if let Some(id) = numbers(own, &mirrored, least).first() {
+            if let Some(id) = numbers(own, &mirrored, margin).first() {
                 return Some(Stranger::Mirrored(*id));
             }
         }
         for (name, detector) in &mut self.others {
-            if !numbers(detector, &plain, least).is_empty() {
+            if !numbers(detector, &plain, margin).is_empty() {
                 return Some(Stranger::Family(name));
             }
         }

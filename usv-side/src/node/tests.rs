@@ -120,7 +120,7 @@ fn accelerometer_that_clips_for_a_while() {
     let observed_s = filter.map(|f| f.motion.observed_s());
     assert!(
         observed_s.is_some_and(|s| s < 15.0),
-        "{observed_s:?}: its modes are begun anew"
+        "{observed_s:?}: its modes are begun again"
     );
 }
 

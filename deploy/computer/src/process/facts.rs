@@ -1,4 +1,4 @@
-//! The facts by which a computer runs, as its supervisor tells them to people: of the configuration with which it began, of the
+//! The facts by which a computer runs, as its supervisor reports them to people: of the configuration with which it began, of the
 //! radio's certificate, and whether the configuration was edited since. Who looks on knows the computer by this report alone.
 
 use std::path::{Path, PathBuf};
@@ -21,9 +21,9 @@ const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 /// What a computer is by its configuration.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// What it tells; what changes while it runs is not known yet.
+    /// What it reports; what changes while it runs is not known yet.
     pub report: ComputerReport,
-    /// File of the radio's certificate, which people are told of on a vessel; empty: the radio has none.
+    /// File of the radio's certificate, which people are reported of on a vessel; empty: the radio has none.
     certificate: PathBuf,
     /// The computer's clock.
     clock: ProcessClock,
@@ -78,13 +78,13 @@ impl Facts {
 pub struct Reporter {
     facts: Facts,
     reports: Publisher<ComputerReport>,
-    /// When they are told next, and the certificate's file is read next, on the steady clock, ns.
+    /// When they are reported next, and the certificate's file is read next, on the steady clock, ns.
     due_ns: i64,
     read_due_ns: i64,
 }
 
 impl Reporter {
-    /// Of these facts; nothing is told yet.
+    /// Of these facts; nothing is reported yet.
     pub fn join(memory: &Memory, mut facts: Facts) -> Result<Reporter, CliError> {
         facts.report.header.boot = draw_boot();
         Ok(Reporter {

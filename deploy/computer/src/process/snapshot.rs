@@ -130,7 +130,7 @@ pub struct Snapshot {
     pub vessel: Newest<VesselStatus>,
     /// The vessel's real sensors by their places in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
-    /// What the computer tells of itself.
+    /// What the computer reports of itself.
     pub computer: Newest<ComputerReport>,
 }
 

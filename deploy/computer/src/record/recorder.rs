@@ -36,7 +36,7 @@ fn named(values: &[(&str, String)]) -> BTreeMap<String, String> {
 }
 
 impl Recorder {
-    /// Creates the file of these starts, with what it is to say of itself and the channels that `more` opens beside its own.
+    /// Creates the file of these starts, with what it is to say of itself and the channels that `more` opens.
     pub fn create<T>(
         path: &Path,
         headers: &[PartHeader],

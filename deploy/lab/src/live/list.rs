@@ -69,7 +69,7 @@ pub fn scene(storm: &Storm) -> Scene {
     }
 }
 
-/// The faults of a scene as real processes have them, beside the radio's.
+/// The faults of a scene as real processes have them, without the radio's.
 #[derive(Default)]
 pub struct LiveFaults {
     /// Of processes. A killed one is started again by its supervisor, not after `lasts_s`.

@@ -1,4 +1,4 @@
-//! Recordings of simulated flights: the steps that a flight's directory holds, computed again beside the truth.
+//! Recordings of simulated flights: the steps that a flight's directory holds, computed again, with the truth.
 
 mod lock_step;
 mod truth;

@@ -1,12 +1,13 @@
 //! `alight status`: status of this computer, from another terminal.
 
+use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::observer::Follower;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Known, OBSERVATION_S, configured};
+use alight_computer::situation::{OBSERVATION_S, configured};
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 use alight_transport::memory::Instance;
@@ -42,7 +43,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Looks at a computer's processes.
 struct Look {
-    configured: Known,
+    configured: ComputerReport,
     instance: Instance,
     follower: Follower,
     /// It has waited for every report.

@@ -15,7 +15,8 @@ pub mod vessel;
 pub mod watch;
 
 use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::{Known, Situation};
+use alight_computer::situation::Situation;
+use alight_shared::msg::ComputerReport;
 use alight_shared::msg::Course;
 use alight_transport::clock::steady_ns;
 use compass::Compass;
@@ -134,7 +135,7 @@ pub struct Status {
 
 impl Status {
     /// The status of a computer that is `configured` so, by what was `seen` of its processes; None: nothing runs.
-    pub fn look(seen: Option<&Snapshot>, configured: &Known) -> Status {
+    pub fn look(seen: Option<&Snapshot>, configured: &ComputerReport) -> Status {
         match seen {
             Some(seen) => Status::of(Situation::look(seen, configured, steady_ns())),
             None => Status::absent(configured),
@@ -196,7 +197,7 @@ impl Status {
         }
     }
     /// Of a computer on which nothing runs.
-    pub fn absent(known: &Known) -> Status {
+    pub fn absent(known: &ComputerReport) -> Status {
         const TOPIC: Topic = Topic("processes");
         const FOUND: &str = "no process runs on this computer, or this user may not see it";
         let found = if known.vessel.is_some() {
@@ -213,7 +214,7 @@ impl Status {
         Status::without(known, "nothing runs", found)
     }
     /// Of a computer of which no more is known.
-    fn without(known: &Known, headline: &str, why: Finding) -> Status {
+    fn without(known: &ComputerReport, headline: &str, why: Finding) -> Status {
         Status {
             title: known.title.to_string(),
             headline: headline.into(),

@@ -41,8 +41,8 @@ pub fn findings(s: &Situation, known: &VesselReport, status: &VesselStatus) -> V
 /// The radio's endpoints. Of one that found no place in the report the worst is assumed: others reach it.
 fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
     let is_whole = known.listen.left_out == 0 && known.connect.left_out == 0;
-    let told = known.listen.iter().chain(known.connect.iter());
-    told.chain((!is_whole).then_some("left out"))
+    let reported = known.listen.iter().chain(known.connect.iter());
+    reported.chain((!is_whole).then_some("left out"))
 }
 
 fn radio(s: &Situation, known: &VesselReport) -> Finding {

@@ -1,5 +1,6 @@
 //! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
 
+use alight_shared::msg::ComputerReport;
 use std::path::{Path, PathBuf};
 
 use alight_computer::cells;
@@ -13,7 +14,6 @@ use alight_computer::record::log::{Log, Start};
 use alight_computer::record::observer::StepObserver;
 use alight_computer::record::reading::{contained, is_whole};
 use alight_computer::record::{About, LIVE, Recorder, WORLD};
-use alight_computer::situation::Known;
 use alight_computer::table::{Table, verdict};
 use alight_computer::terminal::{self, Form, note};
 use alight_shared::time::Span;
@@ -172,12 +172,12 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
         .find("mission")
         .map(Start::config::<DroneComputer>)
         .transpose()?;
-    let known = Known {
+    let known = ComputerReport {
         title: format!("replay of {}", args.path.display()).as_str().into(),
         deck_size_m: drone
             .as_ref()
             .map(|d| [d.drone.deck.length_m, d.drone.deck.width_m]),
-        ..Known::default()
+        ..ComputerReport::default()
     };
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));
     let (watcher, lines) = start_viewer(view, "replay", known, bodies)?;

@@ -1,5 +1,6 @@
 //! `alight ros2`: this computer as a node of ROS 2.
 
+use alight_shared::msg::ComputerReport;
 use alight_shared::msg::{Command, CommandKind};
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::clock::steady_ns;
@@ -13,7 +14,7 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::process::observer::{Observer, Rejoined};
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Known, configured};
+use alight_computer::situation::configured;
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 
@@ -165,7 +166,7 @@ impl Ports {
 struct Look {
     subject: Subject,
     computer: Computer,
-    configured: Known,
+    configured: ComputerReport,
     joined: Rejoined<Ports>,
     runs: bool,
     /// Why the configuration cannot be read, and when it is read again.

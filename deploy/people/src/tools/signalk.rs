@@ -1,5 +1,6 @@
 //! `alight signalk`: what this computer knows, for the boat's Signal K server.
 
+use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
 use alight_computer::config::link_url::LinkUrl;
@@ -7,7 +8,7 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::runtime;
 use alight_computer::io::web_socket::{SignalKSocket, Subscribe};
 use alight_computer::process::observer::Follower;
-use alight_computer::situation::{Known, configured};
+use alight_computer::situation::configured;
 use alight_computer::subject::Subject;
 use alight_computer::terminal;
 use alight_transport::clock::steady_ns;
@@ -155,7 +156,7 @@ async fn publish(
 
 /// Looks at the computer's processes whenever they run.
 struct Look {
-    configured: Known,
+    configured: ComputerReport,
     follower: Follower,
 }
 

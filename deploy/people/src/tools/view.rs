@@ -1,5 +1,6 @@
 //! `alight view`: status of this computer in a browser or Foxglove.
 
+use alight_shared::msg::ComputerReport;
 use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -14,7 +15,6 @@ use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
 use alight_computer::process::local_command::LocalCommand;
 use alight_computer::process::observer::Rejoined;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::Known;
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 use alight_shared::msg::{Command, CommandKind, MissionState};
@@ -85,7 +85,7 @@ fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
 pub fn start_viewer(
     view: &ViewConfig,
     name: &str,
-    known: Known,
+    known: ComputerReport,
     bodies: Bodies,
 ) -> Result<(Box<dyn Viewer>, Vec<String>), CliError> {
     let watcher = Watcher::start(served(view, name)?, known, &bodies, true)?;
@@ -312,7 +312,7 @@ mod tests {
             ..ViewConfig::default()
         };
         let served = served(&view, "test").unwrap();
-        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut watcher = Watcher::start(served, ComputerReport::default(), &None, false).unwrap();
         let mut show = |joined: &mut Ports, state, abort| {
             let now = computer.clock.now();
             missions.send(&MissionState {

@@ -1,12 +1,13 @@
 //! The vessel's computer for people with a browser: her status, judged, as `alight status` prints it.
 
+use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
 
 use alight_computer::config::VesselComputer;
 use alight_computer::exit::CliError;
 use alight_computer::process::facts::Facts;
 use alight_computer::process::observer::Follower;
-use alight_computer::situation::{Known, Situation};
+use alight_computer::situation::Situation;
 use alight_computer::vessel::crew::OrderOnItsWay;
 use alight_shared::msg::{DeckOrder, State};
 use alight_shared::process::ProcessKind;
@@ -27,7 +28,7 @@ const DRONES: usize = 32;
 pub struct Look<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
-    configured: Known,
+    configured: ComputerReport,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
     seen_ns: i64,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
-use alight_computer::situation::{Known, Situation};
+use alight_computer::situation::Situation;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{ComputerReport, MissionState, State, VesselEstimate};
 use alight_shared::process::ProcessState;
@@ -82,7 +82,7 @@ pub struct Board {
 
 impl Board {
     /// Nothing is known yet but this.
-    pub fn new(known: Known) -> Board {
+    pub fn new(known: ComputerReport) -> Board {
         Board {
             situation: Situation {
                 known,
@@ -163,8 +163,8 @@ impl Board {
         let newest = o.set_point.map(|s| s.response);
         self.situation.seen.response = newest.or(self.situation.seen.response);
     }
-    /// What the computer tells of itself.
-    pub fn told(&mut self, report: Option<ComputerReport>) {
+    /// What the computer reports of itself.
+    pub fn reported(&mut self, report: Option<ComputerReport>) {
         self.situation.known = report.unwrap_or(self.situation.known);
     }
     /// Reports of processes.

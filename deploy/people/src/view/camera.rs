@@ -62,7 +62,7 @@ mod tests {
     use crate::view::server::Served;
     use alight_computer::process::instance::OwnedInstance;
     use alight_computer::process::supervisor::pause;
-    use alight_computer::situation::Known;
+    use alight_shared::msg::ComputerReport;
     use alight_transport::memory::Services;
     use std::io::{Read, Write};
     use std::net::TcpStream;
@@ -83,7 +83,7 @@ mod tests {
             name: "test".into(),
             may_order: false,
         };
-        let mut watcher = Watcher::start(served, Known::default(), &None, false).unwrap();
+        let mut watcher = Watcher::start(served, ComputerReport::default(), &None, false).unwrap();
         let mut feed = CameraFeed::default();
         let mut poll = |watcher: &mut Watcher| {
             feed.poll(&memory, Time::from_secs(50.0), Time::from_secs(7.0), watcher);

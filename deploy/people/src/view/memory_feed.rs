@@ -110,7 +110,7 @@ impl MemoryFeed {
             state: self.mission.newest(ns),
             ..MissionOut::default()
         };
-        watcher.board.told(self.computer.newest(steady_ns()));
+        watcher.board.reported(self.computer.newest(steady_ns()));
         watcher.board.processes(self.processes.all(steady_ns()));
         watcher.step(t, NodeStep::Mission(now, &asked, &decided));
         decided.state

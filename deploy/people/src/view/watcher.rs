@@ -1,5 +1,6 @@
 //! Watcher: messages of the nodes into the board, the board to the viewers.
 
+use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
 use alight_bridge::BridgeOut;
@@ -9,7 +10,6 @@ use alight_computer::process::supervisor::pause;
 use alight_computer::record::observer::{NodeStep, StepObserver};
 use alight_computer::record::scenery::Scenery;
 use alight_computer::record::views::Views;
-use alight_computer::situation::Known;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 
@@ -53,7 +53,12 @@ pub struct Watcher {
 
 impl Watcher {
     /// Starts the server; `paced`: what is looked at is computed, and held back to real time.
-    pub fn start(served: Served, known: Known, bodies: &Bodies, paced: bool) -> Result<Watcher, CliError> {
+    pub fn start(
+        served: Served,
+        known: ComputerReport,
+        bodies: &Bodies,
+        paced: bool,
+    ) -> Result<Watcher, CliError> {
         let server = Server::start(served)?;
         let mut live = None;
         if let Some(context) = server.context() {

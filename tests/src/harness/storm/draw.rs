@@ -84,8 +84,8 @@ impl Storm {
             FlightKind::Helm => {
                 self.reserved = true;
                 (self.course, self.speed_mps) = (Course::Straight, STEERED_MPS);
-                let [least, most] = STEERED_SEA_M;
-                self.sea[0] = self.sea[0].clamp(least, most);
+                let [min, max] = STEERED_SEA_M;
+                self.sea[0] = self.sea[0].clamp(min, max);
             }
             FlightKind::Beacon => self.reserved = false,
             FlightKind::TagAlone => {

@@ -38,7 +38,7 @@ const fn nothing(_: &mut Rig, _: f64) {}
 fn kill(rig: &mut Rig, process: ProcessKind) {
     rig.world.kill(0, process);
 }
-/// It starts anew, with checkpoints by this size.
+/// It starts again, with checkpoints by this size.
 fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
     rig.world.start(0, process, kept(size));
 }

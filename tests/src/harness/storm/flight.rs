@@ -224,8 +224,6 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),
         without_power: takes(Takes::Power, 1.0),
-        without_computer: began()
-            .any(|(f, at)| f.fault.kind == Kind::ComputerRebooted && until(super::watch::RESUME_S)(f, at)),
         charge_left: began().filter_map(|(f, _)| f.charge_left).reduce(f64::min),
         aborted_s,
         last_abort_s,

@@ -12,7 +12,7 @@ use crate::sensors::beacon::BeaconConfig;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlightKind {
-    /// A landing of a drone that hovers beside the vessel.
+    /// A landing of a drone that hovers next to the vessel.
     #[default]
     Landing,
     /// A take-off from the deck, up to the hold in which it ends.

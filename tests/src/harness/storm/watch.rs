@@ -141,8 +141,6 @@ pub struct Scene {
     pub uncommanded: bool,
     /// Thrust is taken.
     pub without_power: bool,
-    /// The drone's computer is without power, or was a moment ago: its autopilot lands by itself, wherever it is.
-    pub without_computer: bool,
     /// What a fault has left of the battery, 0 to 1: nothing while it lasts; None: no fault met it.
     pub charge_left: Option<f64>,
     /// When the mission received an abort, s.
@@ -164,7 +162,6 @@ impl Scene {
         Scene {
             uncommanded: false,
             without_power: false,
-            without_computer: false,
             charge_left: None,
             aborted_s: None,
             last_abort_s: None,
@@ -248,7 +245,7 @@ impl Watch {
                 return Some((Rule::TippedOver, contact.normal_mps));
             }
         }
-        if (without_power || scene.without_computer || self.elsewhere) && o.in_water {
+        if (without_power || self.elsewhere) && o.in_water {
             self.struck_s = Some(t_s);
         }
         (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))

@@ -32,7 +32,7 @@ fn came<T: Plain>(value: T) -> Newest<T> {
 fn status(seen: &Snapshot, now_ns: i64) -> Status {
     Status::of(Situation::of(seen, now_ns))
 }
-fn told() -> ComputerReport {
+fn reported() -> ComputerReport {
     ComputerReport {
         title: "default".into(),
         processes: Seq::filled(PROCESSES.iter().copied()),
@@ -46,7 +46,7 @@ fn flying() -> Snapshot {
         ..ProcessState::default()
     };
     Snapshot {
-        computer: told().into(),
+        computer: reported().into(),
         processes: PROCESSES.iter().map(|k| (*k, report(*k))).collect(),
         mission: came(mission(State::Tracking, ReasonCode::TooSteep)),
         autopilot: came(AutopilotState {
@@ -91,7 +91,7 @@ fn status_page_with_every_alarm() {
     s.processes.clear();
     s.computer = came(ComputerReport {
         edited: Some("drone.toml was edited since the start".into()),
-        ..told()
+        ..reported()
     });
     s.mission = came(MissionState {
         settings: MissionSettings {
@@ -172,7 +172,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     }
 }
 
-/// A service that was started anew: of its processes one has reported so far.
+/// A service that was started again: of its processes one has reported so far.
 #[test]
 fn processes_that_have_just_started() {
     let mut seen = flying();

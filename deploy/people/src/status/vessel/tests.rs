@@ -68,25 +68,25 @@ fn vessel() -> Vessel {
     }
 }
 fn status(v: &Vessel, now_s: i64) -> Status {
-    let told = VesselReport {
+    let reported = VesselReport {
         listen: Names::of(&["tls/0.0.0.0:7447".into()]),
         peers: Names::of(&["drone-1".into()]),
         certificate: v.certificate,
         sources: Seq::filled(["receiver".into()]),
         ..VesselReport::default()
     };
-    let told = ComputerReport {
+    let reported = ComputerReport {
         title: "vessel 1".into(),
         processes: Seq::filled([ProcessKind::Vessel]),
         edited: v.edited,
-        vessel: Some(told),
+        vessel: Some(reported),
         ..ComputerReport::default()
     };
     let seen = Snapshot {
         processes: [(ProcessKind::Vessel, v.process)].into(),
         vessel: v.status.into(),
         sources: [(0, v.source)].into(),
-        computer: told.into(),
+        computer: reported.into(),
         ..Snapshot::default()
     };
     Status::of(Situation::of(&seen, now_s * 1_000_000_000))
@@ -295,10 +295,10 @@ fn vessel_text_with_each_fault() {
     assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
 }
 
-/// What is not told in full is not judged as if it were.
+/// What is not reported in full is not judged as if it were.
 #[test]
 fn vessel_with_more_endpoints_than_are_told() {
-    let told = |left_out| {
+    let reported = |left_out| {
         let listen = Names {
             left_out,
             ..Names::of(&["udp/127.0.0.1:7447".into()])
@@ -309,10 +309,10 @@ fn vessel_with_more_endpoints_than_are_told() {
         };
         certificate::none(endpoints(&known)).level
     };
-    assert_eq!((told(0), told(1)), (Level::Fine, Level::Warning));
+    assert_eq!((reported(0), reported(1)), (Level::Fine, Level::Warning));
 }
 
-/// It is known by its topics alone, and before it has told what it is no part of that is judged.
+/// It is known by its topics alone, and before it has reported what it is no part of that is judged.
 #[test]
 fn vessel_certificate_by_its_topic_alone() {
     let mut v = vessel();
@@ -322,18 +322,22 @@ fn vessel_certificate_by_its_topic_alone() {
         let of = s.findings.iter().filter(|f| f.topic == topic);
         of.map(|f| f.found.clone()).collect()
     };
-    let told = status(&v, 100);
+    let reported = status(&v, 100);
     assert_eq!(
-        found(&told, "certificate"),
+        found(&reported, "certificate"),
         ["reading certificate.pem: no such file"]
     );
-    assert_eq!(found(&told, "configuration"), ["vessel.toml was edited"]);
-    assert_eq!(told.title, "vessel 1");
-    let mut silent = told.situation.seen.clone();
+    assert_eq!(found(&reported, "configuration"), ["vessel.toml was edited"]);
+    assert_eq!(reported.title, "vessel 1");
+    let mut silent = reported.situation.seen.clone();
     silent.computer = Newest::default();
-    let untold = Status::of(Situation::look(&silent, &told.situation.known, 100_000_000_000));
-    assert_eq!(untold.headline, "does not report");
-    assert!(found(&untold, "certificate").is_empty());
+    let unreported = Status::of(Situation::look(
+        &silent,
+        &reported.situation.known,
+        100_000_000_000,
+    ));
+    assert_eq!(unreported.headline, "does not report");
+    assert!(found(&unreported, "certificate").is_empty());
 }
 
 /// The vessel's own, and the worse of that and what the drone reports.

@@ -18,8 +18,8 @@ const SLOW_HZ: f64 = 2.5;
 const MOTION_HZ: f64 = 20.0;
 /// An attitude alone that comes less often does not show how the deck rocks, Hz. Chosen: ten in a roll of 2 s, the
 /// shortest of a small boat; sentences of a compass come once or twice a second.
-const LEAST_ATTITUDE_HZ: f64 = 5.0;
-/// Rate of the slowest receiver with which landings were measured, Hz, and its greatest age, s.
+pub const MIN_ATTITUDE_HZ: f64 = 5.0;
+/// Rate of the slowest receiver with which landings were measured, Hz, and its largest age, s.
 const RECEIVER_HZ: f64 = 1.0;
 const RECEIVER_AGE_S: f64 = 0.6;
 /// Of a rate this part is enough: what a short while of listening shows is off by a measurement.
@@ -97,7 +97,7 @@ fn class(given: &Measured) -> Result<VesselClass, Gap> {
             NEARLY * MOTION_HZ,
             "20 Hz or more is needed",
         ),
-        ("attitude", alone, LEAST_ATTITUDE_HZ, navigated),
+        ("attitude", alone, MIN_ATTITUDE_HZ, navigated),
         (
             "GNSS fixes",
             Some(gnss),
@@ -318,7 +318,7 @@ pub fn no_tag(topic: Topic, view: &CameraView, exposure: &str) -> Finding {
         ),
         Some(Stranger::Mirrored(number)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is mirrored (number {number}): it is never detected"),
-            "end the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag anew",
+            "end the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
         ),
         Some(Stranger::Family(name)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is of another family ({name}): 36h11 alone is detected"),

@@ -91,9 +91,9 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
                 .collect();
             let running = instance.as_ref().ok().filter(|_| facts.running);
             let seen = running.and_then(snapshot);
-            let (held, heard) = sources::of(path, v, seen.as_ref());
+            let (held, received) = sources::of(path, v, seen.as_ref());
             facts.held_sources = held;
-            (facts.sources, facts.measured) = (heard.sources, heard.measured);
+            (facts.sources, facts.measured) = (received.sources, received.measured);
             facts.helm = helm::of(v, seen.as_ref());
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }

@@ -4,7 +4,7 @@
 
 mod autopilot;
 mod camera;
-mod equipment;
+pub mod equipment;
 pub mod facts;
 pub mod gather;
 mod helm;

@@ -138,7 +138,7 @@ mod tests {
     use alight_shared::msg::{AttitudeFix, Header, Seq};
 
     /// What a sensor of this rate gives from 0 s to `end_s`, each attitude 0.1 s late, listened to for 2.5 s.
-    fn heard(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> Figures {
+    fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> Figures {
         let mut received = Received::default();
         for k in 0..(rate_hz * end_s) as u32 {
             let at_s = f64::from(k) / rate_hz;
@@ -166,13 +166,13 @@ mod tests {
             ..AttitudeFix::default()
         };
         for rate_hz in [1.0, 10.0, 20.0] {
-            let found = heard(rate_hz, 2.4, fix);
+            let found = received(rate_hz, 2.4, fix);
             assert!((found.rate_hz - rate_hz).abs() < 1e-6, "{found:?}");
             assert!((found.age_s - 0.1).abs() < 1e-6 && (found.sd - 0.01).abs() < 1e-12);
             assert!(found.with_rates && !found.with_heave);
         }
         // One that has stopped, and a single one.
-        assert!(heard(20.0, 0.5, fix).rate_hz < 5.0);
-        assert!(heard(1.0, 1.0, AttitudeFix::default()).rate_hz < 0.5);
+        assert!(received(20.0, 0.5, fix).rate_hz < 5.0);
+        assert!(received(1.0, 1.0, AttitudeFix::default()).rate_hz < 0.5);
     }
 }

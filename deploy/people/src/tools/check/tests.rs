@@ -643,10 +643,10 @@ fn sensor_check_of_silent_and_missing_sources() {
             k += 1;
         }
     });
-    let heard = sources::listen(&computer);
+    let received = sources::listen(&computer);
     end.send(()).unwrap();
     speaker.join().unwrap();
-    let (found, measured) = (heard.sources, heard.measured);
+    let (found, measured) = (received.sources, received.measured);
     assert!(
         measured.attitude.is_none() && measured.heading.is_some_and(|f| f.rate_hz > 5.0),
         "{measured:?}"

@@ -19,10 +19,10 @@ use alight_usv::sensors::{Measurement, Mount};
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 
+use crate::tools::check::equipment::MIN_ATTITUDE_HZ;
+
 /// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
-/// An attitude alone that comes less often does not show how the deck rocks, Hz: as in `alight check`.
-const MIN_ATTITUDE_HZ: f64 = 5.0;
 
 /// A recording to estimate.
 #[derive(Args, Debug)]

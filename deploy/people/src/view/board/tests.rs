@@ -60,7 +60,7 @@ fn named<'a>(picture: &'a Picture, name: &str) -> &'a Figure {
 
 #[test]
 fn board_of_nothing() {
-    let picture = Board::new(Known::default()).picture(at(5.0));
+    let picture = Board::new(ComputerReport::default()).picture(at(5.0));
     let status = picture.status;
     assert!(status.state.is_none() && picture.scene.is_none() && picture.motion.roll_deg.is_empty());
     assert_eq!(status.figures.len(), 8);
@@ -69,7 +69,7 @@ fn board_of_nothing() {
 
 #[test]
 fn board_places_of_drone_and_plan() {
-    let mut board = Board::new(Known::default());
+    let mut board = Board::new(ComputerReport::default());
     let drone = DroneState {
         position: [7.0, 24.0, -6.0],
         ..DroneState::default()
@@ -119,7 +119,7 @@ fn board_places_of_drone_and_plan() {
 
 #[test]
 fn board_of_a_waiting_and_a_silent_mission() {
-    let mut board = Board::new(Known::default());
+    let mut board = Board::new(ComputerReport::default());
     let waiting = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
     board.mission(
         at(10.0),
@@ -139,7 +139,7 @@ fn board_of_a_waiting_and_a_silent_mission() {
 
 #[test]
 fn board_alarms() {
-    let mut board = Board::new(Known::default());
+    let mut board = Board::new(ComputerReport::default());
     let reason = Reason::default();
     board.mission(at(1.0), &autopilot(0.25), &mission(1.0, State::GaveUp, reason));
     let link = LinkState {
@@ -169,7 +169,7 @@ fn board_alarms() {
 
 #[test]
 fn board_of_ended_flights() {
-    let mut board = Board::new(Known::default());
+    let mut board = Board::new(ComputerReport::default());
     let mut step = |t_s: f64, state| {
         board.mission(
             at(t_s),
@@ -202,7 +202,7 @@ fn board_of_ended_flights() {
 /// The answer to an abort stays until the next flight begins: by a landing, or by the motors.
 #[test]
 fn board_of_an_old_answer() {
-    let mut board = Board::new(Known::default());
+    let mut board = Board::new(ComputerReport::default());
     let step = |board: &mut Board, t_s: f64, state, armed| {
         let mut input = autopilot(0.8);
         input.autopilot.as_mut().unwrap().armed = armed;

@@ -1,8 +1,8 @@
 use super::*;
+use alight_shared::msg::ComputerReport;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-use alight_computer::situation::Known;
 use alight_shared::msg::{Command as MissionCommand, MissionState, State as Phase};
 use alight_shared::time::Time;
 use alight_uav::mission::{MissionIn, MissionOut};
@@ -371,7 +371,7 @@ fn topics(viewer: &mut Viewer) -> Vec<(u64, String)> {
 
 #[test]
 fn foxglove_viewer_topics_and_rates() {
-    let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
+    let mut watcher = Watcher::start(served(false), ComputerReport::default(), &None, false).unwrap();
     let mut viewer = foxglove(watcher.server.foxglove().unwrap());
     let all = topics(&mut viewer);
     for topic in [
@@ -438,7 +438,7 @@ fn foxglove_viewer_topics_and_rates() {
 
 #[test]
 fn foxglove_viewer_that_does_not_read() {
-    let mut watcher = Watcher::start(served(false), Known::default(), &None, false).unwrap();
+    let mut watcher = Watcher::start(served(false), ComputerReport::default(), &None, false).unwrap();
     let mut viewer = foxglove(watcher.server.foxglove().unwrap());
     let all: Vec<String> = topics(&mut viewer)
         .iter()
