@@ -196,7 +196,7 @@ topics! {
         BEACON: "deck/beacon", msg::DeckBeacon, 1.0 Hz, 10000 ms, 8 deep;
         /// The light in the belly camera's images.
         CAMERA_LIGHT: "camera/light", msg::CameraLight, 2.0 Hz, 2000 ms, 2 deep;
-        /// What a computer reports people of itself, by its supervisor.
+        /// Report of a computer about itself, by its supervisor.
         COMPUTER: "computer/report", msg::ComputerReport, 2.0 Hz, 3000 ms, 2 deep;
     }
 }

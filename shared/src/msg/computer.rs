@@ -1,4 +1,4 @@
-//! What a computer reports people of itself: the facts by which its processes run.
+//! Report of a computer about itself: the facts by which its processes run.
 
 use core::fmt;
 
@@ -92,7 +92,7 @@ impl CertificateState {
     }
 }
 
-/// What a vessel's computer reports beside.
+/// The part of a vessel's computer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct VesselReport {
@@ -110,7 +110,7 @@ pub struct VesselReport {
     pub certificate: CertificateState,
 }
 
-/// What a computer reports people of itself, by the configuration with which its processes began: who looks on reads no file.
+/// Report of a computer about itself, by the configuration with which its processes began: who looks on reads no file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ComputerReport {

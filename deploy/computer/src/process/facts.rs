@@ -23,7 +23,7 @@ const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 pub struct Facts {
     /// What it reports; what changes while it runs is not known yet.
     pub report: ComputerReport,
-    /// File of the radio's certificate, which people are reported of on a vessel; empty: the radio has none.
+    /// File of the radio's certificate, which a vessel reports; empty: the radio has none.
     certificate: PathBuf,
     /// The computer's clock.
     clock: ProcessClock,
@@ -74,17 +74,17 @@ impl Facts {
     }
 }
 
-/// Tells the facts to whoever looks on.
+/// Publishes the facts.
 pub struct Reporter {
     facts: Facts,
     reports: Publisher<ComputerReport>,
-    /// When they are reported next, and the certificate's file is read next, on the steady clock, ns.
+    /// When they are published next, and the certificate's file is read next, on the steady clock, ns.
     due_ns: i64,
     read_due_ns: i64,
 }
 
 impl Reporter {
-    /// Of these facts; nothing is reported yet.
+    /// For these facts, before the first report.
     pub fn join(memory: &Memory, mut facts: Facts) -> Result<Reporter, CliError> {
         facts.report.header.boot = draw_boot();
         Ok(Reporter {
@@ -94,7 +94,7 @@ impl Reporter {
             read_due_ns: i64::MIN,
         })
     }
-    /// Tells them when that is due, with what is to be said of a configuration that was `edited`.
+    /// Publishes them when that is due, with the sentence about a configuration that was `edited`.
     pub fn poll(&mut self, now_ns: i64, edited: impl FnOnce() -> Option<String>) {
         if now_ns < self.due_ns {
             return;

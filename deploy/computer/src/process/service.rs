@@ -39,7 +39,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 pub struct Service<'a> {
     /// Name of the set of processes.
     pub instance: &'a str,
-    /// What people are reported of the computer.
+    /// The facts that it publishes.
     pub facts: Facts,
     /// The computer's name in its flights.
     pub computer: String,

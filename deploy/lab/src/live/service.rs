@@ -1,5 +1,5 @@
 //! Services as systemd runs them: started, notified of readiness, started again when they end (Restart=always,
-//! RestartSec=100ms), told to end, killed.
+//! RestartSec=100ms), asked to end, killed.
 
 use std::ffi::{OsStr, OsString};
 use std::os::unix::net::UnixDatagram;

@@ -22,7 +22,7 @@ impl Scheduled {
         self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
     }
 
-    /// Begins or ends it where that is due. `begins` is reported that it begins, and whether that is an order which it gives itself.
+    /// Begins or ends it where that is due. `begins` is called when it begins; true: it gave the order itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let (t_s, fault) = (rig.t_s(), self.fault);
         match self.began_s {
