@@ -13,6 +13,7 @@ mod mav;
 mod n2k;
 mod nmea;
 mod node;
+pub(crate) mod plausible;
 mod signalk;
 mod stuck;
 mod ubx;

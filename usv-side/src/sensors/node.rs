@@ -9,6 +9,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::age_counts::AgeCounts;
+use super::plausible::Plausibility;
 use super::{
     Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings,
     Remark, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
@@ -20,6 +21,8 @@ use crate::node::KINDS;
 pub const MAX_STEP_BYTES: usize = 1 << 16;
 /// Sources of one kind within one source of bytes (two receivers of an autopilot).
 const WITHIN: u8 = 2;
+/// Names of the sources within one in remarks: an autopilot's second receiver, and its odometry.
+const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
 /// Above this a time is counted from 1970 and not from the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
 /// Time between two requests to a source that sends only what it is asked for.
@@ -63,6 +66,8 @@ struct Source {
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and of headings, which the estimator takes a little late.
     ages: [AgeCounts; 2],
+    /// Per source within.
+    plausible: [Plausibility; WITHIN as usize + 1],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
 }
@@ -88,6 +93,7 @@ impl Source {
             average: Default::default(),
             newest: Default::default(),
             ages: no_ages(),
+            plausible: Default::default(),
             status: SourceStatus::default(),
             requested: None,
         }
@@ -136,7 +142,9 @@ impl Source {
     }
     /// What a person should know of its bytes and its clock.
     fn remarks(&self) -> Vec<Remark> {
-        let mut all: Vec<Remark> = self.ages.iter().filter_map(AgeCounts::remark).collect();
+        let within = self.plausible.iter().zip(WHOSE);
+        let mut all: Vec<Remark> = within.flat_map(|(p, whose)| p.remarks(whose)).collect();
+        all.extend(self.ages.iter().filter_map(AgeCounts::remark));
         all.extend(self.decoder.remarks());
         let s = &self.status;
         if s.restarts > 0 {
@@ -160,6 +168,13 @@ impl Source {
         all
     }
 
+    /// The measurement without channels that cannot be true; None where nothing of it can be.
+    fn plausible(&mut self, m: Measurement) -> Option<Measurement> {
+        match self.plausible.get_mut(usize::from(m.source())) {
+            Some(of_sensor) => of_sensor.take(m).measurement,
+            None => Some(m),
+        }
+    }
     /// The measurement on the vessel's clock; None, and counted, when it is not passed on.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
@@ -274,7 +289,7 @@ impl Node for SensorNode {
             for m in source.decoder.timeless() {
                 dated.extend(source.date_by_arrival(now, m));
             }
-            for m in dated {
+            for m in dated.into_iter().filter_map(|m| source.plausible(m)) {
                 // An autopilot's odometry is the filter of its own receivers: it counts as the second.
                 let number = k as u8 * WITHIN + m.source().min(WITHIN - 1);
                 measured.at = m.at();

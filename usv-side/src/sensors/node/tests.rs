@@ -187,6 +187,37 @@ fn sensor_node_of_a_server_with_two_clocks() {
     assert_eq!((n.status()[0].restarts, n.status()[0].implausible_time), (0, 0));
 }
 
+#[test]
+fn sensor_node_with_a_heave_that_stands_too_high() {
+    let mut n = node(1);
+    let mut attitudes = 0;
+    for k in 0..100 {
+        let t = format!("12{:02}{:02}.{}0", k / 600, k / 10 % 60, k % 10);
+        let text = sentence(&format!(
+            "PASHR,{t},90.0,T,{}.00,1.00,30.00,0.1,0.1,0.2,1,1",
+            k % 5
+        ));
+        for a in step(&mut n, at(k), &[text.as_bytes()]).attitude {
+            assert_eq!(
+                (a.heave, (a.tilt[0].to_degrees() - (k % 5) as f64).abs() < 1e-6),
+                (None, true)
+            );
+            attitudes += 1;
+        }
+    }
+    let remark = &n.remarks()[0][0];
+    assert!(
+        attitudes == 100 && remark.remedy.is_some(),
+        "{attitudes} {remark:?}"
+    );
+    assert!(
+        remark
+            .text
+            .starts_with("heave is beyond what is possible (30.0 m): left out 100 times of 100"),
+        "{remark:?}"
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]

@@ -1,0 +1,535 @@
+//! Plausibility of each channel of a measurement: a channel that cannot be true is left out and named, and the others of the
+//! same sensor are used.
+//!
+//! A channel is compared with bounds of physics, which a single value breaks, and over a window of a minute with another
+//! channel of the same sensor or with its own mean, so that noise does not count. A channel that is left out returns when
+//! it passes the same test for a window. What a good sensor measures passes unchanged, bit for bit.
+
+mod agreement;
+mod heave;
+mod verdict;
+
+use alight_shared::frames::{VesselNed, wrap_angle};
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
+use alight_shared::time::{Span, Time, VesselClock};
+
+use self::agreement::{Agreement, Lengths};
+use self::heave::Heave;
+use self::verdict::{Doubt, Taken, ChannelState, WINDOW_S};
+use super::{Measurement, Remark};
+
+/// Largest roll and pitch of a deck that is estimated, rad (75 deg): a boat beyond it has capsized.
+const MAX_TILT_RAD: f64 = 1.31;
+/// Fastest turn of a hull about an axis, rad/s: a roll of 45 deg to either side with a period of 1 s is 4.9 rad/s at its
+/// fastest. Degrees that are taken for radians are beyond it in most waves.
+const MAX_TURN_RADPS: f64 = 5.0;
+/// Fastest boat, m/s (97 kn).
+const MAX_SPEED_MPS: f64 = 50.0;
+/// Heights of an antenna above the ellipsoid, m: from the Dead Sea's shore (-430) to the highest navigated lake (Titicaca,
+/// 3 812), with the geoid (-107 to 86) and a mast.
+const HEIGHTS_M: core::ops::RangeInclusive<f64> = -600.0..=4000.0;
+/// Jump of a height that a change of the receiver's solution explains, m, and further in its standard deviations. Below
+/// it the estimator moves its level.
+const HEIGHT_JUMP_M: f64 = 20.0;
+const HEIGHT_JUMP_SDS: f64 = 6.0;
+/// Fastest climb of an antenna on a mast in waves, m/s.
+const MAX_CLIMB_MPS: f64 = 20.0;
+/// Standard deviation of a heave in which a boat rolls or pitches by more than any sensor's resolution, m.
+const MOVING_M: f64 = 0.3;
+
+/// Standard deviations of a difference of two values that are noise, sqrt 2 times 3.
+const NOISE: f64 = 3.0 * core::f64::consts::SQRT_2;
+/// Smallest standard deviation that is assumed of a tilt (0.2 deg), a heading (1 deg), rad, and a position, m.
+const MIN_TILT_SD: f64 = 0.0035;
+const MIN_HEADING_SD: f64 = 0.017;
+const MIN_POSITION_SD_M: f64 = 0.3;
+/// Error of a rate of turn that is permitted, rad/s: the bias of a gyroscope, 1 deg/s.
+const RATE_ERROR_RADPS: f64 = 0.0175;
+/// Error of a velocity, m/s, in addition to its noise: waves that the receiver's rate does not resolve.
+const VELOCITY_ERROR_MPS: f64 = 0.3;
+/// Fraction of a change by which the integral of its rate may differ: half, where the rate is of the same instant; more than
+/// all of it where the rate is smoothed, as a rate of turn and a course are: smoothing takes at most the whole.
+const EXACT: f64 = 0.5;
+const SMOOTHED: f64 = 1.5;
+
+/// Comparison of rates with roll and pitch.
+const OF_TILT: Lengths = Lengths {
+    interval_s: 1.0,
+    step_s: 0.35,
+    window: 30,
+};
+/// Comparison of a rate of turn with the heading.
+const OF_HEADING: Lengths = Lengths {
+    interval_s: 5.0,
+    step_s: 0.6,
+    window: 12,
+};
+/// Comparison of a velocity with the position.
+const OF_POSITION: Lengths = Lengths {
+    interval_s: 5.0,
+    step_s: 2.5,
+    window: 12,
+};
+
+/// Channels that are left out by themselves.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    /// Heave of an attitude.
+    Heave,
+    /// Angular rates of an attitude, by its roll and pitch.
+    Rates,
+    /// The same rates, by the heading.
+    YawRate,
+    /// Rate of turn of a heading.
+    RateOfTurn,
+    /// Velocity of a fix.
+    Velocity,
+    /// Height of a fix.
+    Height,
+    /// Roll and pitch, and the attitude with them.
+    Tilt,
+}
+
+/// Texts about a part: name, unit, its number in an SI unit, quantity of comparison, channels that are used, remedy.
+struct Texts {
+    name: &'static str,
+    unit: &'static str,
+    factor: f64,
+    compared: &'static str,
+    used: &'static str,
+    remedy: &'static str,
+}
+
+impl Part {
+    /// Takes the channel out of a measurement; false where it is not in it.
+    fn leave_out(self, m: &mut Measurement) -> bool {
+        match (self, m) {
+            (Part::Heave, Measurement::Attitude(m)) => m.heave.take().is_some(),
+            (Part::Rates | Part::YawRate, Measurement::Attitude(m)) => m.rates.take().is_some(),
+            (Part::RateOfTurn, Measurement::Heading(m)) => m.rate.take().is_some(),
+            (Part::Velocity, Measurement::Gnss(m)) => {
+                let was_there = has_velocity(m);
+                (m.velocity, m.velocity_sd) = ([0.0; 3], [NOT_MEASURED_SD; 3]);
+                was_there
+            }
+            (Part::Height, Measurement::Gnss(m)) => {
+                let was_there = has_height(m);
+                (m.datum.height_m, m.position[2], m.height_spread) = (0.0, 0.0, 0.0);
+                m.position_sd[2] = NOT_MEASURED_SD;
+                was_there
+            }
+            (
+                Part::Heave
+                | Part::Rates
+                | Part::YawRate
+                | Part::RateOfTurn
+                | Part::Velocity
+                | Part::Height
+                | Part::Tilt,
+                _,
+            ) => false,
+        }
+    }
+    fn texts(self) -> Texts {
+        let degrees = 1_f64.to_degrees();
+        let (name, unit, factor, compared, used, remedy) = match self {
+            Part::Heave => (
+                "heave",
+                "m",
+                1.0,
+                "height",
+                "roll and pitch are used",
+                "set mount.heave = \"none\" for this source, or repair the sensor",
+            ),
+            Part::Rates => (
+                "angular rate",
+                "deg/s",
+                degrees,
+                "roll and pitch",
+                "roll and pitch are used",
+                "check unit, sign and mounting of the sensor's rates",
+            ),
+            Part::YawRate => (
+                "yaw rate",
+                "deg/s",
+                degrees,
+                "heading",
+                "roll and pitch are used",
+                "check unit, sign and mounting of the sensor's rates",
+            ),
+            Part::RateOfTurn => (
+                "rate of turn",
+                "deg/s",
+                degrees,
+                "heading",
+                "the heading is used",
+                "check unit and sign of the rate of turn at its sensor",
+            ),
+            Part::Velocity => (
+                "velocity",
+                "m/s",
+                1.0,
+                "position",
+                "the position is used",
+                "check the receiver's set-up, or replace it",
+            ),
+            Part::Height => (
+                "height",
+                "m",
+                1.0,
+                "place",
+                "latitude and longitude are used",
+                "give the antenna a free view of the sky, or check the receiver's set-up",
+            ),
+            Part::Tilt => (
+                "attitude",
+                "deg",
+                degrees,
+                "heave",
+                "nothing of it is used",
+                "check the sensor and its mount.mounting_deg",
+            ),
+        };
+        Texts {
+            name,
+            unit,
+            factor,
+            compared,
+            used,
+            remedy,
+        }
+    }
+}
+
+/// The fate of one measurement.
+#[derive(Clone, Debug)]
+pub(crate) struct Judged {
+    /// The measurement without what is left out of it; None: it is left out as a whole.
+    pub(crate) measurement: Option<Measurement>,
+    /// Parts that are left out from now on, by values since then.
+    retracted: Vec<(Part, Time<VesselClock>)>,
+}
+
+/// The channels of the sensors of one source.
+#[derive(Clone, Debug)]
+pub(crate) struct Plausibility {
+    heave: Heave,
+    rates: Agreement<[f64; 2]>,
+    /// Yaw rate with an attitude, rad/s, and its agreement with the heading.
+    newest_yaw_rate: Option<(Time<VesselClock>, f64)>,
+    yaw_rate: Agreement<f64>,
+    rate_of_turn: Agreement<f64>,
+    velocity: Agreement<(Datum, [f64; 3])>,
+    height: ChannelState,
+    /// Newest height, m.
+    newest_height: Option<(Time<VesselClock>, f64)>,
+    tilt: ChannelState,
+    /// Roll and pitch, bit by bit, and since when they are the same.
+    standing: Option<([u64; 2], Time<VesselClock>)>,
+}
+
+impl Default for Plausibility {
+    fn default() -> Self {
+        Plausibility {
+            heave: Heave::default(),
+            rates: Agreement::new(OF_TILT),
+            newest_yaw_rate: None,
+            yaw_rate: Agreement::new(OF_HEADING),
+            rate_of_turn: Agreement::new(OF_HEADING),
+            velocity: Agreement::new(OF_POSITION),
+            height: ChannelState::default(),
+            newest_height: None,
+            tilt: ChannelState::default(),
+            standing: None,
+        }
+    }
+}
+
+impl Plausibility {
+    /// Takes a measurement with its time of validity, after those before it.
+    pub(crate) fn take(&mut self, mut m: Measurement) -> Judged {
+        let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
+        let parts = match &m {
+            Measurement::Imu(_) => [(Part::Tilt, None); 3],
+            Measurement::Attitude(fix) => {
+                let heave = fix.heave.map(|h| self.heave.take(at, h, fix.heave_sd));
+                let rates = fix.rates.map(|r| self.rates(fix, r));
+                let by_heading = rates.map(|_| Taken {
+                    believed: !self.yaw_rate.verdict.is_out(),
+                    since: None,
+                });
+                is_kept = self.tilt(fix);
+                [
+                    (Part::Heave, heave),
+                    (Part::Rates, rates),
+                    (Part::YawRate, by_heading),
+                ]
+            }
+            Measurement::Heading(fix) => {
+                let since = self.compare_yaw_rate(fix);
+                retracted.extend(since.map(|since| (Part::YawRate, since)));
+                let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
+                [(Part::RateOfTurn, rate), (Part::Tilt, None), (Part::Tilt, None)]
+            }
+            Measurement::Gnss(fix) => {
+                let velocity = (has_velocity(fix) && has_place(fix)).then(|| self.velocity(fix));
+                let height = has_height(fix).then(|| self.height(fix));
+                [
+                    (Part::Velocity, velocity),
+                    (Part::Height, height),
+                    (Part::Tilt, None),
+                ]
+            }
+        };
+        for (part, taken) in parts {
+            let Some(taken) = taken else { continue };
+            self.verdict(part).count(taken.believed);
+            if !taken.believed {
+                part.leave_out(&mut m);
+            }
+            retracted.extend(taken.since.map(|since| (part, since)));
+        }
+        Judged {
+            measurement: is_kept.then_some(m),
+            retracted,
+        }
+    }
+
+    /// Rates of the angles that the rates of the body make: `roll' = p + (q sin + r cos) tan pitch`, `pitch' = q cos - r sin`.
+    fn rates(&mut self, fix: &AttitudeFix, rates: [f64; 3]) -> Taken {
+        let [roll, pitch] = fix.tilt;
+        let ([p, q, r], (sin, cos)) = (rates, roll.sin_cos());
+        let of_angles = [p + (q * sin + r * cos) * pitch.tan(), q * cos - r * sin];
+        let noise = NOISE * fix.tilt_sd.max(MIN_TILT_SD);
+        let rate = bounded(&rates, MAX_TURN_RADPS).map(|()| of_angles);
+        if rate.is_ok() && pitch.abs() < MAX_TILT_RAD {
+            self.newest_yaw_rate = Some((fix.header.at, (q * sin + r * cos) / pitch.cos()));
+        }
+        self.rates
+            .take(fix.header.at, fix.tilt, rate, |from, to, integral| {
+                let change = [wrap_angle(to[0] - from[0]), to[1] - from[1]];
+                let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
+                Some((off, off > noise + EXACT * f64::hypot(change[0], change[1])))
+            })
+    }
+
+    /// The yaw rate that came with the newest attitude against the heading; the time since when it disagrees, once it does.
+    fn compare_yaw_rate(&mut self, fix: &HeadingFix) -> Option<Time<VesselClock>> {
+        let at = fix.header.at;
+        let (then, rate) = self.newest_yaw_rate?;
+        if (at - then).abs().secs() > OF_TILT.step_s {
+            return None;
+        }
+        self.yaw_rate
+            .take(at, fix.heading, Ok([rate, 0.0]), turn_by_heading(fix))
+            .since
+    }
+    fn rate_of_turn(&mut self, fix: &HeadingFix, rate: f64) -> Taken {
+        let rate = bounded(&[rate], MAX_TURN_RADPS).map(|()| [rate, 0.0]);
+        self.rate_of_turn
+            .take(fix.header.at, fix.heading, rate, turn_by_heading(fix))
+    }
+
+    /// The distance made good against that by the velocity, and their directions with the tolerance of a smoothed course.
+    fn velocity(&mut self, fix: &GnssFix) -> Taken {
+        let sd = fix.position_sd[0].max(fix.position_sd[1]);
+        let rate_sd = fix.velocity_sd[0].max(fix.velocity_sd[1]);
+        let noise =
+            NOISE * sd.max(MIN_POSITION_SD_M) + OF_POSITION.interval_s * (3.0 * rate_sd + VELOCITY_ERROR_MPS);
+        let [north, east, _] = fix.velocity;
+        let rate = bounded(&[north.hypot(east)], MAX_SPEED_MPS).map(|()| [north, east]);
+        let place = (fix.datum, fix.position);
+        self.velocity
+            .take(fix.header.at, place, rate, |from, to, integral| {
+                // A position that repeats shows nothing of the velocity.
+                if from == to {
+                    return None;
+                }
+                let apart = from.0.to::<VesselNed>(&to.0).0;
+                let change = [apart.x + to.1[0] - from.1[0], apart.y + to.1[1] - from.1[1]];
+                let moved = f64::hypot(change[0], change[1]);
+                let further = (moved - f64::hypot(integral[0], integral[1])).abs();
+                let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
+                let disagrees = further > noise + EXACT * moved || off > noise + SMOOTHED * moved;
+                Some((off, disagrees))
+            })
+    }
+
+    fn height(&mut self, fix: &GnssFix) -> Taken {
+        let (at, height) = (fix.header.at, fix.datum.height_m - fix.position[2]);
+        let before = self.newest_height.take();
+        let doubt = if HEIGHTS_M.contains(&height) {
+            self.newest_height = Some((at, height));
+            before.and_then(|(then, before)| {
+                let most = HEIGHT_JUMP_M
+                    + HEIGHT_JUMP_SDS * fix.position_sd[2]
+                    + MAX_CLIMB_MPS * (at - then).abs().secs();
+                let change = height - before;
+                (change.abs() > most).then_some(Doubt::Jump(change))
+            })
+        } else {
+            Some(Doubt::Beyond(height))
+        };
+        let loses = match doubt {
+            Some(doubt) => self.height.reject(at, doubt),
+            None => self.height.judge(at, None),
+        };
+        Taken {
+            believed: doubt.is_none() && !self.height.is_out(),
+            since: loses.then_some(at),
+        }
+    }
+
+    /// Whether roll and pitch are used: within their bounds, and not the same, bit by bit, while the heave moves.
+    fn tilt(&mut self, fix: &AttitudeFix) -> bool {
+        let at = fix.header.at;
+        let numbers = fix.tilt.map(f64::to_bits);
+        let since = match self.standing {
+            Some((same, since)) if same == numbers => since,
+            Some(_) | None => at,
+        };
+        self.standing = Some((numbers, since));
+        let stands_s = (at - since).secs();
+        let moves = self.heave.spread_m().is_some_and(|spread| spread > MOVING_M);
+        let doubt = bounded(&fix.tilt, MAX_TILT_RAD)
+            .err()
+            .or((moves && stands_s >= WINDOW_S).then_some(Doubt::Standstill(stands_s)));
+        // A boat without its attitude is estimated no more, so a good one is used at once.
+        match doubt {
+            Some(doubt) => self.tilt.reject(at, doubt),
+            None => self.tilt.judge(at, None),
+        };
+        self.tilt.count(doubt.is_none());
+        doubt.is_none()
+    }
+
+    fn verdicts(&self) -> [(Part, &ChannelState); 7] {
+        [
+            (Part::Tilt, &self.tilt),
+            (Part::Heave, &self.heave.verdict),
+            (Part::Rates, &self.rates.verdict),
+            (Part::YawRate, &self.yaw_rate.verdict),
+            (Part::RateOfTurn, &self.rate_of_turn.verdict),
+            (Part::Velocity, &self.velocity.verdict),
+            (Part::Height, &self.height),
+        ]
+    }
+    fn verdict(&mut self, part: Part) -> &mut ChannelState {
+        match part {
+            Part::Heave => &mut self.heave.verdict,
+            Part::Rates => &mut self.rates.verdict,
+            Part::YawRate => &mut self.yaw_rate.verdict,
+            Part::RateOfTurn => &mut self.rate_of_turn.verdict,
+            Part::Velocity => &mut self.velocity.verdict,
+            Part::Height => &mut self.height,
+            Part::Tilt => &mut self.tilt,
+        }
+    }
+    /// A remark on each part of which something was left out; `whose` names the sensor ("" or "second receiver: ").
+    pub(crate) fn remarks(&self, whose: &str) -> Vec<Remark> {
+        let remark = |(part, verdict): (Part, &ChannelState)| {
+            let (doubt, left_out, taken) = verdict.account()?;
+            let t = part.texts();
+            let text = format!(
+                "{whose}{} {}: left out {left_out} times of {taken}; {}",
+                t.name,
+                doubt_text(doubt, &t),
+                t.used
+            );
+            Some(match verdict.is_out() {
+                true => Remark::fault(text, t.remedy),
+                false => Remark::fine(text),
+            })
+        };
+        self.verdicts().into_iter().filter_map(remark).collect()
+    }
+}
+
+/// A reason as text, with its number; without a sign, which depends on the mounting, except beyond a bound.
+fn doubt_text(doubt: Doubt, t: &Texts) -> String {
+    let size = |x: f64| format!("{:.1} {}", t.factor * x.abs(), t.unit);
+    match doubt {
+        Doubt::Beyond(x) => format!("is beyond what is possible ({:.1} {})", t.factor * x, t.unit),
+        Doubt::Jump(x) => format!("jumps by {}", size(x)),
+        Doubt::Drift(x) => format!("drifts by {} a minute", size(x)),
+        Doubt::Mean(x) => format!("has a mean of {}, in waves it has none", size(x)),
+        Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
+        Doubt::Standstill(s) => format!("stands still for {s:.0} s while the {} moves", t.compared),
+    }
+}
+
+/// Comparison of a rate of turn with the change of this heading (rad) within an interval.
+fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Option<(f64, bool)> {
+    let noise = NOISE * fix.heading_sd.max(MIN_HEADING_SD) + OF_HEADING.interval_s * RATE_ERROR_RADPS;
+    move |from: f64, to: f64, [turned, _]: [f64; 2]| {
+        // A heading that repeats shows nothing of the rate.
+        if from.to_bits() == to.to_bits() {
+            return None;
+        }
+        let change = wrap_angle(to - from);
+        let off = wrap_angle(change - turned).abs();
+        Some((off, off > noise + SMOOTHED * change.abs()))
+    }
+}
+
+/// All are within a bound to either side; else the value that is furthest beyond. NaN is beyond any bound.
+fn bounded(values: &[f64], bound: f64) -> Result<(), Doubt> {
+    let beyond = values.iter().filter(|v| !(-bound..=bound).contains(*v));
+    match beyond.copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) {
+        Some(worst) => Err(Doubt::Beyond(worst)),
+        None => Ok(()),
+    }
+}
+
+fn has_velocity(fix: &GnssFix) -> bool {
+    fix.velocity_sd[0].max(fix.velocity_sd[1]) < NOT_MEASURED_SD
+}
+fn has_place(fix: &GnssFix) -> bool {
+    fix.position_sd[0].max(fix.position_sd[1]) < NOT_MEASURED_SD
+}
+fn has_height(fix: &GnssFix) -> bool {
+    fix.position_sd[2] < NOT_MEASURED_SD
+}
+
+/// The measurements of a recording, in their order, without implausible channels, and remarks on these. The values by which
+/// a channel was found implausible are left out afterwards, too.
+pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
+    let mut sources: [Plausibility; MAX_SOURCES] = Default::default();
+    let mut kept = Vec::with_capacity(all.len());
+    for m in all {
+        let number = m.source();
+        let Some(source) = sources.get_mut(usize::from(number)) else {
+            kept.push(m);
+            continue;
+        };
+        let judged = source.take(m);
+        kept.extend(judged.measurement);
+        for (part, since) in judged.retracted {
+            let count = retract(&mut kept, number, part, since);
+            source.verdict(part).retract(count);
+        }
+    }
+    let remarks = sources.iter().enumerate().flat_map(|(k, source)| {
+        let whose = match k {
+            0 => String::new(),
+            k => format!("source {k}: "),
+        };
+        source.remarks(&whose)
+    });
+    (kept, remarks.collect())
+}
+
+/// Leaves a part out of the newest measurements of a source, those since then; returns how many had it.
+fn retract(kept: &mut [Measurement], number: u8, part: Part, since: Time<VesselClock>) -> u64 {
+    // Measurements of other kinds, and late ones, stand between them.
+    let begin = since - Span::from_secs(WINDOW_S);
+    let recent = kept.iter_mut().rev().take_while(|m| m.at() >= begin);
+    recent
+        .filter(|m| m.source() == number && m.at() >= since)
+        .map(|m| u64::from(part.leave_out(m)))
+        .sum()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,118 @@
+//! Agreement of a rate with the quantity whose rate it is: over each interval, the integral of the rate against the change.
+//!
+//! Single values decide nothing: over a short step the noise of the quantity is larger than its change. An interval
+//! averages it, and the channel is left out only when most intervals of a window disagree, so that a jump of the quantity
+//! itself does not count against its rate.
+
+use alight_shared::time::{Time, VesselClock};
+
+use super::verdict::{Doubt, Taken, ChannelState};
+
+/// Fraction of a window's intervals that disagree before the rate is left out. The rate of a sensor that is late by a tenth
+/// of the motion's period disagrees in half of them.
+const MAX_DISAGREEING: f64 = 0.6;
+
+/// Lengths of a comparison.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lengths {
+    /// Of an interval, s.
+    pub(super) interval_s: f64,
+    /// Longest time between two values, s: over longer ones the rate is not known.
+    pub(super) step_s: f64,
+    /// Intervals of a window.
+    pub(super) window: u32,
+}
+
+/// A rate in two components against a quantity `P`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Agreement<P> {
+    pub(super) verdict: ChannelState,
+    lengths: Lengths,
+    /// Begin of the interval.
+    begin: Option<(Time<VesselClock>, P)>,
+    last: Option<(Time<VesselClock>, [f64; 2])>,
+    integral: [f64; 2],
+    /// Intervals of the window, those of them that disagree, and the sum of their squared differences.
+    intervals: u32,
+    disagreeing: u32,
+    squares: f64,
+    since: Option<Time<VesselClock>>,
+}
+
+impl<P: Copy> Agreement<P> {
+    /// Without a value yet.
+    pub(super) fn new(lengths: Lengths) -> Self {
+        Agreement {
+            verdict: ChannelState::default(),
+            lengths,
+            begin: None,
+            last: None,
+            integral: [0.0; 2],
+            intervals: 0,
+            disagreeing: 0,
+            squares: 0.0,
+            since: None,
+        }
+    }
+    /// Takes a quantity and its rate, or the reason why the rate is impossible by itself. `compare` gives the difference
+    /// of the integral from the change of the quantity, and whether it is too large; None where the interval shows nothing.
+    pub(super) fn take(
+        &mut self,
+        at: Time<VesselClock>,
+        quantity: P,
+        rate: Result<[f64; 2], Doubt>,
+        compare: impl FnOnce(P, P, [f64; 2]) -> Option<(f64, bool)>,
+    ) -> Taken {
+        let since = match rate {
+            Ok(rate) => self.add(at, quantity, rate, compare),
+            Err(doubt) => {
+                (self.begin, self.last) = (None, None);
+                self.verdict.reject(at, doubt).then_some(self.since.unwrap_or(at))
+            }
+        };
+        Taken {
+            believed: rate.is_ok() && !self.verdict.is_out(),
+            since,
+        }
+    }
+    fn add(
+        &mut self,
+        at: Time<VesselClock>,
+        quantity: P,
+        rate: [f64; 2],
+        compare: impl FnOnce(P, P, [f64; 2]) -> Option<(f64, bool)>,
+    ) -> Option<Time<VesselClock>> {
+        let step = self.last.map(|(then, before)| ((at - then).secs(), before));
+        let Some((dt, before)) = step.filter(|(dt, _)| *dt > -1.0 && *dt <= self.lengths.step_s) else {
+            (self.begin, self.last) = (Some((at, quantity)), Some((at, rate)));
+            self.integral = [0.0; 2];
+            return None;
+        };
+        if dt <= 0.0 {
+            return None;
+        }
+        self.last = Some((at, rate));
+        for (sum, (a, b)) in self.integral.iter_mut().zip(rate.into_iter().zip(before)) {
+            *sum += 0.5 * (a + b) * dt;
+        }
+        let (begun, from) = self.begin?;
+        if (at - begun).secs() < self.lengths.interval_s {
+            return None;
+        }
+        self.begin = Some((at, quantity));
+        let (off, disagrees) = compare(from, quantity, core::mem::take(&mut self.integral))?;
+        self.since.get_or_insert(begun);
+        self.intervals += 1;
+        self.disagreeing += u32::from(disagrees);
+        self.squares += off * off;
+        if self.intervals < self.lengths.window {
+            return None;
+        }
+        let n = f64::from(self.intervals);
+        let rms = (self.squares / n).sqrt() / self.lengths.interval_s;
+        let doubt = (f64::from(self.disagreeing) > MAX_DISAGREEING * n).then_some(Doubt::Disagreement(rms));
+        (self.intervals, self.disagreeing, self.squares) = (0, 0, 0.0);
+        let since = self.since.take();
+        since.filter(|_| self.verdict.judge(at, doubt))
+    }
+}

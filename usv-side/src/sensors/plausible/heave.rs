@@ -1,0 +1,192 @@
+//! Plausibility of a heave: bounds of what waves do, and the mean and the trend of a motion whose mean is zero.
+//!
+//! A heave sensor integrates its acceleration twice and filters off what is slow, so in waves its mean over many periods
+//! is zero. Over a window of length L, a wave of amplitude a and period T has a trend of up to `6 a T / (pi L)` (the
+//! regression of a sine): 0.95 a for a swell of 20 s in the shortest window, less than twice its standard deviation. The
+//! slow error of a good sensor adds as much. An unfiltered integral, a sensor that reports another quantity and one that
+//! stands far off are beyond it.
+
+use alight_shared::time::{Span, Time, VesselClock};
+
+use super::verdict::{Doubt, Taken, ChannelState, WINDOW_S};
+
+/// Largest heave of a hull, m: half of the height of the highest waves that were measured (29 m, RRS Discovery 2000,
+/// Holliday and others 2006).
+const MAX_HEAVE_M: f64 = 15.0;
+/// Fastest heave, m/s: a deep-water wave of the limiting steepness 1/7 moves the water by `g T / 14`, 8 m/s at 11.4 s.
+const MAX_RATE_MPS: f64 = 8.0;
+/// Change that a coarse clock or a late message explains, m.
+const JUMP_M: f64 = 1.0;
+/// Parts of a window, and their length, s: the sums of a part are kept together.
+const BLOCKS: usize = 6;
+const BLOCK_S: f64 = WINDOW_S / BLOCKS as f64;
+/// Parts of the shortest window that is tested while the heave is used: two periods of a swell of 20 s.
+const MIN_BLOCKS: usize = 4;
+/// Values of the smallest window that is tested.
+const MIN_VALUES: f64 = 20.0;
+/// Values further apart are not of one window, s.
+const MAX_GAP_S: f64 = 5.0;
+/// Change of the mean within a window, and mean, that are always permitted, m: the slow error of a good sensor, and a
+/// reference point that sinks with the load, the speed or a heel.
+const DRIFT_M: f64 = 0.5;
+const MEAN_M: f64 = 1.0;
+/// More of both that is permitted, in standard deviations of the motion about its trend, and of the sensor's stated error.
+/// A slow error of a seventh of the significant height with a memory of 40 s passes for hours.
+const DRIFT_SPREADS: f64 = 4.0;
+const MEAN_SPREADS: f64 = 2.0;
+const STATED: f64 = 4.0;
+
+/// Sums of time (s), heave (m) and their products.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    n: f64,
+    t: f64,
+    h: f64,
+    tt: f64,
+    th: f64,
+    hh: f64,
+}
+
+impl Sums {
+    fn of(t: f64, h: f64) -> Sums {
+        Sums {
+            n: 1.0,
+            t,
+            h,
+            tt: t * t,
+            th: t * h,
+            hh: h * h,
+        }
+    }
+    fn and(self, o: Sums) -> Sums {
+        Sums {
+            n: self.n + o.n,
+            t: self.t + o.t,
+            h: self.h + o.h,
+            tt: self.tt + o.tt,
+            th: self.th + o.th,
+            hh: self.hh + o.hh,
+        }
+    }
+    /// Mean heave (m), its slope (m/s), standard deviation about it (m), and length of the window (s).
+    fn regression(&self) -> Option<[f64; 4]> {
+        if self.n < MIN_VALUES {
+            return None;
+        }
+        let mean = |sum: f64| sum / self.n;
+        let (t, h) = (mean(self.t), mean(self.h));
+        let (tt, th, hh) = (
+            mean(self.tt) - t * t,
+            mean(self.th) - t * h,
+            mean(self.hh) - h * h,
+        );
+        // Times that are spread evenly over a length have a twelfth of its square as their variance.
+        (tt > 0.0).then(|| {
+            let slope = th / tt;
+            [h, slope, (hh - slope * th).max(0.0).sqrt(), (12.0 * tt).sqrt()]
+        })
+    }
+}
+
+/// A heave over the newest window.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Heave {
+    pub(super) verdict: ChannelState,
+    last: Option<(Time<VesselClock>, f64)>,
+    /// Begin of the window's first block, and the newest value's time.
+    window: Option<(Time<VesselClock>, Time<VesselClock>)>,
+    block: Sums,
+    ring: [Sums; BLOCKS],
+    /// Blocks completed since the begin.
+    blocks: usize,
+    spread_m: Option<f64>,
+}
+
+impl Heave {
+    /// Takes a heave (m) with its stated standard deviation (m).
+    pub(super) fn take(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> Taken {
+        let oldest = at - Span::from_secs(WINDOW_S + BLOCK_S);
+        let since = self.window.map_or(at, |(begin, _)| begin.max(oldest));
+        let doubt = self.doubt(at, heave);
+        let loses = match doubt {
+            Some(doubt) => self.verdict.reject(at, doubt),
+            None => self.add(at, heave, sd),
+        };
+        if loses || (doubt.is_some() && self.verdict.is_out()) {
+            self.clear();
+        }
+        Taken {
+            believed: doubt.is_none() && !self.verdict.is_out(),
+            since: loses.then_some(since),
+        }
+    }
+    /// Standard deviation of a heave that has passed its test, m.
+    pub(super) fn spread_m(&self) -> Option<f64> {
+        self.spread_m.filter(|_| !self.verdict.is_out())
+    }
+    /// Reason why a value is impossible by itself.
+    fn doubt(&mut self, at: Time<VesselClock>, heave: f64) -> Option<Doubt> {
+        let last = self.last.take();
+        if !(-MAX_HEAVE_M..=MAX_HEAVE_M).contains(&heave) {
+            return Some(Doubt::Beyond(heave.abs()));
+        }
+        self.last = Some((at, heave));
+        let (then, before) = last?;
+        let change = heave - before;
+        let most = JUMP_M + MAX_RATE_MPS * (at - then).abs().secs();
+        (change.abs() > most).then_some(Doubt::Jump(change))
+    }
+    /// Takes a possible value; true when the channel is left out from now on.
+    fn add(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
+        let begin = match self.window {
+            Some((begin, newest)) if (at - newest).secs() > -1.0 && (at - newest).secs() <= MAX_GAP_S => {
+                if at <= newest {
+                    return false;
+                }
+                begin
+            }
+            Some(_) | None => {
+                self.clear();
+                at
+            }
+        };
+        self.window = Some((begin, at));
+        let t = (at - begin).secs();
+        let loses = t >= BLOCK_S * (self.blocks + 1) as f64 && self.close(at, sd);
+        self.block = self.block.and(Sums::of(t, heave));
+        loses
+    }
+    /// Ends a block and tests the window.
+    fn close(&mut self, at: Time<VesselClock>, sd: f64) -> bool {
+        let block = core::mem::take(&mut self.block);
+        if let Some(slot) = self.ring.get_mut(self.blocks % BLOCKS) {
+            *slot = block;
+        }
+        self.blocks += 1;
+        let needed = if self.verdict.is_out() { BLOCKS } else { MIN_BLOCKS };
+        if self.blocks < needed {
+            return false;
+        }
+        let all = self.ring.iter().fold(Sums::default(), |all, b| all.and(*b));
+        let Some([mean, slope, spread, length]) = all.regression() else {
+            return false;
+        };
+        let doubt = if (slope * length).abs() > DRIFT_M + DRIFT_SPREADS * spread + STATED * sd {
+            Some(Doubt::Drift(60.0 * slope))
+        } else if mean.abs() > MEAN_M + MEAN_SPREADS * spread + STATED * sd {
+            Some(Doubt::Mean(mean))
+        } else {
+            None
+        };
+        self.spread_m = doubt.is_none().then_some(spread);
+        self.verdict.judge(at, doubt)
+    }
+    /// Begins a window.
+    fn clear(&mut self) {
+        *self = Heave {
+            verdict: self.verdict,
+            last: self.last,
+            ..Heave::default()
+        };
+    }
+}

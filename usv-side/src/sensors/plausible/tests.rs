@@ -1,0 +1,390 @@
+use super::*;
+use crate::sensors::Mount;
+use alight_shared::msg::Header;
+use core::f64::consts::TAU;
+
+/// A wave of amplitude 1 and this period, s.
+fn wave(t: f64, period_s: f64) -> f64 {
+    (TAU * t / period_s).sin()
+}
+fn header(t: f64) -> Header<VesselClock> {
+    Header::new(1, 0, 1, 0, Time::from_secs(t))
+}
+/// A rocking boat at 10 Hz: its attitude at `t` with its rates.
+fn rocking(t: f64) -> AttitudeFix {
+    let (roll, pitch) = (0.105 * wave(t, 4.0), 0.044 * wave(t, 3.3));
+    let rates = [
+        0.105 * TAU / 4.0 * wave(t + 1.0, 4.0),
+        0.044 * TAU / 3.3 * wave(t + 3.3 / 4.0, 3.3),
+    ];
+    AttitudeFix {
+        header: header(t),
+        tilt: [roll, pitch],
+        tilt_sd: 0.0035,
+        rates: Some([rates[0], rates[1] * roll.cos(), -rates[1] * roll.sin()]),
+        heave: Some(0.4 * wave(t, 4.2)),
+        heave_sd: 0.05,
+        ..AttitudeFix::default()
+    }
+}
+/// Measurements at 10 Hz for so many seconds.
+fn series<M: Into<Measurement>>(seconds: u32, of: impl Fn(f64) -> M) -> Vec<Measurement> {
+    let at = (0..10 * seconds).map(|k| 0.1 * f64::from(k));
+    at.map(|t| of(t).into()).collect()
+}
+fn attitudes(all: &[Measurement]) -> Vec<AttitudeFix> {
+    let attitude = |m: &Measurement| match m {
+        Measurement::Attitude(a) => Some(*a),
+        Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+    };
+    all.iter().filter_map(attitude).collect()
+}
+fn fixes(all: &[Measurement]) -> Vec<GnssFix> {
+    let fix = |m: &Measurement| match m {
+        Measurement::Gnss(g) => Some(*g),
+        Measurement::Imu(_) | Measurement::Attitude(_) | Measurement::Heading(_) => None,
+    };
+    all.iter().filter_map(fix).collect()
+}
+/// Good measurements pass unchanged and without a remark.
+fn is_inert(all: &[Measurement], what: &str) {
+    let (kept, remarks) = sift(all.to_vec());
+    assert!(remarks.is_empty(), "{what}: {remarks:?}");
+    assert!(kept == all, "{what}");
+}
+
+#[test]
+fn good_attitudes_with_heave_and_rates() {
+    is_inert(&series(200, rocking), "short waves");
+    let swell = |t: f64| AttitudeFix {
+        heave: Some(3.0 * wave(t, 20.0) + 0.3 * wave(t, 70.0)),
+        ..rocking(t)
+    };
+    is_inert(
+        &series(400, swell),
+        "swell with a slow error of a twentieth of its height",
+    );
+    let still = |t: f64| AttitudeFix {
+        tilt: [0.01, -0.02],
+        rates: Some([0.0; 3]),
+        heave: Some(0.0),
+        ..rocking(t)
+    };
+    is_inert(&series(200, still), "a sensor without heave in still water");
+}
+
+#[test]
+fn single_impossible_heave() {
+    let spike = |t: f64| AttitudeFix {
+        heave: Some(if (t - 50.0).abs() < 0.01 {
+            300.0
+        } else {
+            0.4 * wave(t, 4.2)
+        }),
+        ..rocking(t)
+    };
+    let (kept, remarks) = sift(series(100, spike));
+    let without = attitudes(&kept).iter().filter(|a| a.heave.is_none()).count();
+    assert_eq!((kept.len(), without, remarks.len()), (1000, 1, 1));
+    assert!(
+        remarks[0].remedy.is_none() && remarks[0].text.contains("left out 1 times of 1000"),
+        "{remarks:?}"
+    );
+}
+
+#[test]
+fn heave_that_drifts_and_returns() {
+    let drifting = |t: f64| AttitudeFix {
+        heave: Some(0.4 * wave(t, 4.2) + if t < 200.0 { 0.05 * t } else { 0.0 }),
+        ..rocking(t)
+    };
+    let mut live = Plausibility::default();
+    let mut heaves = Vec::new();
+    for m in series(400, drifting) {
+        let t = m.at().secs();
+        let Some(Measurement::Attitude(a)) = live.take(m).measurement else {
+            panic!("an attitude at {t} s is left out");
+        };
+        let apart = [0, 1].map(|i| (a.tilt[i] - rocking(t).tilt[i]).abs());
+        assert!(apart.iter().all(|d| *d < 1e-9), "{t}: {apart:?}");
+        heaves.push((t, a.heave.is_some()));
+        if (t - 100.0).abs() < 0.01 {
+            let remark = &live.remarks("")[0];
+            assert!(
+                remark.remedy.is_some() && remark.text.starts_with("heave drifts by "),
+                "{remark:?}"
+            );
+        }
+    }
+    let used = |from: f64, to: f64| heaves.iter().filter(|(t, u)| *u && *t >= from && *t < to).count();
+    assert_eq!((used(55.0, 199.95), used(289.95, 400.0)), (0, 1100));
+    assert!(live.remarks("").iter().all(|r| r.remedy.is_none()), "it is over");
+}
+
+#[test]
+fn rates_of_a_wrong_unit_and_sign() {
+    let wrong = |of: fn([f64; 3]) -> [f64; 3]| {
+        let spoilt = move |t: f64| {
+            let good = rocking(t);
+            AttitudeFix {
+                rates: good.rates.map(of),
+                ..good
+            }
+        };
+        sift(series(90, spoilt))
+    };
+    type Spoil = fn([f64; 3]) -> [f64; 3];
+    let cases: [(&str, Spoil); 4] = [
+        ("sign", |r| r.map(|x| -x)),
+        ("degrees", |r| r.map(f64::to_degrees)),
+        ("radians of radians", |r| r.map(f64::to_radians)),
+        ("constant", |_| [0.3; 3]),
+    ];
+    for (what, of) in cases {
+        let (kept, remarks) = wrong(of);
+        let all = attitudes(&kept);
+        assert_eq!(all.len(), 900, "{what}");
+        let late = all.iter().filter(|a| a.header.at.secs() > 35.0);
+        assert!(
+            late.clone().all(|a| a.rates.is_none() && a.heave.is_some()),
+            "{what}"
+        );
+        assert!(
+            remarks.len() == 1 && remarks[0].text.starts_with("angular rate"),
+            "{what}: {remarks:?}"
+        );
+    }
+}
+
+#[test]
+fn rate_of_turn_of_a_wrong_sign() {
+    let turning = |sign: f64| {
+        move |t: f64| HeadingFix {
+            header: header(t),
+            heading: wrap_angle(0.1 * t),
+            heading_sd: 0.01,
+            rate: Some(0.1 * sign),
+            ..HeadingFix::default()
+        }
+    };
+    is_inert(&series(200, turning(1.0)), "rate of turn");
+    let (kept, remarks) = sift(series(200, turning(-1.0)));
+    let rated = kept
+        .iter()
+        .filter(|m| matches!(m, Measurement::Heading(h) if h.rate.is_some()));
+    assert_eq!((kept.len(), rated.count()), (2000, 0));
+    assert!(
+        remarks[0].text.starts_with("rate of turn differs by"),
+        "{remarks:?}"
+    );
+}
+
+#[test]
+fn yaw_rate_against_the_heading() {
+    let turning = |yaw_rate: f64| {
+        let of = |k: u32| {
+            let t = 0.1 * f64::from(k);
+            let attitude = AttitudeFix {
+                header: header(t),
+                tilt_sd: 0.0035,
+                rates: Some([0.0, 0.0, yaw_rate]),
+                ..AttitudeFix::default()
+            };
+            let heading = HeadingFix {
+                header: header(t),
+                heading: wrap_angle(0.1 * t),
+                heading_sd: 0.01,
+                ..HeadingFix::default()
+            };
+            [Measurement::Attitude(attitude), Measurement::Heading(heading)]
+        };
+        (0..2000).flat_map(of).collect::<Vec<Measurement>>()
+    };
+    is_inert(&turning(0.1), "yaw rate");
+    let (kept, remarks) = sift(turning(0.5));
+    let rated = attitudes(&kept).iter().filter(|a| a.rates.is_some()).count();
+    assert!(kept.len() == 4000 && rated <= 1, "{} {rated}", kept.len());
+    assert!(
+        remarks.len() == 1 && remarks[0].text.starts_with("yaw rate differs by 22.9 deg/s"),
+        "{remarks:?}"
+    );
+}
+
+/// A boat at 3 m/s northwards, whose receiver measures this velocity and this height.
+fn sailing(t: f64, velocity: [f64; 3], up: f64) -> GnssFix {
+    GnssFix {
+        header: header(t),
+        position: [3.0 * t, 0.0, -up],
+        velocity,
+        position_sd: [0.5, 0.5, 1.0],
+        velocity_sd: [0.1; 3],
+        ..GnssFix::default()
+    }
+}
+
+#[test]
+fn velocity_that_is_not_that_of_the_position() {
+    let north = [3.0, 0.0, 0.0];
+    is_inert(&series(200, |t| sailing(t, north, 2.0)), "velocity");
+    let stuck = |t: f64| GnssFix {
+        position: [0.0; 3],
+        ..sailing(t, north, 2.0)
+    };
+    is_inert(&series(200, stuck), "a position that repeats");
+    let jumps = |t: f64| GnssFix {
+        position: [3.0 * t + if t > 90.0 { 40.0 } else { 0.0 }, 0.0, -2.0],
+        ..sailing(t, north, 2.0)
+    };
+    is_inert(&series(200, jumps), "a position that jumps");
+    for velocity in [[12.0, -5.0, 0.0], [0.0; 3], [-3.0, 0.0, 0.0]] {
+        let (kept, remarks) = sift(series(120, |t| sailing(t, velocity, 2.0)));
+        let all = fixes(&kept);
+        let moving = all.iter().filter(|g| has_velocity(g)).count();
+        let placed = all.iter().filter(|g| has_place(g) && has_height(g)).count();
+        assert_eq!((placed, moving), (1200, 0), "{velocity:?}");
+        assert!(remarks[0].text.starts_with("velocity differs by"), "{remarks:?}");
+    }
+}
+
+#[test]
+fn height_that_jumps_to_and_fro() {
+    let north = [3.0, 0.0, 0.0];
+    let moved = |t: f64| sailing(t, north, if t > 50.0 { 12.0 } else { 2.0 });
+    is_inert(&series(100, moved), "a receiver that changes its solution");
+    let garbage = |t: f64| {
+        sailing(
+            t,
+            north,
+            if (10.0 * t).round() % 3.0 == 0.0 {
+                300.0
+            } else {
+                2.0
+            },
+        )
+    };
+    let (kept, remarks) = sift(series(100, garbage));
+    let all = fixes(&kept);
+    assert!(all.iter().all(|g| has_place(g) && has_velocity(g)));
+    assert!(all.iter().filter(|g| has_height(g)).count() < 20);
+    assert!(remarks[0].text.starts_with("height jumps by"), "{remarks:?}");
+}
+
+#[test]
+fn attitude_beyond_its_bound_and_at_a_standstill() {
+    let capsized = |t: f64| AttitudeFix {
+        tilt: [
+            if (19.95..29.95).contains(&t) {
+                1.5
+            } else {
+                0.1 * wave(t, 4.0)
+            },
+            0.0,
+        ],
+        rates: None,
+        ..rocking(t)
+    };
+    let (kept, remarks) = sift(series(100, capsized));
+    assert_eq!((kept.len(), remarks.len()), (900, 1), "{remarks:?}");
+    assert!(
+        remarks[0]
+            .text
+            .starts_with("attitude is beyond what is possible (85.9 deg)"),
+        "{remarks:?}"
+    );
+    let standing = |t: f64| AttitudeFix {
+        tilt: [0.02, 0.01],
+        rates: None,
+        heave: Some(wave(t, 6.0)),
+        ..rocking(t)
+    };
+    let (kept, remarks) = sift(series(120, standing));
+    assert!((600..=610).contains(&kept.len()), "{}", kept.len());
+    assert!(
+        remarks[0].text.starts_with("attitude stands still for"),
+        "{remarks:?}"
+    );
+}
+
+#[test]
+fn times_that_jump_and_numbers_that_are_not_finite() {
+    let mut all = series(100, rocking);
+    for (k, at) in [(200, 1e9), (400, -1e9), (600, 1e-3)] {
+        all[k] = all[k].of(0, Time::from_secs(at));
+    }
+    is_inert(&all, "times");
+    let broken = |t: f64| AttitudeFix {
+        heave: Some(f64::NAN),
+        rates: Some([f64::INFINITY, 0.0, f64::NAN]),
+        ..rocking(t)
+    };
+    let kept = attitudes(&sift(series(10, broken)).0);
+    assert!(kept.len() == 100 && kept.iter().all(|a| a.heave.is_none() && a.rates.is_none()));
+}
+
+/// A line of a gateway's text at step `k` of 100 ms.
+fn raw(k: u32, id: &str, data: &[u8]) -> String {
+    let bytes: Vec<String> = data.iter().map(|b| format!("{b:02X}")).collect();
+    let (minute, second, tenth) = (k / 600, k / 10 % 60, k % 10);
+    format!(
+        "12:{minute:02}:{second:02}.{tenth}00 R {id} {}\r\n",
+        bytes.join(" ")
+    )
+}
+/// 90 s of a compass with attitude, heading and heave (m), and of a receiver's positions.
+fn boat(heave: impl Fn(f64) -> Option<f64>) -> String {
+    let mut text = String::new();
+    for k in 0..900_u32 {
+        let (t, sid) = (0.1 * f64::from(k), (k % 250) as u8);
+        let [p, r] = rocking(t).tilt.map(|a| ((a * 1e4).round() as i16).to_le_bytes());
+        text += &raw(k, "0DF11923", &[sid, 0xFF, 0x7F, p[0], p[1], r[0], r[1], 0xFF]);
+        let h = 6981_u16.to_le_bytes();
+        text += &raw(k, "09F11223", &[sid, h[0], h[1], 0xFF, 0x7F, 0xFF, 0x7F, 0xFC]);
+        if let Some(heave) = heave(t) {
+            let h = ((heave * 100.0).round() as i16).to_le_bytes();
+            text += &raw(k, "0DF11423", &[sid, h[0], h[1], 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);
+        }
+        let [a, b] = [100_000_000_i32, 200_000_000_i32].map(i32::to_le_bytes);
+        text += &raw(k, "09F80116", &[a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]]);
+    }
+    text
+}
+
+#[test]
+fn recorded_compass_whose_heave_runs_away() {
+    let read = |heave: &dyn Fn(f64) -> Option<f64>| {
+        crate::log::read(boat(heave).as_bytes(), "boat.txt", &Mount::default()).unwrap()
+    };
+    let kinds = |r: &crate::log::Recording| {
+        [1, 2, 3].map(|kind| r.measurements.iter().filter(|m| m.kind() == kind).count())
+    };
+    let without = kinds(&read(&|_| None));
+    assert!(without.iter().all(|n| *n >= 890), "{without:?}");
+    let good = read(&|t| Some(0.4 * wave(t, 4.2)));
+    let heaves = |r: &crate::log::Recording| {
+        let all = attitudes(&r.measurements);
+        all.iter().filter(|a| a.heave.is_some()).count()
+    };
+    assert!(
+        heaves(&good) >= 890 && !good.notes.join("\n").contains("heave "),
+        "{:?}",
+        good.notes
+    );
+    type HeaveOf = fn(f64) -> f64;
+    let wrong: [(&str, HeaveOf); 3] = [
+        ("is beyond", |_| 300.0),
+        ("is beyond", |t| (4.7 * t + 327.67) % 655.34 - 327.67),
+        ("drifts by 3.0 m a minute", |t| 0.05 * t),
+    ];
+    for (why, of) in wrong {
+        let r = read(&|t| Some(of(t)));
+        assert_eq!((kinds(&r), heaves(&r)), (without, 0), "{why}");
+        let notes = r.notes.join("\n");
+        let named = format!("heave {why}");
+        assert!(
+            notes.contains(&named)
+                && notes.contains("roll and pitch are used")
+                && notes.contains("mount.heave"),
+            "{why}: {notes}"
+        );
+    }
+}
