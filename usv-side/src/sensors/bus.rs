@@ -1,25 +1,34 @@
 //! Measurements of what the devices of a boat's network send: heading, rate of turn, attitude, heave, position, velocity.
 //!
-//! Several devices may send a group: the first that gives something is kept to; another stands in while it is silent. What
-//! belongs together is of one device: positions and whole fixes are one group, and a velocity is of the receiver that gives
-//! them. Positions come ten times a second without a height, and once a second with one: the
-//! height goes with the next quick position, which is the newer one.
+//! Several devices may send a group: the first that gives something is kept to until another is chosen in the configuration
+//! or proves better ([`devices`]); another stands in while it is silent. What belongs together is of one device: positions
+//! and whole fixes are one group, and a velocity is of the receiver that gives them, unless a device is chosen for it.
+//! Positions come ten times a second without a height, and once a second with one: the height goes with the next quick
+//! position, which is the newer one.
+
+mod devices;
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
 
+use super::config::{BusDevices, device_name};
 use super::heights::DOUBTFUL_M;
 use super::nmea::account::{Account, Why};
 use super::nmea::sentences::{MAGNETIC_SD, STILL_MPS, VELOCITY_SD, accuracy};
 use super::{Measurement, Mounting, Remark};
+use devices::{DeviceGroup, DeviceNames, DeviceSample, GROUPS, PLACES, RATES, VELOCITIES};
+pub(super) use devices::{PAIR_NS, is_near};
 
-/// A device that is silent for so long gives its group to another, ns.
-const SILENT_NS: i64 = 2_000_000_000;
-/// What belongs to a measurement is at most so old, ns: three periods at 10 Hz.
-pub(super) const PAIR_NS: i64 = 300_000_000;
 /// A fix's quality and height are used so long, ns: its period is a second.
 const FIX_NS: i64 = 2_500_000_000;
+/// Factor on the standard deviation of a fix that its receiver marks with caution. Chosen.
+const CAUTION: f64 = 3.0;
+/// Standard deviation of a variation by a model of the Earth's field, rad: 0.4 deg.
+/// Source: WMM2020's error model, at a horizontal field of 20 000 nT.
+const VARIATION_SD: f64 = 0.007;
+/// Time from the first message on after which a chosen device is missed, ns.
+const MISSED_NS: i64 = 5_000_000_000;
 /// Heights of an antenna above the mean sea, m: between a low water (and a geoid that is off by some metres) and a mast at
 /// high water.
 const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
@@ -67,12 +76,18 @@ pub(super) struct Gnss {
     /// As in NMEA 0183's GGA: 0 none, 1 GNSS, 2 differential, 4 and 5 RTK, 6 dead reckoning, 7 by hand, 8 simulated.
     pub(super) quality: u8,
     pub(super) hdop: Option<f64>,
+    /// The receiver's own check of integrity asks for caution.
+    pub(super) caution: bool,
 }
 
-/// How many groups there are.
-const GROUPS: usize = 8;
-/// The group of positions.
-const PLACES: usize = 6;
+impl Gnss {
+    /// Standard deviation of its horizontal position, m, or why it is no fix.
+    fn position_sd(&self) -> Result<f64, Why> {
+        let dilution = self.hdop.unwrap_or(1.0).clamp(0.5, 50.0);
+        let doubt = if self.caution { CAUTION } else { 1.0 };
+        Ok(accuracy(self.quality)? * dilution * doubt)
+    }
+}
 
 impl Content {
     /// Number of its group.
@@ -80,12 +95,12 @@ impl Content {
         match self {
             Content::Heading { .. } => 0,
             Content::Rate(_) => 1,
-            Content::Rates(_) => 2,
+            Content::Rates(_) => RATES,
             Content::Attitude(_) => 3,
             Content::Heave(_) => 4,
             Content::Variation(_) => 5,
             Content::Position(_) | Content::Gnss(_) => PLACES,
-            Content::Velocity { .. } => 7,
+            Content::Velocity { .. } => VELOCITIES,
         }
     }
     /// A velocity of a speed (m/s) with or without a course (rad, and whether it is magnetic): at rest there is none.
@@ -105,40 +120,16 @@ impl Content {
     }
 }
 
-/// Devices of a group.
-#[derive(Clone, Copy, Debug)]
-struct Devices {
-    /// The device that is kept to, and when it gave something last, ns.
-    kept: (u32, i64),
-    /// The same of the one that stands in.
-    stand_in: Newest<u32>,
-}
-
-impl Devices {
-    /// Whether another device gives this group.
-    fn spare(&self, device: u32, at_ns: i64) -> bool {
-        let gives = |(of, newest): (u32, i64)| of != device && is_near(at_ns, newest, SILENT_NS);
-        self.kept.0 != device && (gives(self.kept) || self.stand_in.is_some_and(gives))
-    }
-    /// The device that gives it at that time.
-    fn giving(&self, at_ns: i64) -> Option<u32> {
-        let (device, newest) = self.stand_in.unwrap_or(self.kept);
-        is_near(at_ns, newest, SILENT_NS).then_some(device)
-    }
-    fn gave(&mut self, device: u32, at_ns: i64) {
-        if self.kept.0 == device {
-            (self.kept, self.stand_in) = ((device, at_ns), None);
-        } else {
-            self.stand_in = Some((device, at_ns));
-        }
-    }
-}
-
 /// What was received by now.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Bus {
     mounting: Mounting,
-    devices: [Option<Devices>; GROUPS],
+    /// Name of the device that the configuration chooses for each group; empty: none.
+    choices: [String; GROUPS],
+    groups: [DeviceGroup; GROUPS],
+    names: DeviceNames,
+    /// Times of the first and the newest message, ns.
+    times_ns: Option<[i64; 2]>,
     variation: Option<f64>,
     rate: Newest<f64>,
     rates: Newest<[f64; 3]>,
@@ -154,6 +145,9 @@ pub(super) struct Bus {
     /// Heights that can only be above the sea, and all.
     above_sea: u64,
     heights: u64,
+    /// Whole fixes that their receiver marks with caution, and all.
+    cautions: u64,
+    fixes: u64,
 }
 
 impl Bus {
@@ -161,7 +155,36 @@ impl Bus {
     pub(super) fn new(mounting: &Mounting) -> Self {
         Bus {
             mounting: mounting.clone(),
+            choices: choices(&mounting.mount.devices),
             ..Bus::default()
+        }
+    }
+    /// Names a device: the name under which it sends, and another that it claimed (empty: none). The caller bounds the number
+    /// of devices.
+    pub(super) fn name(&mut self, device: u32, names: [&str; 2]) {
+        self.names.insert(device, names);
+    }
+    /// Whether the configuration chooses this device for group `k`.
+    fn is_chosen(&self, k: usize, device: u32) -> bool {
+        let choice = self.choices.get(k).filter(|choice| !choice.is_empty());
+        choice.is_some_and(|choice| self.names.is_named(device, choice))
+    }
+    /// The device of group `k` at that time. A velocity is of the receiver that gives the positions, unless it is chosen.
+    fn giving(&self, k: usize, at_ns: i64) -> Option<u32> {
+        let own = self.groups.get(k)?.giving(at_ns);
+        if k != VELOCITIES {
+            return own;
+        }
+        let chosen = own.filter(|of| self.is_chosen(k, *of));
+        chosen.or_else(|| self.groups.get(PLACES)?.giving(at_ns))
+    }
+    fn is_spare(&self, k: usize, device: u32, at_ns: i64) -> bool {
+        if self.is_chosen(k, device) {
+            return false;
+        }
+        match k {
+            VELOCITIES => self.giving(k, at_ns).is_some_and(|of| of != device),
+            _ => self.groups.get(k).is_some_and(|g| g.is_spare(device, at_ns)),
         }
     }
     /// What a message of `device` gives, alone or with those before it.
@@ -172,27 +195,89 @@ impl Bus {
         content: Content,
     ) -> Result<Option<Measurement>, Why> {
         let k = content.group();
-        if matches!(content, Content::Velocity { .. }) {
-            let receiver = self.devices.get(PLACES).copied().flatten();
-            let giving = receiver.and_then(|d| d.giving(at_ns));
-            if giving.is_some_and(|of| of != device) {
-                return Err(Why::Spare);
-            }
-            return self.measurement(device, at_ns, content);
-        }
-        let known = self.devices.get(k).copied().flatten();
-        if known.is_some_and(|d| d.spare(device, at_ns)) {
+        let [first_ns, _] = self.times_ns.unwrap_or([at_ns; 2]);
+        self.times_ns = Some([first_ns, at_ns]);
+        self.observe(device, at_ns, &content);
+        if self.is_spare(k, device, at_ns) {
             return Err(Why::Spare);
         }
         let given = self.measurement(device, at_ns, content)?;
-        if let Some(slot) = self.devices.get_mut(k) {
-            let first = Devices {
-                kept: (device, at_ns),
-                stand_in: None,
-            };
-            slot.get_or_insert(first).gave(device, at_ns);
+        let is_chosen = self.is_chosen(k, device);
+        // A velocity that is not chosen goes with its receiver's positions.
+        if let Some(group) = self.groups.get_mut(k).filter(|_| k != VELOCITIES || is_chosen) {
+            group.gave(device, at_ns, is_chosen);
         }
         Ok(given)
+    }
+    /// Takes a message as evidence for or against its device.
+    fn observe(&mut self, device: u32, at_ns: i64, content: &Content) {
+        let k = content.group();
+        let Some(sample) = self.sample(content) else {
+            return;
+        };
+        let used = self.giving(k, at_ns);
+        let kept = self.groups.get(k).and_then(DeviceGroup::kept);
+        let is_free = !kept.is_some_and(|of| self.is_chosen(k, of));
+        if let Some(group) = self.groups.get_mut(k) {
+            group.observe(k, (device, at_ns), &sample, used, is_free);
+        }
+        let part = match content {
+            Content::Velocity { .. } => 0,
+            Content::Gnss(fix) if fix.altitude_m.is_some() => 1,
+            Content::Heading { .. }
+            | Content::Rate(_)
+            | Content::Rates(_)
+            | Content::Attitude(_)
+            | Content::Heave(_)
+            | Content::Variation(_)
+            | Content::Position(_)
+            | Content::Gnss(_) => return,
+        };
+        if let Some(places) = self.groups.get_mut(PLACES) {
+            places.note_part(device, part, at_ns);
+        }
+    }
+    /// Value and standard deviation of a message; None where it is magnetic and the variation is not known.
+    fn sample(&self, content: &Content) -> Option<DeviceSample> {
+        let mounting = &self.mounting;
+        let (value, sd, stated_sd) = match content {
+            Content::Heading {
+                heading,
+                variation,
+                deviation,
+                magnetic,
+            } => {
+                let north = self.north(*magnetic, *variation, *deviation).ok()?;
+                let sd = if *magnetic { MAGNETIC_SD } else { 0.0 };
+                ([heading + north, 0.0], mounting.heading_sd().hypot(sd), None)
+            }
+            Content::Rate(rate) => ([*rate, 0.0], 1.0, None),
+            Content::Rates([roll, pitch, _]) => ([*roll, *pitch], 1.0, None),
+            Content::Attitude(tilt) => (*tilt, mounting.tilt_sd(), None),
+            Content::Heave(heave) => ([*heave, 0.0], mounting.mount.heave_sd_m, None),
+            Content::Variation(variation) => ([*variation, 0.0], VARIATION_SD, None),
+            Content::Position(place) => (*place, accuracy(1).ok()?, None),
+            Content::Gnss(fix) => {
+                let sd = fix.position_sd().unwrap_or(f64::INFINITY);
+                (fix.place, sd, Some(sd))
+            }
+            Content::Velocity {
+                course,
+                speed,
+                magnetic,
+            } => {
+                let (sin, cos) = (course + self.north(*magnetic, None, None).ok()?).sin_cos();
+                ([speed * cos, speed * sin], VELOCITY_SD, None)
+            }
+        };
+        Some(DeviceSample { value, sd, stated_sd })
+    }
+    /// The angle from the north to an angle's own zero, by its device's variation or that of the network, rad.
+    fn north(&self, magnetic: bool, variation: Option<f64>, deviation: Option<f64>) -> Result<f64, Why> {
+        match magnetic {
+            true => Ok(variation.or(self.variation).ok_or(Why::Magnetic)? + deviation.unwrap_or_default()),
+            false => Ok(0.0),
+        }
     }
     fn measurement(&mut self, device: u32, at_ns: i64, content: Content) -> Result<Option<Measurement>, Why> {
         match content {
@@ -206,12 +291,7 @@ impl Bus {
                 deviation,
                 magnetic,
             } => {
-                let north = match magnetic {
-                    true => {
-                        variation.or(self.variation).ok_or(Why::Magnetic)? + deviation.unwrap_or_default()
-                    }
-                    false => 0.0,
-                };
+                let north = self.north(magnetic, variation, deviation)?;
                 return Ok(Some(self.heading(at_ns, heading + north, magnetic)));
             }
             Content::Attitude(tilt) => return Ok(Some(self.attitude(at_ns, tilt))),
@@ -220,11 +300,7 @@ impl Bus {
                 speed,
                 magnetic,
             } => {
-                let north = match magnetic {
-                    true => self.variation.ok_or(Why::Magnetic)?,
-                    false => 0.0,
-                };
-                let (sin, cos) = (course + north).sin_cos();
+                let (sin, cos) = (course + self.north(magnetic, None, None)?).sin_cos();
                 self.velocity = Some((([speed * cos, speed * sin], device), at_ns));
             }
             Content::Position(place) => {
@@ -233,6 +309,7 @@ impl Bus {
             }
             Content::Gnss(fix) => {
                 (self.fix, self.height_due) = (Some(((fix, device), at_ns)), true);
+                (self.fixes, self.cautions) = (self.fixes + 1, self.cautions + u64::from(fix.caution));
                 // Quick positions carry it on where there are any.
                 if paired(self.quick, at_ns, PAIR_NS) != Some(device) {
                     return self.position(at_ns, fix.place, device).map(Some);
@@ -270,9 +347,7 @@ impl Bus {
     ) -> Result<Measurement, Why> {
         let fix = paired(self.fix, at_ns, FIX_NS).filter(|(_, of)| *of == device);
         let fix = fix.map(|(fix, _)| fix);
-        let quality = fix.map_or(1, |f| f.quality);
-        let dilution = fix.and_then(|f| f.hdop).unwrap_or(1.0).clamp(0.5, 50.0);
-        let sd = accuracy(quality)? * dilution;
+        let sd = fix.map_or_else(|| accuracy(1), |f| f.position_sd())?;
         let place = Datum::new(latitude, longitude, 0.0);
         let altitude = fix
             .and_then(|f| Some((f.altitude_m?, f.separation_m)))
@@ -284,7 +359,8 @@ impl Bus {
             }
             None => (0.0, NOT_MEASURED_SD, 0.0),
         };
-        let velocity = paired(self.velocity, at_ns, PAIR_NS).filter(|(_, of)| *of == device);
+        let velocity = paired(self.velocity, at_ns, PAIR_NS);
+        let velocity = velocity.filter(|(_, of)| *of == device || self.is_chosen(VELOCITIES, *of));
         let [north, east] = velocity.map(|(v, _)| v).unwrap_or_default();
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
         let datum = Datum { height_m, ..place };
@@ -319,16 +395,64 @@ impl Bus {
             [true, true] | [false, false] => (altitude, sea.abs()),
         }
     }
-    /// Remarks on its heights, and those of the account of its messages.
+    /// Remarks on its devices and heights, and those of the account of its messages.
     pub(super) fn remarks(&self, account: &Account) -> Vec<Remark> {
-        let heights = (self.above_sea > 0).then(|| {
-            Remark::fine(format!(
+        let mut all = self.device_remarks();
+        if self.cautions > 0 {
+            all.push(Remark::fault(
+                format!(
+                    "{} of {} whole fixes are marked with caution by their receiver, and count {CAUTION} times less accurate",
+                    self.cautions, self.fixes
+                ),
+                "see to the antenna's view of the sky, and to interference",
+            ));
+        }
+        if self.above_sea > 0 {
+            all.push(Remark::fine(format!(
                 "height: {} of {} can only be above the sea, and are taken so",
                 self.above_sea, self.heights
-            ))
-        });
-        heights.into_iter().chain(account.remarks()).collect()
+            )));
+        }
+        all.extend(account.remarks());
+        all
     }
+    fn device_remarks(&self) -> Vec<Remark> {
+        let Some([first_ns, now_ns]) = self.times_ns else {
+            return Vec::new();
+        };
+        let is_missed = !is_near(now_ns, first_ns, MISSED_NS);
+        let mut all = Vec::new();
+        for (k, (group, choice)) in self.groups.iter().zip(&self.choices).enumerate() {
+            // A device that is chosen for its attitude may give no angular rates.
+            if is_missed && !choice.is_empty() && k != RATES {
+                all.extend(group.missing_choice(k, (choice.as_str(), &self.names), now_ns));
+            }
+            all.extend(group.remarks(k, &self.names, now_ns));
+        }
+        all
+    }
+}
+
+/// Names of the chosen devices by group; a NAME of NMEA 2000 with all its digits.
+fn choices(d: &BusDevices) -> [String; GROUPS] {
+    [
+        &d.heading,
+        &d.rate_of_turn,
+        &d.attitude,
+        &d.attitude,
+        &d.heave,
+        &d.variation,
+        &d.position,
+        &d.velocity,
+    ]
+    .map(|name| match device_name(name) {
+        Some(number) => name_text(number),
+        None => name.clone(),
+    })
+}
+/// A NAME of NMEA 2000 as text: `0x` and 16 hexadecimal digits.
+pub(super) fn name_text(number: u64) -> String {
+    format!("0x{number:016x}")
 }
 
 /// What was sent within `limit_ns` of a time.
@@ -337,121 +461,6 @@ fn paired<T>(newest: Newest<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
         .filter(|(_, at)| is_near(at_ns, *at, limit_ns))
         .map(|(x, _)| x)
 }
-/// Whether two times lie within `limit_ns`, ns.
-pub(super) fn is_near(a_ns: i64, b_ns: i64, limit_ns: i64) -> bool {
-    a_ns.abs_diff(b_ns) <= limit_ns.unsigned_abs()
-}
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn devices_of_a_group_that_fall_silent_and_return() {
-        let mut bus = Bus::default();
-        let mut takes = |device: u32, at_s: f64| {
-            let heading = Content::Heading {
-                heading: 1.0,
-                variation: None,
-                deviation: None,
-                magnetic: false,
-            };
-            bus.take(device, (at_s * 1e9) as i64, heading).is_ok()
-        };
-        assert!(takes(1, 0.0) && !takes(2, 0.1) && takes(1, 1.0));
-        // The second stands in, alone, until the first returns.
-        assert!(!takes(2, 2.9) && takes(2, 3.1) && !takes(3, 3.2));
-        assert!(takes(1, 3.3) && !takes(2, 3.4) && takes(1, 4.0));
-        // A third where both are silent.
-        assert!(takes(2, 6.1) && takes(3, 8.2) && !takes(2, 8.3) && takes(1, 8.4));
-    }
-
-    /// Fixes of two receivers at 10 Hz with whole ones each second, of which `first` speaks first, and `other` perhaps of
-    /// its velocity before. A receiver's number is its latitude.
-    fn fixes_of_two([first, other]: [u32; 2], velocity_before: bool) -> Vec<GnssFix> {
-        let mut bus = Bus::default();
-        let place = |of: u32| [f64::from(of), 14.5];
-        let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
-        let whole = |of: u32| {
-            Content::Gnss(Gnss {
-                place: place(of),
-                altitude_m: Some(100.0 + f64::from(of)),
-                separation_m: None,
-                quality: 2,
-                hdop: None,
-            })
-        };
-        let mut sent = Vec::new();
-        if velocity_before {
-            sent.push((other, 0, velocity(other)));
-        }
-        for k in 0..50_i64 {
-            let at_ns = k * 100_000_000 + 1_000_000;
-            if k % 10 == 3 {
-                sent.extend([other, first].map(|of| (of, at_ns, whole(of))));
-            }
-            sent.extend([first, other].map(|of| (of, at_ns, Content::Position(place(of)))));
-            sent.extend([other, first].map(|of| (of, at_ns, velocity(of))));
-        }
-        let taken = sent
-            .into_iter()
-            .filter_map(|(of, at_ns, c)| bus.take(of, at_ns, c).ok()?);
-        taken
-            .map(|m| match m {
-                Measurement::Gnss(fix) => fix,
-                m => panic!("{m:?}"),
-            })
-            .collect()
-    }
-
-    #[test]
-    fn receivers_that_both_send_everything() {
-        for (devices, velocity_before) in [([1, 2], false), ([1, 2], true), ([2, 1], false), ([2, 1], true)] {
-            let fixes = fixes_of_two(devices, velocity_before);
-            let of = f64::from(devices[0]);
-            assert_eq!(fixes.len(), 50, "{devices:?}");
-            assert!(
-                fixes.iter().all(|f| (f.datum.latitude_deg - of).abs() < 1e-9),
-                "{devices:?}"
-            );
-            let is_measured = |sd: f64| sd < NOT_MEASURED_SD;
-            let heights = fixes.iter().filter(|f| is_measured(f.position_sd[2]));
-            assert_eq!(heights.count(), 5, "{devices:?}");
-            let with_velocity =
-                |f: &&GnssFix| is_measured(f.velocity_sd[0]) && (f.velocity[0] - of).abs() < 1e-9;
-            assert_eq!(fixes.iter().filter(with_velocity).count(), 49, "{devices:?}");
-            let better = fixes
-                .iter()
-                .filter(|f| f.position_sd[0] < fixes[0].position_sd[0]);
-            assert_eq!(better.count(), 47, "of whole fixes");
-        }
-    }
-
-    #[test]
-    fn receiver_that_stands_in_with_its_velocity() {
-        let mut bus = Bus::default();
-        let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
-        let place = Content::Position([50.0, 14.5]);
-        let mut takes = |of, at_s: f64, c| bus.take(of, (at_s * 1e9) as i64, c).is_ok();
-        assert!(takes(1, 0.0, place) && !takes(2, 0.1, velocity(2)) && takes(1, 0.1, velocity(1)));
-        // The first has no position any more, and still a velocity.
-        assert!(takes(2, 2.5, place) && takes(2, 2.5, velocity(2)) && !takes(1, 2.6, velocity(1)));
-        assert!(takes(1, 3.0, place) && takes(1, 3.0, velocity(1)) && !takes(2, 3.1, velocity(2)));
-    }
-
-    #[test]
-    fn separation_of_a_receiver() {
-        // The sea lies 45 m above the ellipsoid here.
-        let mut bus = Bus::default();
-        let place = Datum::new(50.0, 14.5, 0.0);
-        assert_eq!(bus.height(&place, 2.5, Some(44.0)), (46.5, 0.0));
-        for stated in [None, Some(0.0), Some(-30.0)] {
-            let (height, spread) = bus.height(&place, 2.5, stated);
-            assert!(
-                (height - 47.6).abs() < 1.0 && spread > 0.0,
-                "{stated:?}: {height}"
-            );
-        }
-        assert_eq!(bus.height(&place, 48.0, Some(44.0)), (48.0, 0.0));
-    }
-}
+mod tests;

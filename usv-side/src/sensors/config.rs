@@ -1,6 +1,7 @@
 //! The sources of a vessel: mounting, format, and accuracy where the source does not state its own.
 
 use alight_shared::config;
+use alight_shared::config::{ConfigError, Keys};
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
@@ -21,6 +22,77 @@ pub enum HeaveSign {
     Down,
     /// It measures none: its field is ignored.
     None,
+}
+
+config! {
+    /// Device of a boat's network that is used for each quantity, as a plotter's menu has it. NMEA 2000: its address, "0" to
+    /// "253", or its NAME, "0x" and up to 16 hexadecimal digits. Signal K: its `$source`. Empty: the first, until another proves
+    /// better. While a chosen device is silent another stands in.
+    pub struct BusDevices {
+        /// Device of the heading.
+        pub heading: String = String::new();
+        /// Device of the rate of turn.
+        pub rate_of_turn: String = String::new();
+        /// Device of roll and pitch, and of angular rates.
+        pub attitude: String = String::new();
+        /// Device of the heave.
+        pub heave: String = String::new();
+        /// Device of positions and whole fixes.
+        pub position: String = String::new();
+        /// Device of the velocity; empty: the receiver of the position.
+        pub velocity: String = String::new();
+        /// Device of the magnetic variation.
+        pub variation: String = String::new();
+    }
+}
+
+impl BusDevices {
+    /// Each key with its device.
+    fn each(&self) -> [(&'static str, &str); 7] {
+        [
+            ("heading", &self.heading),
+            ("rate_of_turn", &self.rate_of_turn),
+            ("attitude", &self.attitude),
+            ("heave", &self.heave),
+            ("position", &self.position),
+            ("velocity", &self.velocity),
+            ("variation", &self.variation),
+        ]
+    }
+    /// Checks that a source of this format can have such devices.
+    fn check_of(&self, format: Format, at: &Keys<'_>) -> Result<(), ConfigError> {
+        let allowed = match format {
+            Format::N2k => "an address, 0 to 253, or a NAME, 0x and up to 16 hexadecimal digits",
+            Format::SignalK => "a $source of the server, of 64 characters at most",
+            Format::Nmea | Format::Ubx | Format::Mavlink => {
+                "empty: only n2k and signalk have devices to choose from"
+            }
+        };
+        let fits = |device: &str| match format {
+            Format::N2k => is_address(device) || device_name(device).is_some(),
+            Format::SignalK => device.trim() == device && device.chars().count() <= MAX_DEVICE_NAME,
+            Format::Nmea | Format::Ubx | Format::Mavlink => false,
+        };
+        let mut chosen = self.each().into_iter().filter(|(_, device)| !device.is_empty());
+        chosen.try_for_each(|(key, device)| at.require(fits(device), key, format!("{device:?}"), allowed))
+    }
+}
+
+/// Highest address of a device of NMEA 2000; above it are the network's own.
+pub(super) const MAX_ADDRESS: u8 = 253;
+/// Longest name of a device, characters.
+pub(super) const MAX_DEVICE_NAME: usize = 64;
+
+/// Whether a text is the address of a device of NMEA 2000, written without further zeros.
+fn is_address(text: &str) -> bool {
+    text.parse::<u8>()
+        .is_ok_and(|a| a <= MAX_ADDRESS && a.to_string() == text)
+}
+/// The NAME of a device of NMEA 2000 (ISO 11783-5, 64 bits); None where a text is something else.
+pub(super) fn device_name(text: &str) -> Option<u64> {
+    let digits = text.strip_prefix("0x").or(text.strip_prefix("0X"))?;
+    let is_hexadecimal = digits.bytes().all(|b| b.is_ascii_hexdigit());
+    u64::from_str_radix(digits, 16).ok().filter(|_| is_hexadecimal)
 }
 
 config! {
@@ -58,6 +130,8 @@ config! {
         pub position_sd_m: [f64; 2] = [0.0; 2], in 0.0..=1000.0;
         /// Standard deviation of its velocity, m/s; zero: the source's own.
         pub velocity_sd_mps: f64 = 0.0, in 0.0..=100.0;
+        /// Devices of its network that are used.
+        pub devices: BusDevices;
     }
 }
 
@@ -136,6 +210,8 @@ config! {
             &this.signing_key,
             "empty: only MAVLink is signed",
         )?;
+        let devices = &this.mount.devices;
+        devices.check_of(this.format, &at.table("mount").table("devices"))?;
     }
 }
 
@@ -318,6 +394,39 @@ mod tests {
         };
         assert_eq!(arms(0), (Some(imu.lever_arm_m), Some(gnss.antenna_m)));
         assert_eq!(arms(1), (Some(imu.lever_arm_m), Some([1.0, 2.0, -3.0])));
+    }
+
+    #[test]
+    fn devices_that_a_format_can_have() {
+        use alight_shared::config::Check;
+        for (format, device, fits) in [
+            (Format::N2k, "35", true),
+            (Format::N2k, "253", true),
+            (Format::N2k, "254", false),
+            (Format::N2k, "035", false),
+            (Format::N2k, "0xC0788C00E7E04312", true),
+            (Format::N2k, "0xC0788C00E7E043120", false),
+            (Format::N2k, "0x", false),
+            (Format::N2k, "0x+1", false),
+            (Format::N2k, "compass", false),
+            (Format::SignalK, "can0.35", true),
+            (Format::SignalK, " can0.35", false),
+            (Format::Nmea, "35", false),
+            (Format::Nmea, "", true),
+        ] {
+            let mut source = SourceConfig {
+                format,
+                ..SourceConfig::default()
+            };
+            source.mount.devices.rate_of_turn = device.into();
+            match source.check(&Keys::ROOT) {
+                Ok(()) => assert!(fits, "{format:?} {device}"),
+                Err(e) => assert!(
+                    !fits && e.to_string().contains("`mount.devices.rate_of_turn`"),
+                    "{format:?} {device}: {e}"
+                ),
+            }
+        }
     }
 
     #[test]

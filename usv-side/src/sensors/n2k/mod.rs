@@ -8,8 +8,9 @@ mod pgn;
 use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
-use super::bus::Bus;
+use super::bus::{Bus, name_text};
 use super::clock::{DAY_NS, Rollover};
+use super::config::MAX_ADDRESS;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use line::{Line, MAX_MESSAGE, Stamp};
@@ -85,7 +86,13 @@ impl N2kDecoder {
             line.data
         };
         self.decoded.good += 1;
-        let content = pgn::read(pgn, &data).ok_or(Why::Empty);
+        if pgn == pgn::ADDRESS_CLAIM {
+            return self.claim(source, &data);
+        }
+        let content = pgn::read(pgn, &data).ok_or(match pgn::is_error(pgn, &data) {
+            true => Why::Invalid,
+            false => Why::Empty,
+        });
         match content.and_then(|c| self.bus.take(source.into(), at_ns, c)) {
             Ok(Some(m)) if is_stamped => out.push(SourceMeasurement::new(at_ns, m)),
             Ok(Some(m)) if self.now_ns.is_some() => {
@@ -95,6 +102,16 @@ impl N2kDecoder {
             Ok(Some(_)) => self.decoded.undated += 1,
             Ok(None) => self.account.stamp(name, at_ns),
             Err(why) => self.left_out(name, why),
+        }
+    }
+    fn claim(&mut self, source: u8, data: &[u8]) {
+        match pgn::claimed(data).filter(|_| source <= MAX_ADDRESS) {
+            Some(name) => {
+                let names = [source.to_string(), name_text(name)];
+                self.bus.name(source.into(), [&names[0], &names[1]]);
+            }
+            // A device that found no free address.
+            None => self.left_out("60928", Why::Empty),
         }
     }
     fn left_out(&mut self, name: &str, why: Why) {

@@ -3,11 +3,18 @@
 
 use crate::sensors::bus::{Content, Gnss};
 
+/// A turn and a step of an angle, rad.
+const TURN: f64 = core::f64::consts::TAU + 1e-4;
+
 /// Manufacturer (11 bits), 2 reserved, and industry (3 bits) of Furuno's own messages: 1855, marine.
 const FURUNO: u16 = 1855 | 3 << 11 | 4 << 13;
 
+/// Claim of an address (ISO 11783-5), with the sender's NAME.
+pub(super) const ADDRESS_CLAIM: u32 = 60_928;
+
 /// The groups that are used: number, name, and whether a message is longer than a frame.
-const USED: [(u32, &str, bool); 9] = [
+const USED: [(u32, &str, bool); 10] = [
+    (ADDRESS_CLAIM, "60928", false),
     (127_250, "127250", false),
     (127_251, "127251", false),
     (127_252, "127252", false),
@@ -53,11 +60,28 @@ impl Fields<'_> {
     }
 }
 
+/// The NAME in a claim of an address, 64 bits.
+pub(super) fn claimed(data: &[u8]) -> Option<u64> {
+    Fields(data).bytes(0).map(u64::from_le_bytes)
+}
+
+/// Whether the device itself marks a message without content as in error.
+pub(super) fn is_error(pgn: u32, data: &[u8]) -> bool {
+    let reference = match pgn {
+        127_250 => data.get(7),
+        129_026 => data.get(1),
+        _ => None,
+    };
+    reference.is_some_and(|b| b & 3 == 2)
+}
+
 /// Content of a message of a group that is used; None where its fields are not available.
 pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     let f = Fields(data);
     /// A step of an angle, rad.
     const ANGLE: f64 = 1e-4;
+    // From zero to a turn; what is above it is no angle.
+    let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
     // From the north or magnetic; where that is in error or not stated the angle is none.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
@@ -66,7 +90,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     };
     Some(match pgn {
         127_250 => Content::Heading {
-            heading: f.u16(1)? * ANGLE,
+            heading: direction(1)?,
             deviation: f.i16(3).map(|x| x * ANGLE),
             variation: f.i16(5).map(|x| x * ANGLE),
             magnetic: magnetic(7)?,
@@ -76,16 +100,15 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
         127_257 => Content::Attitude([f.i16(5)? * ANGLE, f.i16(3)? * ANGLE]),
         127_258 => Content::Variation(f.i16(4)? * ANGLE),
         129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
-        129_026 => {
-            let course = f.u16(2).zip(magnetic(1));
-            let course = course.map(|(course, magnetic)| (course * ANGLE, magnetic));
-            Content::velocity(f.u16(4)? * 0.01, course)?
-        }
+        129_026 => Content::velocity(f.u16(4)? * 0.01, direction(2).zip(magnetic(1)))?,
         129_029 => Content::Gnss(Gnss {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,
-            hdop: f.i16(34).map(|x| x * 0.01),
+            // Zero is a receiver that has none.
+            hdop: f.i16(34).filter(|x| *x > 0.0).map(|x| x * 0.01),
+            // 0: not checked, 1: safe, 2: caution, 3: not available.
+            caution: f.u8(32).is_some_and(|b| b & 3 == 2),
             separation_m: f.i32(38).map(|x| x * 0.01),
         }),
         // Furuno's satellite compasses: angular rates of the boat in steps of 0.001 deg/s. Of its other fields neither
@@ -127,6 +150,11 @@ mod tests {
             (129_026, [0, 0, 0, 0, 0xff, 0xff, 0, 0]),
             (129_026, [0, 0, 0xff, 0xff, 0x64, 0, 0, 0]),
             (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xff]),
+            (127_250, [0, 0x00, 0xfa, 0, 0, 0, 0, 0xfc]),
+            (127_251, [0, 0xfe, 0xff, 0xff, 0x7f, 0, 0, 0]),
+            (127_252, [0, 0xfe, 0x7f, 0, 0, 0, 0, 0]),
+            (127_257, [0, 0, 0, 0xfe, 0x7f, 0, 0, 0]),
+            (129_025, [0xff, 0xff, 0xff, 0x7f, 0, 0, 0, 0]),
             (127_250, [0, 0x10, 0x27, 0, 0, 0, 0, 0xfe]),
         ] {
             assert_eq!(read(pgn, &data), None, "{pgn}");

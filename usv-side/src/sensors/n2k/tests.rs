@@ -212,6 +212,61 @@ fn n2k_attitude_with_rates() {
     );
 }
 
+#[test]
+fn n2k_device_chosen_by_the_name_that_it_claimed() {
+    let mut mount = Mount::default();
+    mount.devices.heading = "0xC0788C00E7E04312".into();
+    let name = 0xc078_8c00_e7e0_4312_u64.to_le_bytes();
+    let text = [
+        heading(1.0, 5, 1.0, 0),
+        raw(1.1, 60_928, 6, &name),
+        heading(1.2, 6, 2.0, 0),
+        heading(1.3, 5, 1.0, 0),
+        // A device without an address, and a claim that is cut off.
+        raw(1.4, 60_928, 254, &name),
+        raw(1.5, 60_928, 7, &name[..4]),
+    ]
+    .concat();
+    let (all, d) = fixtures::decode(N2kDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
+    let headings: Vec<f64> = all
+        .iter()
+        .filter_map(|m| match m.measurement {
+            Measurement::Heading(h) => Some(h.heading.round()),
+            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
+        })
+        .collect();
+    assert_eq!(headings, [1.0, 2.0]);
+    assert_eq!(
+        (d.decoded().left_out, d.decoded().ignored),
+        (3, 0),
+        "{:?}",
+        d.remarks()
+    );
+}
+
+#[test]
+fn n2k_what_a_device_marks_itself() {
+    // A heading whose reference is in error, and a fix with caution.
+    let mut cautious = vec![0; 7];
+    for (x, step) in [(50.0, 1e-16), (14.5, 1e-16), (48.0, 1e-6)] {
+        cautious.extend(((x / step) as i64).to_le_bytes());
+    }
+    cautious.extend([0x10, 0xfe, 12, 100, 0, 120, 0, 0, 0, 0, 0, 0]);
+    let text = [heading(1.0, 5, 1.0, 2), raw(2.0, 129_029, 1, &cautious)].concat();
+    let (all, d) = decode(&text);
+    let fix = fixes(&all)[0];
+    assert!(
+        all.len() == 1 && (fix.position_sd[0] - 1.5).abs() < 1e-9,
+        "{all:?}"
+    );
+    let remarks: String = d.remarks().into_iter().map(|r| r.text).collect();
+    assert!(
+        remarks.contains("1 of 1 whole fixes are marked with caution")
+            && remarks.contains("127250 (marked as invalid)"),
+        "{remarks}"
+    );
+}
+
 proptest! {
     #[test]
     fn n2k_arbitrary_damage(damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700) {

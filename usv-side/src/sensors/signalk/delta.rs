@@ -49,6 +49,13 @@ pub(super) struct PathValue {
     value: Value,
 }
 
+impl PathValue {
+    /// Whether its device has no value at present.
+    pub(super) fn is_missing(&self) -> bool {
+        READ.contains(&self.path.as_str()) && self.value.is_null()
+    }
+}
+
 impl Update {
     /// Reads one of a message; None where it has another shape.
     pub(super) fn read(update: &Value) -> Option<Update> {
@@ -125,7 +132,9 @@ impl Update {
         let quality = of_receiver("methodQuality").and_then(Value::as_str).map(quality);
         let altitude_m = receiver_number("antennaAltitude").or(number("altitude"));
         let hdop = receiver_number("horizontalDilution");
-        if quality.is_none() && altitude_m.is_none() && hdop.is_none() {
+        let integrity = of_receiver("integrity").and_then(Value::as_str);
+        let caution = integrity.is_some_and(|i| i.eq_ignore_ascii_case("caution"));
+        if quality.is_none() && altitude_m.is_none() && hdop.is_none() && !caution {
             return Some(Content::Position(place));
         }
         Some(Content::Gnss(Gnss {
@@ -134,6 +143,7 @@ impl Update {
             separation_m: receiver_number("geoidalSeparation"),
             quality: quality.unwrap_or(1),
             hdop,
+            caution,
         }))
     }
 }

@@ -60,11 +60,13 @@ pub struct SignalKDecoder {
 impl SignalKDecoder {
     /// For a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
+        let mut bus = Bus::new(mounting);
+        bus.name(MAX_SOURCES as u32, ["others", ""]);
         SignalKDecoder {
             lines: LineBuffer::new(MAX_MESSAGE),
             decoded: Decoded::default(),
             account: Account::default(),
-            bus: Bus::new(mounting),
+            bus,
             now_ns: None,
             own: None,
             sources: Vec::new(),
@@ -95,11 +97,14 @@ impl SignalKDecoder {
                 continue;
             };
             for value in &update.values {
+                let name = value.path.rsplit('.').next().unwrap_or_default();
                 if !is_own {
                     self.ignore("AIS");
                 } else if !delta::is_read(&value.path) {
-                    let name = value.path.rsplit('.').next().unwrap_or_default();
                     self.ignore(name);
+                } else if value.is_missing() {
+                    self.decoded.good += 1;
+                    self.left_out(name, Why::Empty);
                 }
             }
             if is_own {
@@ -123,6 +128,7 @@ impl SignalKDecoder {
         let number = known.unwrap_or(self.sources.len());
         if known.is_none() && number < MAX_SOURCES {
             self.sources.push(source.into());
+            self.bus.name(number as u32, [source, ""]);
         }
         number as u32
     }

@@ -134,11 +134,11 @@ fn signalk_heading_attitude_and_what_is_null() {
     assert!(
         matches!(second.measurement, Measurement::Attitude(a) if (a.tilt[0] + 0.1).abs() < 1e-9 && (a.tilt[1] - 0.1).abs() < 1e-9 && a.heave == Some(-0.5))
     );
-    // Magnetic before the variation was known, and the second device.
+    // Magnetic before the variation was known, the second device, and a heading that is null.
     let counts = d.decoded();
     assert_eq!(
         (counts.left_out, counts.ignored, counts.corrupted),
-        (2, 1, 0),
+        (3, 1, 0),
         "{:?}",
         d.remarks()
     );
@@ -232,6 +232,43 @@ fn signalk_update_of_another_shape_between_others() {
     updates.extend(["5".into(), values(place)]);
     let (all, d) = decode(&format!("{{\"updates\":[{}]}}\n", updates.join(",")));
     assert_eq!((all.len(), d.decoded().corrupted), (2, 5), "{all:?}");
+}
+
+#[test]
+fn signalk_chosen_source_and_what_it_marks_itself() {
+    let own = |text: String| text.replace("urn:mrn:imo:mmsi:230099999", "self");
+    let mut mount = Mount::default();
+    mount.devices.heading = "can0.9".into();
+    let turned = |at_s, source, rad| own(delta(at_s, source, &[("navigation.headingTrue", rad)]));
+    let cautious = [PLACE, ("navigation.gnss.integrity", "\"Caution\"")];
+    let text = [
+        turned(1.0, "can0.5", "1.0"),
+        turned(1.1, "can0.9", "2.0"),
+        turned(1.2, "can0.5", "1.0"),
+        own(delta(1.3, "gps.GP", &cautious)),
+        own(delta(1.4, "gps.GP", &[("navigation.position", "null")])),
+        // The chosen one is silent.
+        turned(8.0, "can0.5", "1.0"),
+    ]
+    .concat();
+    let (all, d) = fixtures::decode(SignalKDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
+    let headings: Vec<f64> = all
+        .iter()
+        .filter_map(|m| match m.measurement {
+            Measurement::Heading(h) => Some(h.heading.round()),
+            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
+        })
+        .collect();
+    assert_eq!(headings, [1.0, 2.0, 1.0]);
+    assert!((fixes(&all)[0].position_sd[0] - 1.5).abs() < 1e-9);
+    let remarks: String = d.remarks().into_iter().map(|r| r.text + "\n").collect();
+    for expected in [
+        "heading: the chosen device can0.9 gives nothing valid for 7 s; given by can0.5",
+        "1 of 1 whole fixes are marked with caution",
+        "1 position (empty)",
+    ] {
+        assert!(remarks.contains(expected), "{expected}: {remarks}");
+    }
 }
 
 proptest! {
