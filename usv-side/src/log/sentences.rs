@@ -10,8 +10,6 @@ use crate::sensors::{Decoder, Mount, Mounting, NmeaDecoder};
 /// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
-/// Sentences in which gateways send NMEA 2000.
-const CARRIERS: [&str; 3] = ["PCDIN", "MXPGN", "PDGY"];
 
 /// What became of the sentences of a kind.
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,20 +82,7 @@ impl Kinds {
             0 => String::new(),
             n => format!("; and {n} more kinds"),
         };
-        format!("{total} sentences: {}{more}{}", named.join("; "), self.carriers())
-    }
-    /// Remedy for the kinds that carry NMEA 2000; empty without one.
-    fn carriers(&self) -> String {
-        let there = CARRIERS.into_iter().filter(|c| self.0.contains_key(*c));
-        let there: Vec<&str> = there.collect();
-        match there.len() {
-            0 => String::new(),
-            n => format!(
-                "; {} {} NMEA 2000, which is not read inside of sentences: let the gateway send RAW",
-                there.join(", "),
-                if n == 1 { "carries" } else { "carry" }
-            ),
-        }
+        format!("{total} sentences: {}{more}", named.join("; "))
     }
 }
 
@@ -112,37 +97,68 @@ fn sentence(line: &[u8]) -> Option<(String, &[u8])> {
     (3..=8).contains(&end).then(|| (address.to_owned(), content))
 }
 
-/// A sentence begins in it: a dollar, an address of capitals, a comma.
+/// A sentence begins in it: a dollar, an address of capitals, a comma; or one of iKonvert with NMEA 2000.
 pub(super) fn is_nmea(head: &[u8]) -> bool {
+    let mut lines = head.split(|b| *b == b'\n');
+    lines.any(|line| Peeled::of(line).content.starts_with(b"!PDGY,")) || has_sentence(head)
+}
+fn has_sentence(head: &[u8]) -> bool {
     head.split(|b| *b == b'$').skip(1).any(|rest| {
         let address = rest.iter().take_while(|b| b.is_ascii_uppercase()).count();
         (4..=6).contains(&address) && rest.get(address) == Some(&b',')
     })
 }
 
+/// A file as a decoder reads it.
+struct Pass {
+    gather: Gather,
+    kinds: Kinds,
+    decoder: NmeaDecoder,
+}
+
+impl Pass {
+    fn of(bytes: &[u8], mut decoder: NmeaDecoder) -> Self {
+        let (mut gather, mut decoded, mut kinds) = (Gather::default(), Vec::new(), Kinds::default());
+        for line in bytes.split_inclusive(|b| *b == b'\n') {
+            let line = Peeled::of(line).content;
+            let before = decoder.sentences();
+            decoder.push(&line, &mut decoded);
+            kinds.count(&line, &before, &decoder.sentences());
+            decoded.drain(..).for_each(|m| gather.push(m, 0));
+        }
+        decoder.finish(&mut decoded);
+        decoded.drain(..).for_each(|m| gather.push(m, 0));
+        Pass {
+            gather,
+            kinds,
+            decoder,
+        }
+    }
+    fn is_empty(&self) -> bool {
+        self.gather.first_ns.is_none()
+    }
+}
+
 /// Reads the sentences.
 pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
-    let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
-    let (mut gather, mut decoded, mut kinds) = (Gather::default(), Vec::new(), Kinds::default());
-    for line in bytes.split_inclusive(|b| *b == b'\n') {
-        let line = Peeled::of(line).content;
-        let before = decoder.decoded();
-        decoder.push(&line, &mut decoded);
-        kinds.count(&line, &before, &decoder.decoded());
-        decoded.drain(..).for_each(|m| gather.push(m, 0));
+    let decoder = || NmeaDecoder::new(&Mounting::new(mount));
+    let mut pass = Pass::of(bytes, decoder());
+    if pass.is_empty() {
+        let by_counter = Pass::of(bytes, decoder().by_counter());
+        pass = if by_counter.is_empty() { pass } else { by_counter };
     }
-    decoder.finish(&mut decoded);
-    decoded.drain(..).for_each(|m| gather.push(m, 0));
-    let found = kinds.text();
-    let missing = gather.missing();
+    let found = pass.kinds.text();
+    let missing = pass.gather.missing();
+    let mut notes = vec![match missing.is_empty() {
+        true => found.clone(),
+        false => format!("{found}; of all that came {missing}"),
+    }];
+    notes.extend(pass.decoder.carried_remarks().into_iter().map(|r| r.text));
     Ok(Recording {
         format: "NMEA 0183",
-        measurements: gather.finish(origin, &found)?,
-        decoded: decoder.decoded(),
-        notes: match missing.is_empty() {
-            true => vec![found],
-            false => vec![format!("{found}; of all that came {missing}")],
-        },
+        measurements: pass.gather.finish(origin, &found)?,
+        decoded: pass.decoder.decoded(),
+        notes,
     })
 }
 
@@ -173,22 +189,85 @@ mod tests {
         }
     }
 
+    /// A minute of attitude and heading at 10 Hz in PCDIN or MXPGN, and of GGA at 1 Hz.
+    fn carriers(kind: &str, tag: &str, with_gga: bool) -> String {
+        let mut text = String::new();
+        for k in 0..600_u32 {
+            if with_gga && k % 10 == 0 {
+                let time = format!("12{:02}{:02}.00", k / 600, k / 10 % 60);
+                text += tag;
+                text += &sentence(&format!(
+                    "GPGGA,{time},1000.00000,N,02000.00000,E,1,12,0.8,1.0,M,20.0,M,,"
+                ));
+            }
+            for (pgn, data) in [("01F119", "00FF7FAA00DC00FF"), ("01F112", "001027FF7FFF7FFC")] {
+                text += tag;
+                text += &match kind {
+                    "PCDIN" => sentence(&format!("PCDIN,{pgn},{:08X},23,{data}", 5000 + 100 * k)),
+                    _ => sentence(&format!("MXPGN,{pgn},3823,{data}")),
+                };
+            }
+        }
+        text
+    }
+
     #[test]
     fn n2k_inside_of_sentences() {
-        let mut text = String::new();
-        for k in 0..30 {
-            text += &sentence(&format!(
-                "GPGGA,1200{k:02}.00,1000.00000,N,02000.00000,E,1,12,0.8,1.0,M,20.0,M,,"
-            ));
-            text += &sentence("PCDIN,01F119,00000000,23,00FF7FAA00DC00FF");
+        for (kind, tag) in [
+            ("PCDIN", ""),
+            ("MXPGN", ""),
+            ("MXPGN", "\\s:serial,c:1779278400*00\\"),
+        ] {
+            let r = read(
+                carriers(kind, tag, true).as_bytes(),
+                "boat.nmea",
+                &Mount::default(),
+            )
+            .unwrap();
+            let notes = r.notes.join("\n");
+            assert!(notes.contains(&format!("{kind} 1200 read")), "{notes}");
+            assert!(!notes.contains("of all that came"), "{notes}");
+            // The last second has no time after it.
+            assert_eq!(
+                (r.measurements.len(), r.decoded.corrupted),
+                (2 * 590 + 60, 0),
+                "{kind}"
+            );
         }
-        let r = read(text.as_bytes(), "boat.nmea", &Mount::default()).unwrap();
-        let notes = r.notes.join("\n");
-        assert!(
-            notes.contains("PCDIN carries NMEA 2000") && notes.contains("send RAW"),
-            "{notes}"
+    }
+
+    #[test]
+    fn n2k_inside_of_sentences_by_the_gateways_counter() {
+        let r = read(
+            carriers("PCDIN", "", false).as_bytes(),
+            "boat.nmea",
+            &Mount::default(),
+        )
+        .unwrap();
+        let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
+        assert_eq!(
+            (r.measurements.len(), (last - 59.9).abs() < 1e-6),
+            (1200, true),
+            "{last}"
         );
-        assert!(!notes.contains("MXPGN"), "{notes}");
+        let mut text = String::new();
+        for k in 0..300 {
+            text += &format!("!PDGY,127257,3,17,255,{:.3},AP9/UgAh/v8=\r\n", 0.1 * f64::from(k));
+            text += "$PDGY,000000,4,,5,482,1,0\r\n";
+        }
+        let r = crate::log::read(text.as_bytes(), "boat.log", &Mount::default()).unwrap();
+        assert_eq!(
+            (r.measurements.len(), r.decoded.good, r.decoded.corrupted),
+            (300, 300, 0)
+        );
+        // No time, and no counter.
+        let e = read(
+            carriers("MXPGN", "", false).as_bytes(),
+            "boat.nmea",
+            &Mount::default(),
+        );
+        let e = e.unwrap_err().to_string();
+        assert!(e.contains("MXPGN 1200 read"), "{e}");
     }
 
     #[test]

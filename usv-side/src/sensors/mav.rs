@@ -1,14 +1,18 @@
 //! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
-//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Payloads are read by their place in the message
-//! definition (common.xml), extension fields and left-out zeros included. Of the systems on the link one is the vessel's
+//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place), and by ESTIMATOR_STATUS or EKF_STATUS_REPORT whether the
+//! attitude counts. Payloads are read by their place in the message definition (common.xml, ardupilotmega.xml), extension
+//! fields and left-out zeros included. Of the systems on the link one is the vessel's
 //! ([`crate::mavlink_systems`]).
 
 use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, Signing, dialect as m};
+use alight_shared::mavlink::{
+    self, EKF_STATUS_REPORT, Fields, FrameReader, MAX_WAITING, Sender, Signing, dialect as m,
+};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::heights::Heights;
+use super::nmea::account::{Account, Why};
 use super::{Decoded, Decoder, Mounting, Remark, SourceMeasurement, euler};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
@@ -24,7 +28,21 @@ const POSITION_SD: [f64; 2] = [2.0, 4.0];
 const VELOCITY_SD: f64 = 0.3;
 
 /// Requested messages and their interval, us.
-const WANTED: [(u32, f32); 4] = [(31, 40_000.0), (105, 10_000.0), (24, 200_000.0), (124, 200_000.0)];
+const WANTED: [(u32, f32); 6] = [
+    (31, 40_000.0),
+    (105, 10_000.0),
+    (24, 200_000.0),
+    (124, 200_000.0),
+    (ESTIMATOR_STATUS, 1_000_000.0),
+    (EKF_STATUS_REPORT.0, 1_000_000.0),
+];
+const ESTIMATOR_STATUS: u32 = 230;
+/// Its first flag, and that of ArduPilot's report: the attitude is good.
+const ATTITUDE_GOOD: u16 = 1;
+/// So many attitudes are left out after a report without that flag, unless one with it comes: 10 s at 25 Hz.
+const UNFIT: u16 = 250;
+/// `quality` of ODOMETRY, -1 and not 0 to 100 %: the odometry has failed.
+const FAILED: u8 = u8::MAX;
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
 
@@ -44,6 +62,9 @@ pub struct MavlinkDecoder {
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
+    /// Attitudes that are not used, by the newest report of its estimator.
+    unfit: u16,
+    account: Account,
     requests: u32,
 }
 
@@ -79,6 +100,14 @@ impl MavlinkDecoder {
         let time_us = |at: usize| i64::try_from(p.u64(at).saturating_mul(1000)).unwrap_or(i64::MAX);
         let before = out.len();
         let understood = match id {
+            31 if self.is_unfit() => self.leave_out("ATTITUDE_QUATERNION", Why::Invalid),
+            331 if self.is_unfit() || p.u8(232) == FAILED => self.leave_out("ODOMETRY", Why::Invalid),
+            ESTIMATOR_STATUS => self.estimator(p.u16(40)),
+            // Zero is an autopilot without this estimator.
+            id if id == EKF_STATUS_REPORT.0 => match p.u16(20) {
+                0 => Some(()),
+                flags => self.estimator(flags),
+            },
             31 => self.attitude(boot_ms(0), p.floats(4), Some(p.floats(20)), out),
             // Its accelerometers and gyroscopes are those of this message.
             105 if p.u16(60) & 0x3f == 0x3f => self.imu(time_us(0), p.floats(8), p.floats(20), 0, out),
@@ -114,6 +143,24 @@ impl MavlinkDecoder {
                 self.decoded.corrupted += 1;
             }
         }
+    }
+
+    /// A message of a kind that is used gives nothing.
+    fn leave_out(&mut self, name: &str, why: Why) -> Option<()> {
+        self.decoded.left_out += 1;
+        self.account.leave_out(name, why);
+        Some(())
+    }
+    /// The newest report of its estimator.
+    fn estimator(&mut self, flags: u16) -> Option<()> {
+        self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
+        Some(())
+    }
+    /// The attitude that comes now is not to be used.
+    fn is_unfit(&mut self) -> bool {
+        let is_unfit = self.unfit > 0;
+        self.unfit = self.unfit.saturating_sub(1);
+        is_unfit
     }
 
     fn imu(
@@ -161,10 +208,14 @@ impl MavlinkDecoder {
         source: u8,
         out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
+        // 0 no receiver, 1 no fix, 2 flat, 3 whole and better.
         let kind = p.u8(at.fix_type);
         let (latitude_deg, longitude_deg) = (p.i32(8) * 1e-7, p.i32(12) * 1e-7);
-        if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0 {
+        if kind >= 2 && (latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0) {
             return None;
+        }
+        if kind == 1 {
+            self.leave_out(at.names[0], Why::NoFix);
         }
         let across = known_mm(p, at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
         let down = known_mm(p, at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
@@ -222,6 +273,8 @@ impl MavlinkDecoder {
                 ..self.mounting.heading_fix(heading)
             };
             out.push(SourceMeasurement::new(at_ns, fix));
+        } else if yaw == u16::MAX {
+            self.leave_out(at.names[1], Why::Invalid);
         }
         Some(())
     }
@@ -322,6 +375,7 @@ impl Decoder for MavlinkDecoder {
                 None => Remark::fine(text),
             }))
             .chain(signatures.map(|(text, remedy)| Remark::fault(text, remedy)))
+            .chain(self.account.remarks())
             .collect()
     }
     /// Our heartbeat, and with every fifth one the requested messages.
@@ -354,6 +408,8 @@ impl Decoder for MavlinkDecoder {
 
 /// Places of fields in the messages of the two receivers.
 struct Receiver {
+    /// Names of the message, and of the heading in it.
+    names: [&'static str; 2],
     speed: usize,
     fix_type: usize,
     ellipsoid: usize,
@@ -362,6 +418,7 @@ struct Receiver {
 }
 /// `GPS_RAW_INT`.
 const FIRST: Receiver = Receiver {
+    names: ["GPS_RAW_INT", "GPS_RAW_INT-yaw"],
     speed: 24,
     fix_type: 28,
     ellipsoid: 30,
@@ -370,6 +427,7 @@ const FIRST: Receiver = Receiver {
 };
 /// `GPS2_RAW`.
 const SECOND: Receiver = Receiver {
+    names: ["GPS2_RAW", "GPS2_RAW-yaw"],
     speed: 28,
     fix_type: 32,
     ellipsoid: 37,

@@ -1,5 +1,5 @@
-//! NMEA 0183: GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNTHPR and ZDA to
-//! measurements.
+//! NMEA 0183: GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR and ZDA to
+//! measurements, and the NMEA 2000 that PCDIN, MXPGN and PDGY carry ([`carried`]).
 //!
 //! A sentence with a time opens an epoch. Those without one belong to the epoch in which they arrive, or to the next, as
 //! the pauses between arrivals show ([`attribution`]), each kind once: a second one in the same epoch has no time, and is
@@ -9,6 +9,7 @@
 
 pub(super) mod account;
 mod attribution;
+mod carried;
 pub(super) mod partner;
 pub(super) mod sentences;
 
@@ -24,6 +25,7 @@ use super::heights::Heights;
 use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;
+use carried::{Carried, CarriedMessage};
 use partner::Partner;
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
@@ -72,6 +74,9 @@ pub struct NmeaDecoder {
     is_first: bool,
     /// Headings from magnetic north since the last from true north.
     without_true: u8,
+    /// Heading, and roll and pitch, that Seatex's sensor marks as invalid in sentences of their own (PSXN,20).
+    seatex_invalid: [bool; 2],
+    carried: Carried,
 }
 
 /// A position and how good it is.
@@ -152,7 +157,25 @@ impl NmeaDecoder {
             height: Partner::default(),
             is_first: true,
             without_true: MAX_SPARE,
+            seatex_invalid: [false; 2],
+            carried: Carried::new(mounting),
         }
+    }
+    /// A decoder of a recording in which no sentence has a time: the gateway's counter dates the NMEA 2000 in it.
+    pub(crate) fn by_counter(mut self) -> Self {
+        self.carried.by_counter();
+        self
+    }
+    /// Counts of the sentences themselves: one that carries NMEA 2000 is good, whatever is in it.
+    pub(crate) fn sentences(&self) -> Decoded {
+        Decoded {
+            good: self.decoded.good + self.carried.sentences,
+            ..self.decoded
+        }
+    }
+    /// Remarks on the NMEA 2000 in its sentences.
+    pub(crate) fn carried_remarks(&self) -> Vec<Remark> {
+        self.carried.remarks()
     }
     fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
         let Some(text) = core::str::from_utf8(line).ok().filter(|t| t.is_ascii()) else {
@@ -168,11 +191,49 @@ impl NmeaDecoder {
             .find(['$', '!'])
             .and_then(|at| text.get(at..))
             .unwrap_or_default();
+        // iKonvert's have no checksum.
+        if let Some(message) = sentence.strip_prefix("!PDGY,") {
+            return self.carrier("PDGY", CarriedMessage::of_pdgy(message).map(Some));
+        }
+        if sentence.starts_with("$PDGY,") {
+            return self.pass_over("PDGY");
+        }
         let Some(frame) = self.frame(sentence) else {
             self.decoded.corrupted += 1;
             return;
         };
         self.sentence(&frame, out);
+    }
+    /// A sentence of a kind that is not read.
+    fn pass_over(&mut self, address: &str) {
+        self.decoded.ignored += 1;
+        self.account.leave_out(address, Why::NotRead);
+    }
+    /// Takes a message of NMEA 2000; the inner None is one whose bytes' order is not known yet.
+    fn carrier(&mut self, address: &str, message: Option<Option<CarriedMessage>>) {
+        match message {
+            None => self.decoded.corrupted += 1,
+            Some(_) if self.carried.is_spare(address) => self.leave_out(address, Why::Spare),
+            Some(None) => self.pass_over(address),
+            Some(Some(message)) => self.carried.take(message, self.attribution.now_ns),
+        }
+    }
+    /// Adds what was carried to the measurements of the sentence itself, which begin at these places.
+    fn add_carried(&mut self, [dated, timeless]: [usize; 2], out: &mut Vec<SourceMeasurement>) {
+        let own = out.iter().skip(dated).map(|m| m.measurement.kind());
+        let own = own.chain(self.timeless.iter().skip(timeless).map(Measurement::kind));
+        own.for_each(|kind| self.carried.own(kind));
+        let is_live = self.attribution.now_ns.is_some();
+        let (all, spare) = self.carried.measurements(is_live);
+        (0..spare).for_each(|_| self.account.leave_out("NMEA-2000", Why::Spare));
+        if is_live {
+            self.timeless.extend(all.into_iter().map(|m| m.measurement));
+        } else if !all.is_empty() {
+            out.extend(all);
+            if let Some(new) = out.get_mut(dated..) {
+                new.sort_by_key(|m| m.at_ns);
+            }
+        }
     }
     /// The frame of a sentence whose checksum is right. One without a checksum may be cut off: it is taken whole only in a
     /// stream that has none.
@@ -199,10 +260,9 @@ impl NmeaDecoder {
             NmeaSentence::Rmc(s) => self.rmc(&address, &s, fields, out),
             NmeaSentence::Gll(s) => self.gll(&address, &s, fields, out),
             NmeaSentence::Vtg(s) => self.vtg(&address, &s, out),
-            NmeaSentence::Hdt(s) => self.heading(&address, s.heading_true, true, out),
-            // Autonomous or estimated; manual, simulated and invalid headings are dropped.
+            NmeaSentence::Hdt(s) => self.heading(&address, s.heading_true, Ok(()), out),
             NmeaSentence::Ths(s) => {
-                self.heading(&address, s.heading_true, matches!(s.mode, Some('A' | 'E')), out)
+                self.heading(&address, s.heading_true, sentences::mode_of_ths(s.mode), out)
             }
             NmeaSentence::Hdg(s) => self.hdg(&address, &s, out),
             NmeaSentence::Hdm(s) => self.magnetic(&address, s.heading_mag, None, out),
@@ -215,13 +275,17 @@ impl NmeaDecoder {
                 let _epoch = self.open(&address, s.time.as_deref(), out);
             }
             _ => match frame.sentence_type {
+                "PCDIN" => self.carrier(&address, CarriedMessage::of_pcdin(fields).map(Some)),
+                "PGN" => {
+                    let message = self.carried.of_mxpgn(fields);
+                    self.carrier(&address, message);
+                }
+                "PSXN" if fields.first() == Some(&"20") => self.psxn_quality(fields),
                 "PSXN" if fields.first() == Some(&"23") => self.psxn(&address, fields, out),
+                "PTNL" if fields.first() == Some(&"AVR") => self.avr("PTNL-AVR", fields, out),
                 "PTNTHPR" => self.ptnthpr(&address, fields, out),
                 "HPR" => self.hpr(&address, fields, out),
-                _ => {
-                    self.decoded.ignored += 1;
-                    self.account.leave_out(&address, Why::NotRead);
-                }
+                _ => self.pass_over(&address),
             },
         }
     }
@@ -383,6 +447,8 @@ impl NmeaDecoder {
     /// The epoch is complete; `next_ns` begins another.
     fn close(&mut self, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         self.emit(true, out);
+        let at_ns = self.epoch.as_ref().map(|e| e.at_ns);
+        self.carried.date(at_ns.zip(next_ns));
         let Some(e) = &self.epoch else { return };
         self.is_first = false;
         let at_ns = e.at_ns;
@@ -438,7 +504,11 @@ impl Decoder for NmeaDecoder {
                 self.decoded.corrupted += u64::from(dropped.starts_with(b"$"));
             }
             match self.lines.push(*byte) {
-                Some(Cut::Line(line)) => self.take(&line, out),
+                Some(Cut::Line(line)) => {
+                    let before = [out.len(), self.timeless.len()];
+                    self.take(&line, out);
+                    self.add_carried(before, out);
+                }
                 Some(Cut::Overlong) => self.decoded.corrupted += 1,
                 None => {}
             }
@@ -451,7 +521,7 @@ impl Decoder for NmeaDecoder {
         self.close(None, out);
     }
     fn decoded(&self) -> Decoded {
-        self.decoded
+        self.carried.decoded(&self.decoded)
     }
     fn timeless(&mut self) -> Vec<Measurement> {
         core::mem::take(&mut self.timeless)
@@ -461,6 +531,7 @@ impl Decoder for NmeaDecoder {
             .remark()
             .into_iter()
             .chain(self.account.remarks())
+            .chain(self.carried_remarks())
             .collect()
     }
 }

@@ -151,6 +151,64 @@ fn mavlink_odometry_with_and_without_origin() {
 }
 
 #[test]
+fn mavlink_attitudes_of_a_doubtful_estimator() {
+    let status = |flags: u16| {
+        frame(
+            1,
+            &m::MavMessage::ESTIMATOR_STATUS(m::ESTIMATOR_STATUS_DATA {
+                flags: m::EstimatorStatusFlags::from_bits_retain(flags),
+                ..m::ESTIMATOR_STATUS_DATA::DEFAULT
+            }),
+        )
+    };
+    let tilts = |first_ms: u32, count: u32| -> Vec<u8> {
+        (0..count)
+            .flat_map(|k| frame(2, &attitude(first_ms + 40 * k, 0.1)))
+            .collect()
+    };
+    let of = |bytes: &[u8]| {
+        let (all, d) = decode(&[&frame(0, &boat())[..], bytes].concat(), 91, Mount::default());
+        let tilts = all.iter().filter(|m| m.measurement.kind() == 3).count();
+        (tilts, d.decoded().left_out, d)
+    };
+    // Before it is aligned, and then.
+    let (used, left_out, d) = of(&[status(2), tilts(0, 10), status(0x3f), tilts(400, 5)].concat());
+    assert_eq!((used, left_out), (5, 10));
+    let text = "left out: 10 ATTITUDE_QUATERNION (marked as invalid)";
+    assert!(
+        d.remarks().iter().any(|r| r.text == text && r.remedy.is_some()),
+        "{:?}",
+        d.remarks()
+    );
+    // A report that never comes again, and one that is good.
+    assert_eq!(
+        of(&[status(0), tilts(0, 260)].concat()).0,
+        260 - usize::from(UNFIT)
+    );
+    assert_eq!(of(&[status(1), tilts(0, 10)].concat()).0, 10);
+}
+
+#[test]
+fn mavlink_fixes_and_headings_that_are_none() {
+    let m::MavMessage::GPS_RAW_INT(own) = gps(1_000_000) else {
+        panic!("GPS_RAW_INT");
+    };
+    let of = |fix_type| {
+        let data = m::GPS_RAW_INT_DATA {
+            fix_type,
+            lat: i32::MAX,
+            ..own
+        };
+        let bytes = [frame(0, &boat()), frame(1, &m::MavMessage::GPS_RAW_INT(data))].concat();
+        let (all, d) = decode(&bytes, 91, Mount::default());
+        (all.len(), d.decoded().left_out, d.decoded().corrupted)
+    };
+    assert_eq!(of(m::GpsFixType::GPS_FIX_TYPE_NO_FIX), (0, 1, 0));
+    assert_eq!(of(m::GpsFixType::GPS_FIX_TYPE_NO_GPS), (0, 0, 0));
+    assert_eq!(of(m::GpsFixType::GPS_FIX_TYPE_3D_FIX), (0, 0, 1));
+}
+
+#[test]
 fn mavlink_frames_after_damage() {
     let mut bytes = second(5000);
     let k = bytes.len() / 2;

@@ -10,8 +10,12 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Longest address, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Above this fraction of one kind's sentences, stamps that repeat are the source's habit and no doubled datagram.
+/// Above this fraction of one kind's sentences, stamps that repeat are the source's habit and no doubled datagram, and
+/// headings of a float carrier solution no start.
 const HABIT: f64 = 0.2;
+
+/// Standard deviation of a position that its receiver calls unsafe (the navigational status U of version 4.1), m (ours).
+pub(super) const UNSAFE_SD: f64 = 10.0;
 
 /// Why a sound sentence gave no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -26,6 +30,7 @@ pub(in crate::sensors) enum Why {
     Cached,
     HeldUp,
     Length,
+    FixedBase,
 }
 
 impl Why {
@@ -41,12 +46,13 @@ impl Why {
             Why::Cached => "the first after the server's greeting, of any age",
             Why::HeldUp => "held up on the way, and without a time of its own",
             Why::Length => "of another length than is known of them",
+            Why::FixedBase => "of a base that does not move: a direction to it, and no heading",
         }
     }
     /// What to do about it, where it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
-            Why::NotRead | Why::Empty | Why::Spare | Why::Cached | Why::HeldUp => None,
+            Why::NotRead | Why::Empty | Why::Spare | Why::Cached | Why::HeldUp | Why::FixedBase => None,
             Why::Invalid => {
                 Some("the sensor itself does not trust it: see to its alignment and its antennas")
             }
@@ -76,15 +82,19 @@ struct Stamps {
 pub(in crate::sensors) struct Account {
     left_out: BTreeMap<(Why, String), u64>,
     stamps: BTreeMap<String, Stamps>,
+    /// Headings of two antennas: of a float carrier solution, and all that are valid.
+    antennas: [u64; 2],
+    /// Positions that their receiver calls unsafe.
+    pub(in crate::sensors) unsafe_positions: u64,
     /// Sentences that were taken without a checksum.
     pub(in crate::sensors) unchecked: u64,
 }
 
-/// A message's name, short and of letters, digits and hyphens.
+/// A message's name, short and of letters, digits, hyphens and underscores.
 fn bounded(address: &str) -> String {
     address
         .chars()
-        .filter(|c| c.is_ascii_alphanumeric() || *c == '-')
+        .filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
         .take(MAX_ADDRESS)
         .collect()
 }
@@ -95,6 +105,12 @@ impl Account {
         let full = self.left_out.len() >= MAX_ADDRESSES && !self.left_out.contains_key(&key);
         let key = if full { (why, "others".into()) } else { key };
         *self.left_out.entry(key).or_default() += 1;
+    }
+    /// Notes a valid heading of two antennas; one of a float carrier solution is left out.
+    pub(in crate::sensors) fn antennas(&mut self, is_float: bool) {
+        let [float, all] = &mut self.antennas;
+        *float += u64::from(is_float);
+        *all += 1;
     }
     /// Notes the time of a sentence.
     pub(in crate::sensors) fn stamp(&mut self, address: &str, at_ns: i64) {
@@ -108,13 +124,14 @@ impl Account {
         stamps.newest_ns = Some(at_ns);
     }
     pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
-        let mut all = Vec::new();
+        let mut all = Vec::from_iter(self.float());
         for why in [
             Why::Simulated,
             Why::NoFix,
             Why::Magnetic,
             Why::Length,
             Why::Invalid,
+            Why::FixedBase,
             Why::Spare,
             Why::Cached,
             Why::HeldUp,
@@ -124,6 +141,15 @@ impl Account {
             all.extend(self.left_out(why));
         }
         all.extend(self.repeated_stamps());
+        if self.unsafe_positions > 0 {
+            all.push(Remark::fault(
+                format!(
+                    "{} positions are marked as unsafe by their receiver, and count as accurate to {UNSAFE_SD} m",
+                    self.unsafe_positions
+                ),
+                "see to the antenna's view of the sky, and to interference",
+            ));
+        }
         if self.unchecked > 0 {
             all.push(Remark::fine(format!(
                 "{} sentences without a checksum: damage to them is not noticed",
@@ -152,6 +178,20 @@ impl Account {
             Some(remedy) => Remark::fault(text, remedy),
             None => Remark::fine(text),
         })
+    }
+    /// Headings of a float carrier solution: a fault where they are not those of a short while alone.
+    fn float(&self) -> Option<Remark> {
+        let [float, all] = self.antennas;
+        let text = format!("moving base: float in {float} of {all} headings: left out");
+        let remark = match float as f64 > HABIT * all as f64 {
+            true => Remark::fault(
+                text,
+                "see to the corrections between its two receivers, its view of the sky and its antennas; until it is fixed \
+                 another heading is needed",
+            ),
+            false => Remark::fine(text),
+        };
+        (float > 0).then_some(remark)
     }
     fn repeated_stamps(&self) -> Option<Remark> {
         let habit = |s: &&Stamps| s.count >= 10 && s.repeated as f64 > HABIT * s.count as f64;

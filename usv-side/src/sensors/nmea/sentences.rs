@@ -5,7 +5,7 @@ use alight_shared::msg::NOT_MEASURED_SD;
 use nmea_kit::NmeaFrame;
 use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg, Xdr};
 
-use super::account::Why;
+use super::account::{UNSAFE_SD, Why};
 use super::{MAX_SPARE, NmeaDecoder, Position, SourceMeasurement, Untimed};
 
 /// Below it a velocity needs no course, m/s.
@@ -84,6 +84,14 @@ pub(in crate::sensors) fn accuracy(quality: u8) -> Result<f64, Why> {
         }
     }
 }
+/// Whether a heading of THS counts, by its mode: autonomous or estimated, not by hand, simulated or invalid.
+pub(super) fn mode_of_ths(mode: Option<char>) -> Result<(), Why> {
+    match mode {
+        Some('A' | 'E') => Ok(()),
+        Some('M' | 'S') => Err(Why::Simulated),
+        Some(_) | None => Err(Why::Invalid),
+    }
+}
 /// Half a step of a coordinate that is written with so many decimals of a minute, as a standard deviation, m.
 fn resolution(coordinate: Option<&&str>) -> f64 {
     let decimals = coordinate
@@ -113,9 +121,16 @@ impl NmeaDecoder {
         let height = (s.altitude, s.geoid_sep);
         let quality = quality_of(s.mode.as_deref().unwrap_or_default());
         let sd = accuracy(quality).map(|sd| sd_at(quality, sd, s.hdop, fields.get(1)));
+        let sd = self.by_status(sd, s.nav_status);
         if self.open(address, s.time.as_deref(), out).is_some() {
             self.with_height(address, place, sd, height, out);
         }
+    }
+    /// Standard deviation, m, with the navigational status: U alone marks a position whose integrity is below what was set.
+    fn by_status(&mut self, sd: Result<f64, Why>, status: Option<char>) -> Result<f64, Why> {
+        let is_unsafe = status == Some('U');
+        self.account.unsafe_positions += u64::from(is_unsafe && sd.is_ok());
+        sd.map(|sd| if is_unsafe { sd.max(UNSAFE_SD) } else { sd })
     }
     /// A position with a height above the sea and perhaps the sea's above the ellipsoid.
     fn with_height(
@@ -175,6 +190,7 @@ impl NmeaDecoder {
     pub(super) fn rmc(&mut self, address: &str, s: &Rmc, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let quality = quality_with_status(s.status, s.pos_mode);
         let sd = accuracy(quality).map(|sd| sd_at(quality, sd, None, fields.get(2)));
+        let sd = self.by_status(sd, s.nav_status);
         let place = position(s.lat, s.ns, s.lon, s.ew);
         if let Some(variation) = variation(s.mag_var, s.mag_var_ew) {
             self.variation = Some(variation);
@@ -238,17 +254,17 @@ impl NmeaDecoder {
         &mut self,
         address: &str,
         degrees: Option<f32>,
-        valid: bool,
+        verdict: Result<(), Why>,
         out: &mut Vec<SourceMeasurement>,
     ) {
-        match degrees.filter(|d| (0.0..=360.0).contains(d)) {
-            Some(d) if valid => {
+        match (degrees.filter(|d| (0.0..=360.0).contains(d)), verdict) {
+            (Some(d), Ok(())) => {
                 self.without_true = 0;
                 let sd = self.mounting.heading_sd();
                 self.untimed(Untimed::Heading(f64::from(d).to_radians(), sd), out);
             }
-            Some(_) => self.leave_out(address, Why::Invalid),
-            None => self.leave_out(address, Why::Empty),
+            (Some(_), Err(why)) => self.leave_out(address, why),
+            (None, _) => self.leave_out(address, Why::Empty),
         }
     }
     pub(super) fn hdg(&mut self, address: &str, s: &Hdg, out: &mut Vec<SourceMeasurement>) {
@@ -304,6 +320,10 @@ impl NmeaDecoder {
             return;
         };
         let at_ns = e.at_ns;
+        // The quality of its fixes does not count: a gyrocompass needs none.
+        if s.imu_alignment == Some(0) {
+            return self.left_out(address, Why::Invalid);
+        }
         if let Some(h) = heading {
             e.heading.get_or_insert((h, heading_sd));
         }
@@ -325,11 +345,23 @@ impl NmeaDecoder {
             _ => self.leave_out(address, Why::Empty),
         }
     }
+    /// Seatex: 20, quality of the place, of the height, of the heading, of roll and pitch: 0 normal, 1 reduced, 2 invalid.
+    pub(super) fn psxn_quality(&mut self, fields: &[&str]) {
+        self.decoded.good += 1;
+        self.seatex_invalid = [3, 4].map(|k| fields.get(k) == Some(&"2"));
+    }
     /// Seatex: 23, roll (port up), pitch (bow up), heading, deg; heave, m, down positive.
     pub(super) fn psxn(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
         let [roll, pitch, heading, heave] = [1, 2, 3, 4].map(|k| number(fields, k));
+        let [no_heading, no_tilt] = self.seatex_invalid;
+        let heading = heading.filter(|_| !no_heading);
         match roll.zip(pitch) {
+            Some(_) if no_tilt => self.leave_out(address, Why::Invalid),
             Some((roll, pitch)) => {
+                if no_heading {
+                    self.account
+                        .leave_out(&format!("{address}-heading"), Why::Invalid);
+                }
                 let tilt = [roll, pitch].map(f64::to_radians);
                 let untimed = Untimed::Tilt(tilt, heading.map(f64::to_radians), heave.map(|h| -h));
                 self.untimed(untimed, out);
@@ -356,23 +388,43 @@ impl NmeaDecoder {
         let Some(at_ns) = self.open(address, fields.first().copied(), out).map(|e| e.at_ns) else {
             return;
         };
-        let heading = heading.filter(|h| (0.0..=360.0).contains(h));
-        match heading {
-            Some(h) if quality.is_none_or(|q| q == 4.0 || q == 5.0) => {
+        let state = [quality.is_none_or(|q| q == 4.0), quality == Some(5.0)];
+        let is_used = self.two_antennas(address, heading, state);
+        if let Some((roll, pitch)) = roll.zip(pitch).filter(|(r, p)| is_used && *r != 0.0 && *p != 0.0) {
+            let fix = self.tilt([roll, pitch].map(f64::to_radians), None, self.mounting.tilt_sd());
+            out.push(SourceMeasurement::new(at_ns, fix));
+        }
+        self.emit(false, out);
+    }
+    /// Trimble: AVR, time, yaw, its name, tilt, its name, roll, its name, range, quality: 2 float, 3 fixed. By the mounting the
+    /// tilt is of pitch or of roll: it is not used.
+    pub(super) fn avr(&mut self, address: &str, fields: &[&str], out: &mut Vec<SourceMeasurement>) {
+        let (yaw, quality) = (number(fields, 2), number(fields, 9));
+        if self.open(address, fields.get(1).copied(), out).is_none() {
+            return;
+        }
+        self.two_antennas(address, yaw, [quality == Some(3.0), quality == Some(2.0)]);
+        self.emit(false, out);
+    }
+    /// Takes a heading of two antennas, deg, whose carrier solution is fixed, or float; whether it is used.
+    fn two_antennas(&mut self, address: &str, degrees: Option<f64>, [is_fixed, is_float]: [bool; 2]) -> bool {
+        match degrees.filter(|d| (0.0..=360.0).contains(d)) {
+            Some(_) if is_float => {
+                self.decoded.left_out += 1;
+                self.account.antennas(true);
+            }
+            Some(d) if is_fixed => {
+                self.account.antennas(false);
                 let sd = self.mounting.heading_sd();
                 if let Some(e) = self.epoch.as_mut() {
-                    e.heading.get_or_insert((h.to_radians(), sd));
+                    e.heading.get_or_insert((d.to_radians(), sd));
                 }
-                if let Some((roll, pitch)) = roll.zip(pitch).filter(|(r, p)| *r != 0.0 && *p != 0.0) {
-                    let tilt = [roll, pitch].map(f64::to_radians);
-                    let fix = self.tilt(tilt, None, self.mounting.tilt_sd());
-                    out.push(SourceMeasurement::new(at_ns, fix));
-                }
+                return true;
             }
             Some(_) => self.left_out(address, Why::Invalid),
             None => self.left_out(address, Why::Empty),
         }
-        self.emit(false, out);
+        false
     }
     /// Angles by their names: PTCH, PITCH, TRIM (bow up) and ROLL, HEEL (starboard down), deg, in one sentence or two.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
@@ -398,10 +450,7 @@ impl NmeaDecoder {
                 self.untimed(Untimed::Tilt([roll, pitch], None, None), out);
             }
             _ if any => self.decoded.good += 1,
-            _ => {
-                self.decoded.ignored += 1;
-                self.account.leave_out(address, Why::NotRead);
-            }
+            _ => self.pass_over(address),
         }
     }
 }

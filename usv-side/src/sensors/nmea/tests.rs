@@ -4,6 +4,8 @@ use crate::sensors::{HeaveSign, Measurement, Mount};
 use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
 
+mod quality;
+
 fn decoder(mount: Mount) -> NmeaDecoder {
     NmeaDecoder::new(&Mounting::new(&mount))
 }
@@ -282,28 +284,6 @@ fn nmea_position_in_few_decimals() {
 }
 
 #[test]
-fn nmea_fix_that_is_none() {
-    for (gga, rmc, why) in [
-        ("0", "V,A", "no fix"),
-        ("7", "A,M", "simulated or set by hand"),
-        ("8", "V,S", "simulated or set by hand"),
-        ("8", "A,S", "simulated or set by hand"),
-        // Of the standard before 2.3, which knows no mode.
-        ("8", "A", "simulated or set by hand"),
-    ] {
-        let (status, mode) = rmc.split_once(',').unwrap_or((rmc, ""));
-        let gga = format!("GPGGA,T,{PLACE},{gga},12,0.8,3.0,M,45.0,M,,");
-        let rmc = format!("GPRMC,T,{status},{PLACE},5.0,0.0,010126,,,{mode}");
-        for order in [[&gga, &rmc], [&rmc, &gga]] {
-            let (all, d) = epochs(&order.map(String::as_str));
-            assert!(fixes(&all).is_empty(), "{order:?}: {}", fixes(&all).len());
-            assert!(remark(&d, why).remedy.is_some());
-            assert!(d.decoded().left_out >= 10);
-        }
-    }
-}
-
-#[test]
 fn nmea_beside_ais_and_unread_kinds() {
     let gga = format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,");
     let mut d = decoder(Mount::default());
@@ -563,7 +543,7 @@ proptest! {
     fn nmea_arbitrary_fields(
         name in prop::sample::select(vec![
             "GPGGA", "GNGNS", "GPRMC", "GPGLL", "GPVTG", "HEHDT", "HETHS", "HCHDG", "HCHDM", "HEROT", "PASHR", "PRDID", "GPZDA",
-            "PSXN,23", "GNHPR", "PTNTHPR", "YXXDR", "AIVDM",
+            "PSXN,23", "PSXN,20", "PTNL,AVR", "GNHPR", "PTNTHPR", "YXXDR", "AIVDM",
         ]),
         time in prop::sample::select(vec!["120000.00", "235959.99", "", "996099", "12"]),
         fields in prop::collection::vec("[-+0-9.eENSAWTMVinf]{0,8}", 0..15),
