@@ -6,6 +6,8 @@
     run.outcome["position_error_m"]
     alight.plots.landing(run).savefig("landing.svg")
 
+`python -m alight.convert FILE` converts recordings of other programs to the CSV that `alight estimate` reads.
+
 Everything is computed by the program; this package calls it and reads what it writes. The program is the one that the
 environment variable ALIGHT names, else the one beside this Python's scripts, else the one on PATH.
 
@@ -13,7 +15,7 @@ Units are SI and stand in the names (`_m`, `_mps`, `_deg`, `_s`). Axes: NED is n
 axes are forward, starboard, down.
 """
 
-from . import plots
+from . import convert, plots
 from ._folders import Envelope, Study, Trials, envelope, study, trials
 from ._program import AlightError, program
 from ._reading import read, trial
@@ -26,6 +28,7 @@ __all__ = [
     "Run",
     "Study",
     "Trials",
+    "convert",
     "envelope",
     "plots",
     "program",

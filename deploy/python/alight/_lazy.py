@@ -8,10 +8,16 @@ WHY = {
     "numpy": "the series are its arrays",
     "mcap": "recordings are read by it",
     "mcap_protobuf": "recordings are read by it",
-    "pandas": "a table was asked for",
+    "pandas": "tables are its frames",
     "matplotlib": "figures are drawn by it",
+    "pymavlink": "logs of MAVLink and DataFlash are read by it",
+    "pyulog": "ULog is read by it",
+    "rosbags": "bags of ROS are read by it",
+    "pyubx2": "UBX is read by it",
 }
 PACKAGE = {"mcap_protobuf": "mcap-protobuf-support"}
+# Packages of the wheel's extra `convert`.
+EXTRA = ("pymavlink", "pyulog", "rosbags", "pyubx2")
 
 
 class Lazy:
@@ -31,7 +37,9 @@ class Lazy:
             if (error.name or "").split(".")[0] != package:
                 raise
             named = PACKAGE.get(package, package)
-            raise ImportError(f"{WHY[package]}, and {named} is not installed: pip install {named}", name=package) from None
+            extra = " (or the wheel with its extra [convert])" if package in EXTRA else ""
+            message = f"{WHY[package]}, and {named} is not installed: pip install {named}{extra}"
+            raise ImportError(message, name=package) from None
 
     def is_there(self) -> bool:
         """Whether it can be imported."""
@@ -46,3 +54,9 @@ numpy = Lazy("numpy")
 pandas = Lazy("pandas")
 mcap_reader = Lazy("mcap.reader")
 mcap_decoder = Lazy("mcap_protobuf.decoder")
+dfreader = Lazy("pymavlink.DFReader")
+mavutil = Lazy("pymavlink.mavutil")
+pyulog = Lazy("pyulog")
+rosbags_highlevel = Lazy("rosbags.highlevel")
+rosbags_typesys = Lazy("rosbags.typesys")
+pyubx2 = Lazy("pyubx2")

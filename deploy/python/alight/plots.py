@@ -1,7 +1,7 @@
 """Figures of landings, studies and envelopes, by matplotlib. Each function returns the figure; `savefig` writes it.
 
-Colours are those of Okabe and Ito, which colour-blind people tell apart; lines differ in their style, cells in their
-pattern, too.
+Colours are those of Okabe and Ito, which differ for colour-blind people; lines differ in their style, cells in the
+pattern of their class, too, and in one blue, the darker the more of the cell's trials landed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ BLUE, ORANGE, GREEN, RED, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "
 COLOURS = [BLUE, RED, GREEN, PURPLE, ORANGE]
 DASHES = ["-", "--", "-.", ":"]
 GREY, EDGE = "#777777", "#555555"
-# Class of a cell of an envelope: colour and pattern.
-CLASSES = {"landed": ("#56B4E9", ""), "refused": ("#F0E442", "//"), "unsafe": (RED, "xx")}
+# Class of a cell of an envelope: its pattern, and the share landed that its colour in the legend stands for.
+CLASSES = {"landed": ("", 1.0), "refused": ("//", 0.0), "unsafe": ("xx", 0.0)}
+# Ends of the scale of the share that landed, none to all: ColorBrewer's Blues. The program's own picture has the same.
+NONE_LANDED, ALL_LANDED = (222, 235, 247), (49, 130, 189)
 # Metric of Table II: the summary's name, what the axis says.
 TABLE2 = [
     ("position_error_m", "position\nerror, m"),
@@ -290,8 +292,8 @@ def _published(axes, summary, scenes) -> None:
 
 def envelope(envelope: Envelope):
     """An envelope as the polar of a boat's papers: a circle for each sea state, the bow up, rings for the relative wind
-    (m/s), sectors for where it comes from. A cell has the colour and the pattern of its class and the count of landed of
-    flown, after `!` of unsafe. The black line is the limit (`Envelope.limit`); none is drawn where too few were flown."""
+    (m/s), sectors for where it comes from. A cell is the darker the more of its trials landed, has the pattern of its
+    class and the count of landed of flown, after `!` of unsafe (its colour is red). The black line is the limit (`Envelope.limit`); none is drawn where too few were flown."""
     grid = envelope.grid
     states, winds = grid["sea_states"], sorted(grid["winds_mps"])
     columns = min(2, len(states))
@@ -308,7 +310,8 @@ def envelope(envelope: Envelope):
         axis.set_theta_direction(-1)
         for cell in (c for c in envelope.cells if c["sea_state"] == state):
             ring = winds.index(cell["wind_mps"])
-            colour, hatch = CLASSES[cell["class"]]
+            colour = _shade(cell["class"], cell["landed"] / max(1, cell["trials"]))
+            hatch = CLASSES[cell["class"]][0]
             angle, low, high = np.radians(cell["from_deg"]), edges[ring], edges[ring + 1]
             axis.bar(angle, high - low, width, low, color=colour, hatch=hatch, edgecolor=EDGE, linewidth=0.5)
             count = f"!{cell['unsafe']}/{cell['trials']}" if cell["unsafe"] else f"{cell['landed']}/{cell['trials']}"
@@ -325,14 +328,22 @@ def envelope(envelope: Envelope):
         axis.grid(alpha=0.3)
         axis.set_title(f"sea state {state}", fontsize="medium")
     shown = [
-        patches.Patch(facecolor=colour, hatch=hatch, edgecolor=EDGE, label=name)
-        for name, (colour, hatch) in CLASSES.items()
+        patches.Patch(facecolor=_shade(name, share), hatch=hatch, edgecolor=EDGE, label=name)
+        for name, (hatch, share) in CLASSES.items()
     ]
     drawn.legend(handles=shown, loc="outside lower center", ncols=len(shown))
     percent = 100.0 * envelope.rate
     limit = f"no limit: {envelope.too_few}" if envelope.too_few else f"line: limit, {percent:.0f} % shown"
     drawn.suptitle(f"Envelope of {envelope.hull}: relative wind, m/s\n{limit}", fontsize="small", wrap=True)
     return drawn
+
+
+def _shade(name: str, landed: float) -> str:
+    """Colour of a cell of that class in which this share landed, 0 to 1."""
+    if name == "unsafe":
+        return RED
+    steps = (round(low + landed * (high - low)) for low, high in zip(NONE_LANDED, ALL_LANDED))
+    return "#" + "".join(f"{step:02x}" for step in steps)
 
 
 def _limit(axis, envelope: Envelope, state: int, winds, edges, width: float) -> None:

@@ -1,6 +1,7 @@
 """The program is found, asked as its flags say, and its refusals are passed on."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -117,10 +118,7 @@ class Dependencies(unittest.TestCase):
         environment = dict(os.environ, ALIGHT=alight.program())
         # A wheel's module lies among the packages that are to be missing: a copy of it alone does not.
         with tempfile.TemporaryDirectory() as directory:
-            alone = Path(directory) / "alight"
-            alone.mkdir()
-            for file in (Path(where) / "alight").glob("*.py"):
-                (alone / file.name).write_bytes(file.read_bytes())
+            shutil.copytree(Path(where) / "alight", Path(directory) / "alight")
             command = [sys.executable, "-S", "-c", asked, directory]
             done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=environment)
         self.assertEqual((done.returncode, b"pip install mcap" in done.stdout), (0, True), done.stdout)

@@ -1,48 +1,96 @@
-//! What went over a boat's networks, a message a line: NMEA 2000 as text of a gateway or a logger, and deltas of Signal K.
+//! What went over a boat's networks and serial lines: NMEA 2000 as text of a gateway or a logger and deltas of Signal K, a
+//! message a line; UBX and MAVLink as they were received. They are decoded as they are live.
+
+use std::borrow::Cow;
 
 use alight_shared::time::Time;
 
 use super::wrapping::Peeled;
 use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoder, Mount, Mounting, N2kDecoder, SignalKDecoder, SourceMeasurement};
+use crate::sensors::{
+    Decoder, MavlinkDecoder, Mount, Mounting, N2kDecoder, SignalKDecoder, SourceMeasurement, UbxDecoder,
+};
 
 /// Lines that are looked at, and how many of their messages have to be such.
 const LOOKED_AT: usize = 40;
 const ENOUGH: u64 = 5;
+/// Bytes of a stream that are decoded at a time.
+const CHUNK: usize = 512;
+/// Bytes of the time before each packet of a telemetry log (tlog), microseconds since 1970, the highest byte first.
+const STAMP_BYTES: usize = 8;
+/// Such times from 2001 to 2286, us.
+const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_000;
 
-/// A format of lines.
-#[derive(Clone, Copy, Debug)]
+/// A format of lines or a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Bus {
     N2k,
     SignalK,
+    Ubx,
+    Mavlink,
 }
 
 impl Bus {
-    /// Which of them the lines of the beginning are.
-    pub(super) fn of(head: &[u8]) -> Option<Bus> {
-        [Bus::N2k, Bus::SignalK].into_iter().find(|bus| bus.begins(head))
+    /// Formats with a message a line.
+    pub(super) const LINES: [Bus; 2] = [Bus::N2k, Bus::SignalK];
+    /// Streams of bytes.
+    pub(super) const STREAMS: [Bus; 2] = [Bus::Ubx, Bus::Mavlink];
+
+    /// Which of these the beginning is.
+    pub(super) fn of(these: &[Bus], head: &[u8]) -> Option<Bus> {
+        these.iter().copied().find(|bus| bus.begins(head))
+    }
+    fn has_lines(self) -> bool {
+        Bus::LINES.contains(&self)
     }
     fn begins(self, head: &[u8]) -> bool {
         let mut decoder = self.decoder(&Mounting::default());
-        for line in head.split_inclusive(|b| *b == b'\n').take(LOOKED_AT) {
-            decoder.push(&Peeled::of(line).content, &mut Vec::new());
+        let most = if self.has_lines() { LOOKED_AT } else { usize::MAX };
+        for piece in self.pieces(head).take(most) {
+            decoder.push(&self.peeled(piece).content, &mut Vec::new());
         }
         let found = decoder.decoded();
-        let messages = found.good + found.ignored;
+        // A MAVLink decoder leaves out what is not the vessel's.
+        let others = if self == Bus::Mavlink { found.left_out } else { 0 };
+        let messages = found.good + found.ignored + others;
         messages >= ENOUGH && messages > found.corrupted
+    }
+    /// The bytes in parts: lines, packets or chunks.
+    fn pieces(self, bytes: &[u8]) -> Box<dyn Iterator<Item = &[u8]> + '_> {
+        match self {
+            Bus::N2k | Bus::SignalK => Box::new(bytes.split_inclusive(|b| *b == b'\n')),
+            Bus::Mavlink if stamped(bytes).is_some() => Box::new(packets(bytes)),
+            Bus::Mavlink | Bus::Ubx => Box::new(bytes.chunks(CHUNK)),
+        }
+    }
+    fn peeled(self, piece: &[u8]) -> Peeled<'_> {
+        match self.has_lines() {
+            true => Peeled::of(piece),
+            false => Peeled {
+                arrival_ns: None,
+                content: Cow::Borrowed(piece),
+            },
+        }
     }
     fn decoder(self, mounting: &Mounting) -> Box<dyn Decoder> {
         match self {
             Bus::N2k => Box::new(N2kDecoder::new(mounting)),
             Bus::SignalK => Box::new(SignalKDecoder::new(mounting)),
+            Bus::Ubx => Box::new(UbxDecoder::new(mounting)),
+            Bus::Mavlink => Box::new(MavlinkDecoder::new(mounting)),
         }
     }
     /// Reads the messages.
     pub(super) fn read(self, bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
         let mut decoder = self.decoder(&Mounting::new(mount));
         let (mut gather, mut decoded) = (Gather::default(), Vec::new());
-        for line in bytes.split_inclusive(|b| *b == b'\n') {
-            let peeled = Peeled::of(line);
+        // A MAVLink decoder numbers the sensors of one autopilot.
+        let source = |m: &SourceMeasurement| match self {
+            Bus::Mavlink => m.measurement.source(),
+            Bus::N2k | Bus::SignalK | Bus::Ubx => 0,
+        };
+        for piece in self.pieces(bytes) {
+            let peeled = self.peeled(piece);
             // A delta has the time of its update.
             let arrival_ns = peeled.arrival_ns.filter(|_| matches!(self, Bus::N2k));
             if let Some(at_ns) = arrival_ns {
@@ -51,20 +99,26 @@ impl Bus {
             decoder.push(&peeled.content, &mut decoded);
             let own = decoder.timeless().into_iter().zip(arrival_ns.into_iter().cycle());
             decoded.extend(own.map(|(m, at_ns)| SourceMeasurement::new(at_ns, m)));
-            decoded.drain(..).for_each(|m| gather.push(m, 0));
+            decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
         }
         decoder.finish(&mut decoded);
-        decoded.drain(..).for_each(|m| gather.push(m, 0));
+        decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
         let count = decoder.decoded();
         let (format, messages, others) = match self {
             Bus::N2k => ("NMEA 2000", "messages", "groups"),
             Bus::SignalK => ("Signal K", "values", "paths or vessels"),
+            Bus::Ubx => ("UBX", "messages", "kinds"),
+            Bus::Mavlink => ("MAVLink", "messages", "kinds"),
         };
-        let found = format!(
-            "{} {messages} that are used, {} of other {others}, {} damaged lines",
+        let damaged = if self.has_lines() { "lines" } else { "messages" };
+        let mut found = format!(
+            "{} {messages} that are used, {} of other {others}, {} damaged {damaged}",
             count.good, count.ignored, count.corrupted
         );
         let missing = gather.missing();
+        if self == Bus::Mavlink && missing.contains("no roll and pitch") {
+            found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";
+        }
         let mut notes = vec![match missing.is_empty() {
             true => found.clone(),
             false => format!("{found}; of all that came {missing}"),
@@ -79,9 +133,37 @@ impl Bus {
     }
 }
 
+/// Length of the MAVLink packet that begins here (mavlink.io, "Packet Serialization"), bytes.
+fn packet_bytes(bytes: &[u8]) -> Option<usize> {
+    match *bytes {
+        [0xfe, payload, ..] => Some(8 + usize::from(payload)),
+        [0xfd, payload, flags, ..] => Some(12 + usize::from(payload) + 13 * usize::from(flags & 1)),
+        _ => None,
+    }
+}
+
+/// Length of the packet behind the time of a telemetry log that begins here, bytes.
+fn stamped(bytes: &[u8]) -> Option<usize> {
+    let (stamp, rest) = bytes.split_first_chunk::<STAMP_BYTES>()?;
+    packet_bytes(rest).filter(|_| STAMPS.contains(&u64::from_be_bytes(*stamp)))
+}
+
+/// The packets of a telemetry log without their times; bytes between them come one by one.
+fn packets(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = bytes;
+    core::iter::from_fn(move || {
+        let (skipped, length) = stamped(rest).map_or((0, 1), |length| (STAMP_BYTES, length));
+        let from = rest.get(skipped..).filter(|from| !from.is_empty())?;
+        let (piece, behind) = from.split_at(length.min(from.len()));
+        rest = behind;
+        Some(piece)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::mavlink::{self, Sender, dialect as m};
 
     #[test]
     fn n2k_recording_of_a_gateway() {
@@ -160,5 +242,79 @@ mod tests {
             said.contains("no position, no heading") && said.contains("300 speedApparent"),
             "{said}"
         );
+    }
+
+    /// A boat's autopilot: attitudes and heartbeats of 20 s at 10 Hz, a packet each.
+    fn autopilot() -> Vec<Vec<u8>> {
+        let encoded = |k: u32, message: &m::MavMessage| {
+            let from = Sender {
+                system: 1,
+                component: 1,
+                sequence: k as u8,
+            };
+            mavlink::encode(from, message, None)
+        };
+        let heartbeat = m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+            mavtype: m::MavType::MAV_TYPE_SURFACE_BOAT,
+            autopilot: m::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            ..m::HEARTBEAT_DATA::DEFAULT
+        });
+        let attitude = |k: u32| {
+            m::MavMessage::ATTITUDE_QUATERNION(m::ATTITUDE_QUATERNION_DATA {
+                time_boot_ms: 5000 + 100 * k,
+                q1: 1.0,
+                ..m::ATTITUDE_QUATERNION_DATA::DEFAULT
+            })
+        };
+        let first = core::iter::once(encoded(0, &heartbeat));
+        first
+            .chain((0..200).map(|k| encoded(k + 1, &attitude(k))))
+            .collect()
+    }
+
+    #[test]
+    fn mavlink_stream_and_telemetry_log() {
+        let packets = autopilot();
+        let stamp = |k: usize| (1_779_278_400_000_000 + 100_000 * k as u64).to_be_bytes();
+        let stamped = packets
+            .iter()
+            .enumerate()
+            .map(|(k, p)| [&stamp(k)[..], p].concat());
+        for bytes in [packets.concat(), stamped.collect::<Vec<_>>().concat()] {
+            let r = crate::log::read(&bytes, "boat.tlog", &Mount::default()).unwrap();
+            assert_eq!(
+                (r.format, r.decoded.good, r.decoded.corrupted),
+                ("MAVLink", 200, 0),
+                "{:?}",
+                r.notes
+            );
+            let tilts = r.measurements.iter().filter(|m| m.kind() == 3).count();
+            let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
+            assert!(tilts == 200 && (last - 19.9).abs() < 0.2, "{tilts} {last}");
+        }
+    }
+
+    #[test]
+    fn ubx_recording_of_a_receiver() {
+        let mut bytes = Vec::new();
+        for k in 0..100_u32 {
+            let mut p = [0_u8; 92];
+            p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
+            (p[20], p[21]) = (3, 1);
+            p[24..28].copy_from_slice(&145_000_000_i32.to_le_bytes());
+            p[28..32].copy_from_slice(&500_000_000_i32.to_le_bytes());
+            let body = [&[1_u8, 7, 92, 0][..], &p].concat();
+            let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
+                let a = a.wrapping_add(*x);
+                (a, b.wrapping_add(a))
+            });
+            bytes.extend([&[0xb5_u8, 0x62][..], &body, &[a, b]].concat());
+        }
+        let r = crate::log::read(&bytes, "boat.ubx", &Mount::default()).unwrap();
+        assert_eq!(
+            (r.format, r.decoded.good, r.measurements.len()),
+            ("UBX", 100, 100)
+        );
+        assert!(r.notes.join("\n").contains("no roll and pitch"), "{:?}", r.notes);
     }
 }

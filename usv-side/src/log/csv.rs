@@ -150,7 +150,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     if table.has(GyroX) && !table.has(ForceX) && !table.has(Roll) {
         return Err(error(alone(
             GyroX,
-            "`accel_x_mps2` or `roll_deg`: rates alone tell no attitude",
+            "`accel_x_mps2` or `roll_deg`: rates alone give no attitude",
         )));
     }
     if table.has(ForceX) && !table.has(GyroX) && !table.has(Roll) {
@@ -170,7 +170,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
             gather.push(SourceMeasurement { at_ns, measurement }, 0);
         }
     }
-    let mut notes = core::mem::take(&mut table.notes);
+    let mut notes = Vec::new();
     if let Some((line, message)) = &table.bad.first {
         notes.push(format!(
             "line {line} and {} more rows left out: {message}",
@@ -417,7 +417,7 @@ impl Reading {
             ));
         }
         if !self.place.t.is_empty() && self.altitude.t.is_empty() {
-            notes.push("no altitude: heave is not seen by the receiver".into());
+            notes.push("no altitude: the receiver does not measure heave".into());
         }
         let hz = self.tilt.hz();
         if !self.inertial && hz > 0.0 && hz < SLOW_HZ {

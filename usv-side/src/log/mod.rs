@@ -5,18 +5,27 @@ mod buses;
 mod csv;
 mod sentences;
 pub mod table;
-mod ulog;
 mod wrapping;
 
 use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Measurement, Mount, SourceMeasurement};
+use crate::sensors::{Average, Measurement, Mount, SourceMeasurement, plausible};
 
 /// The formats that are read, for errors.
-const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), CSV (a line of columns with t_s), \
-                       PX4 ULog and Alight's own MCAP are read";
+const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
+                       (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
+                       `python -m alight.convert FILE`";
+/// Beginnings of recordings that are converted first, and their formats.
+const FOREIGN: [(&[u8], &str); 4] = [
+    (b"ULog\x01\x12\x35", "a ULog of PX4"),
+    (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
+    (b"#ROSBAG V", "a bag of ROS 1"),
+    (b"SQLite format 3\0", "a bag of ROS 2"),
+];
+/// Begin of a sentence of VectorNav with its solution.
+const VNINS: &[u8] = b"$VNINS,";
 /// What is looked at to tell the formats apart, bytes.
 const HEAD_BYTES: usize = 16 << 10;
 /// Most measurements that a recording may hold.
@@ -154,8 +163,25 @@ impl Gather {
     }
 }
 
-/// Reads a recording; `origin` names it in errors, `mount` is the mounting of its sensors.
+/// Reads a recording and leaves out channels that cannot be true, with a note; `origin` names it in errors, `mount` is the
+/// mounting of its sensors.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+    let recorded = read_format(bytes, origin, mount)?;
+    let (measurements, remarks) = plausible::sift(recorded.measurements);
+    let mut notes = recorded.notes;
+    notes.extend(remarks.into_iter().map(|r| match r.remedy {
+        Some(remedy) => format!("{}: {remedy}", r.text),
+        None => r.text,
+    }));
+    Ok(Recording {
+        measurements,
+        notes,
+        ..recorded
+    })
+}
+
+/// Reads a recording as its format has it.
+fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {
         return Err(kind("the file is empty"));
@@ -164,26 +190,35 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
         return Err(kind(&message));
     }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
-    if bytes.starts_with(ulog::MAGIC) {
-        return ulog::read(bytes, origin, mount);
+    if let Some((_, name)) = FOREIGN.iter().find(|(begin, _)| bytes.starts_with(begin)) {
+        let message = format!("the file is {name}: {}", table::CONVERT);
+        return Err(LogError::new(origin, message));
     }
-    if let Some(bus) = buses::Bus::of(head) {
+    if let Some(bus) = buses::Bus::of(&buses::Bus::LINES, head) {
         return bus.read(bytes, origin, mount);
     }
     if table::is_table(head) {
         return csv::read(bytes, origin, mount);
     }
     if sentences::is_nmea(head) {
-        return sentences::read(bytes, origin, mount);
+        // VectorNav's own sentence has the layout of NMEA 0183, and is not read live.
+        let is_vectornav = head.windows(VNINS.len()).any(|w| w == VNINS);
+        let error = |e: LogError| match is_vectornav {
+            true => LogError {
+                message: format!("{}; {}", e.message, table::CONVERT),
+                ..e
+            },
+            false => e,
+        };
+        return sentences::read(bytes, origin, mount).map_err(error);
     }
-    // What is wrong with its header is more use than that it has none.
-    if table::has_columns(head) {
-        return csv::read(bytes, origin, mount).map_err(|e| LogError {
-            message: format!("{}; {FORMATS}", e.message),
-            ..e
-        });
+    if let Some(bus) = buses::Bus::of(&buses::Bus::STREAMS, head) {
+        return bus.read(bytes, origin, mount);
     }
-    Err(kind("no known recording format begins like this"))
+    match table::has_columns(head) {
+        true => Err(kind("column `t_s` is missing in the first line")),
+        false => Err(kind("no known recording format begins like this")),
+    }
 }
 
 #[cfg(test)]
@@ -231,6 +266,27 @@ mod tests {
             assert!(e.to_string().contains(advice), "{e}");
             let e = table::Table::read(bytes).unwrap_err();
             assert!(e.to_string().contains(advice), "{e}");
+        }
+    }
+
+    #[test]
+    fn recordings_that_are_converted_first() {
+        let begins: [(&[u8], &str); 6] = [
+            (b"$VNINS,1,2,0,1,2,3*00\n", "too few"),
+            (b"ULog\x01\x12\x35\x01rest", "ULog"),
+            (b"\xa3\x95\x80rest", "DataFlash"),
+            (b"#ROSBAG V2.0\nrest", "ROS 1"),
+            (b"SQLite format 3\0rest", "ROS 2"),
+            (b"#INSPVAA,COM1,0,73.5;1264,1\n", "`t_s` is missing"),
+        ];
+        for (bytes, name) in begins {
+            let e = read(bytes, "boat.log", &Mount::default())
+                .unwrap_err()
+                .to_string();
+            assert!(
+                e.contains(name) && e.contains("`python -m alight.convert FILE`"),
+                "{e}"
+            );
         }
     }
 

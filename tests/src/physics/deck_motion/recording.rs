@@ -235,7 +235,7 @@ impl Channels {
             t: knots.iter().map(|r| r.t).collect(),
             y: vec![[0.0; CHANNELS]; knots.len()],
             has: [false; CHANNELS],
-            remarks: table.notes.clone(),
+            remarks: Vec::new(),
         };
         for (c, quantity) in QUANTITIES.into_iter().enumerate() {
             if !table.has(quantity) {

@@ -47,8 +47,8 @@ The vessel's flight recorder records it: `alight flights` names the flight; or t
 Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
 pub struct VesselArgs {
-    /// The recording: an MCAP file, a flight of the vessel's recorder, or a table (CSV) with t_s and any of
-    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m
+    /// The recording: an MCAP file, a flight of the vessel's recorder, or Alight's CSV: t_s and any of
+    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m (docs/sensors.md)
     #[arg(value_name = "FILE|FLIGHT")]
     pub recording: PathBuf,
     /// Configuration of the vessel's computer (TOML) [default: the recording's, else the program's defaults]
@@ -185,10 +185,6 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
             signal.y.push(y);
         }
     }
-    table
-        .notes
-        .iter()
-        .for_each(|n| terminal::note(true, format_args!("{}: {n}", path.display())));
     let used: Vec<Quantity> = there.iter().map(|(_, q, _)| *q).collect();
     let left_out: Vec<&str> = table.unused(&used).into_iter().map(Quantity::name).collect();
     if !left_out.is_empty() {

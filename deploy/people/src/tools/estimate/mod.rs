@@ -27,8 +27,9 @@ const MAX_BYTES: u64 = 512 << 20;
 /// A recording to estimate.
 #[derive(Args, Debug)]
 pub struct EstimateArgs {
-    /// The recording: NMEA 0183 text, a table (CSV: t_s and any of roll_deg, pitch_deg, heading_deg,
-    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), PX4 ULog, Alight's MCAP, or a flight of the vessel's recorder
+    /// The recording: NMEA 0183, NMEA 2000, Signal K, UBX or MAVLink as it was received, Alight's CSV (columns t_s and any of
+    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, gyro_x_radps, ..., see docs/sensors.md), Alight's MCAP, or a flight
+    /// of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds

@@ -1,0 +1,36 @@
+"""The command `python -m alight.convert`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import List, Optional
+
+from .._program import AlightError
+from . import convert
+
+
+def main(words: Optional[List[str]] = None) -> int:
+    """Runs the command; returns its exit code: 0 converted, 2 bad input or a library that is missing."""
+    parser = argparse.ArgumentParser(
+        prog="python -m alight.convert",
+        description="Converts a recording of another program or device to Alight's CSV, which `alight estimate` reads.",
+    )
+    parser.add_argument("file", metavar="FILE", help="ULog, DataFlash, tlog, bag of ROS, UBX, INSPVA or VNINS text, or any table")
+    parser.add_argument("-o", dest="out", metavar="OUT.csv", help="the CSV [default: FILE with the suffix .csv]")
+    system = "MAVLink system of the vessel in a tlog [default: the one with the most attitudes]"
+    parser.add_argument("--system", type=int, metavar="N", help=system)
+    args = parser.parse_args(words)
+    try:
+        converted = convert(args.file, args.out, system=args.system)
+    except (AlightError, ImportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for note in converted.notes:
+        print(f"{args.file}: {note}", file=sys.stderr)
+    print(f"{converted.out}: {converted.summary()}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
