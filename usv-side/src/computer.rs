@@ -26,7 +26,7 @@ use crate::deck::{
     OperatorRelay,
 };
 use crate::followed::Followed;
-use crate::helm::{BoatMotion, Goal, HelmCheckpoint, HelmIn, HelmNode};
+use crate::helm::{BoatMotion, BoatPlace, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 use crate::sensors::{Readings, SensorNode};
 use crew::CrewOrders;
@@ -139,8 +139,9 @@ pub struct VesselComputer {
     node: VesselNode,
     arbiter: DeckArbiter,
     helm: HelmNode,
-    /// For the helm: the newest motion, and the best course.
+    /// For the helm: the newest motion, its place, and the best course.
     motion: Option<(Time<VesselClock>, BoatMotion)>,
+    place: Option<BoatPlace>,
     advice: Option<(Time<VesselClock>, Goal)>,
     relay: OperatorRelay,
     drones: DroneMonitor,
@@ -166,6 +167,7 @@ impl VesselComputer {
             arbiter: DeckArbiter::new(deck, vessel, boot),
             helm: HelmNode::new(&node.helm),
             motion: None,
+            place: None,
             advice: None,
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
@@ -264,6 +266,7 @@ impl VesselComputer {
                 demand: self.arbiter.demand(now),
                 drone: self.arbiter.comes(now),
                 motion: self.motion,
+                place: self.place,
                 advice: self
                     .advice
                     .filter(|(at, _)| now - *at <= ADVICE_FRESH)
@@ -297,6 +300,11 @@ impl VesselComputer {
                 speed_mps: north * heading_rad.cos() + east * heading_rad.sin(),
             };
             self.motion = Some((e.header.at, motion));
+            let [north_m, east_m, ..] = e.eta;
+            self.place = Some(BoatPlace {
+                datum: e.datum,
+                position_m: [north_m, east_m],
+            });
         }
         if let (Some(_), Some((_, motion))) = (&out.wave, &self.motion) {
             let goal = |c: &CourseOutlook| Goal {

@@ -12,17 +12,38 @@ pub enum HelmOutput {
     None,
     /// ArduPilot Rover (GUIDED) or PX4 (OFFBOARD): heading and speed.
     Mavlink,
-    /// A marine autopilot that takes NMEA 0183 (APB, HSC): heading.
+    /// A marine autopilot that takes NMEA 0183 (APB, HSC, RMB, BWC): heading.
     Nmea0183,
+    /// A marine autopilot behind the autopilot API (version 2) of a Signal K server: heading.
+    #[serde(rename = "signalk")]
+    SignalK,
+}
+
+/// The north from which a marine autopilot takes a heading.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HelmBearings {
+    /// True north.
+    #[default]
+    True,
+    /// Magnetic north: the true heading less the variation.
+    Magnetic,
 }
 
 config! {
     /// Steering for a landing or a take-off. The skipper stays responsible for traffic, and is asked before each.
     pub struct HelmConfig {
-        /// The boat's autopilot: "mavlink" (ArduPilot Rover, PX4), "nmea0183" (APB and HSC), "none": it is not steered.
+        /// The boat's autopilot: "mavlink" (ArduPilot Rover, PX4), "nmea0183" (APB, HSC, RMB and BWC), "signalk" (the autopilot
+        /// API of a Signal K server), "none": it is not steered.
         pub output: HelmOutput = HelmOutput::None;
-        /// Where it is, written as a sensor's address: serial:///dev/ttyUSB1:57600, udpin://127.0.0.1:14560.
+        /// Where it is, written as a sensor's address: serial:///dev/ttyUSB1:57600, udpin://127.0.0.1:14560; of Signal K
+        /// ws://HOST:3000.
         pub connect: String = String::new();
+        /// Bearings that a marine autopilot is sent: "true", or "magnetic", which wants `variation_deg`.
+        /// Source: Raymarine forum, thread 4077: magnetic ones are preferred, true ones need the variation.
+        pub bearings: HelmBearings = HelmBearings::True;
+        /// Magnetic variation where the boat sails, deg, east positive: the chart's, for this year; none: it is not known.
+        pub variation_deg: Option<f64> = None, in -180.0..=180.0;
         /// File with the passphrase of its MAVLink signing; empty: frames are not signed.
         pub signing_key: String = String::new();
         /// Largest change of the heading from that before the landing, deg.
@@ -62,11 +83,24 @@ config! {
             )?;
         }
         at.require(
+            this.bearings == HelmBearings::True || this.variation_deg.is_some(),
+            "variation_deg",
+            "none",
+            "the chart's variation, east positive, as bearings = \"magnetic\" wants it, or bearings = \"true\"",
+        )?;
+        at.require(
             this.output == HelmOutput::None || !this.connect.is_empty(),
             "connect",
             "empty",
             "the address of the boat's autopilot, or output = \"none\"",
         )?;
+    }
+}
+
+impl HelmConfig {
+    /// The variation, rad, east positive; None: not known.
+    pub(super) fn variation_rad(&self) -> Option<f64> {
+        self.variation_deg.map(f64::to_radians)
     }
 }
 
@@ -81,6 +115,11 @@ mod tests {
     fn helm_configurations_that_are_rejected() {
         let rejects = |text: &str| config::parse::<HelmConfig>(text, "test").unwrap_err().to_string();
         assert!(rejects("output = \"mavlink\"").contains("`connect`"));
+        assert!(rejects("output = \"signalk\"").contains("`connect`"));
+        assert!(rejects("bearings = \"magnetic\"").contains("variation_deg"));
+        assert!(rejects("variation_deg = 200.0").contains("variation_deg"));
+        let magnetic = "bearings = \"magnetic\"\nvariation_deg = -4.5";
+        assert!(config::parse::<HelmConfig>(magnetic, "test").is_ok());
         assert!(rejects("speed_mps = [5.0, 2.0]").contains("lowest speed first"));
         assert!(rejects("keep_out_deg = [[350.0, 400.0]]").contains("keep_out_deg"));
         assert!(config::parse::<HelmConfig>("keep_out_deg = [[350.0, 10.0]]", "test").is_ok());

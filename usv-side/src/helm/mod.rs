@@ -22,14 +22,16 @@ mod limits;
 mod mavlink;
 mod nmea;
 mod response;
+mod signalk;
 
+use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
-pub use config::{HelmConfig, HelmOutput};
+pub use config::{HelmBearings, HelmConfig, HelmOutput};
 
 use autopilot::Autopilot;
 use command::{Command, ReadBack};
@@ -80,6 +82,15 @@ pub struct BoatMotion {
     pub speed_mps: f64,
 }
 
+/// The boat's place.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BoatPlace {
+    /// Origin of the vessel's NED plane.
+    pub datum: Datum,
+    /// Position in it, north and east, m.
+    pub position_m: [f64; 2],
+}
+
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct HelmIn {
@@ -89,6 +100,8 @@ pub struct HelmIn {
     pub drone: Option<u32>,
     /// The newest estimate of the vessel's motion, and its time.
     pub motion: Option<(Time<VesselClock>, BoatMotion)>,
+    /// The boat's place by the same estimate.
+    pub place: Option<BoatPlace>,
     /// The best course, where one is better than the present.
     pub advice: Option<Goal>,
     /// The skipper's answers by order.
@@ -534,9 +547,10 @@ impl Node for HelmNode {
         self.coming_to_rest = self.coming_to_rest(&view);
         self.kept_at = self.kept_at.filter(|at| now - *at < REFRESH).or(Some(now));
         let command = self.command(now);
+        let place = input.place.filter(|_| view.motion.is_some());
         HelmOut {
             status: self.status(),
-            bytes: self.autopilot.send(now, &command),
+            bytes: self.autopilot.send(now, &command, place.as_ref()),
         }
     }
 }

@@ -6,6 +6,7 @@ use super::*;
 use HelmState::{Asked, Done, Idle, Steady};
 
 mod ending;
+mod signalk;
 
 const AUTO: u32 = 10;
 const GUIDED: u32 = 15;
@@ -174,6 +175,7 @@ impl Bench {
                     speed_mps,
                 },
             )),
+            place: None,
             advice: Some(self.advice),
             answers,
             consent: Some(self.consent),
@@ -533,11 +535,21 @@ fn marine_autopilot_by_nmea() {
                 speed_mps: 5.0,
             },
         )),
+        place: Some(BoatPlace {
+            datum: Datum::new(59.9, 10.6, 40.0),
+            position_m: [0.0; 2],
+        }),
         ..HelmIn::default()
     };
     let out = b.node.step(b.now(), &input);
     let text = String::from_utf8(out.bytes).unwrap();
     assert!(text.starts_with("$EIAPB,A,A,0.00,R,N,V,V,40.1,T,"), "{text}");
+    // Five nautical miles on 040 are 3.8 to the north and 3.2 to the east.
+    let waypoint = "$EIRMB,A,0.00,R,START,ALIGHT,5957.";
+    assert!(
+        text.contains(waypoint) && text.contains("$EIBWC,,5957."),
+        "{text}"
+    );
 }
 
 #[test]

@@ -88,6 +88,25 @@ impl LinkUrl {
     }
 }
 
+impl LinkUrl {
+    /// The Signal K server of a boat's autopilot.
+    pub fn of_signalk(text: &str) -> Result<LinkUrl, String> {
+        let url: LinkUrl = text.parse()?;
+        match &url {
+            LinkUrl::SignalK(..) => Ok(url),
+            LinkUrl::Can(_)
+            | LinkUrl::UdpIn(..)
+            | LinkUrl::TcpIn(..)
+            | LinkUrl::UdpOut(_)
+            | LinkUrl::TcpOut(_)
+            | LinkUrl::Serial(..) => Err(format!(
+                "the address {text:?} is no Signal K server: write ws://HOST:3000, or ws://HOST:3000?token=FILE where \
+                 it asks for a token"
+            )),
+        }
+    }
+}
+
 /// Only this computer reaches it.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
@@ -302,6 +321,13 @@ mod tests {
         ] {
             assert!(LinkUrl::of_autopilot(owned).is_ok(), "{owned}");
         }
+    }
+
+    #[test]
+    fn address_of_an_autopilots_server() {
+        assert!(LinkUrl::of_signalk("ws://venus.local?token=/etc/alight/token").is_ok());
+        let why = LinkUrl::of_signalk("serial:///dev/ttyUSB1:4800").unwrap_err();
+        assert!(why.contains("ttyUSB1") && why.contains("ws://HOST:3000"), "{why}");
     }
 
     #[test]

@@ -51,15 +51,20 @@ config! {
     check |this, at| {
         let helm = &this.vessel.helm;
         let taken = this.sensor.sources.iter().find(|s| s.connect == helm.connect);
-        if helm.output != HelmOutput::None {
-            let vessel = at.table("vessel");
-            let at = vessel.table("helm");
-            if let Err(why) = LinkUrl::of_autopilot(&helm.connect) {
-                at.require(false, "connect", &helm.connect, &why)?;
-            }
-            let own = "a link of its own: that of a sensor is read by another process (docs/helm.md)";
-            at.require(taken.is_none(), "connect", &helm.connect, own)?;
+        let vessel = at.table("vessel");
+        let at = vessel.table("helm");
+        let url = match helm.output {
+            HelmOutput::None => None,
+            HelmOutput::Mavlink | HelmOutput::Nmea0183 => Some(LinkUrl::of_autopilot(&helm.connect)),
+            HelmOutput::SignalK => Some(LinkUrl::of_signalk(&helm.connect)),
+        };
+        if let Some(Err(why)) = &url {
+            at.require(false, "connect", &helm.connect, why)?;
         }
+        // A server has several clients.
+        let is_own = taken.is_none() || url.is_none() || helm.output == HelmOutput::SignalK;
+        let own = "a link of its own: that of a sensor is read by another process (docs/helm.md)";
+        at.require(is_own, "connect", &helm.connect, own)?;
     }
 }
 

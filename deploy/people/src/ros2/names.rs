@@ -1,9 +1,11 @@
 //! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens by which ROS's
 //! graph knows a node and what it has, and the attachment of each message.
 //!
-//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0.
+//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0. Of Humble:
+//! ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
 
 use alight_computer::exit::CliError;
+use clap::ValueEnum;
 use xxhash_rust::xxh3::xxh3_128;
 
 use crate::ros2::messages::RosType;
@@ -31,6 +33,51 @@ impl Entity {
     }
 }
 
+/// A distribution of ROS 2: those before Iron know no hashes of types, and neither side receives what the other publishes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Distro {
+    /// Keys without hashes (rmw_zenoh 0.1).
+    Humble,
+    /// Keys with hashes (rmw_zenoh 0.2).
+    #[default]
+    Jazzy,
+    /// Keys with hashes, as those of Jazzy.
+    Kilted,
+}
+
+/// In the place of a hash where the distribution has no hashes.
+const NO_HASH: &str = "TypeHashNotSupported";
+
+impl Distro {
+    /// The last part of a key on which this type is published.
+    fn hash(self, kind: &RosType) -> &'static str {
+        match self {
+            Distro::Humble => NO_HASH,
+            Distro::Jazzy | Distro::Kilted => kind.hash,
+        }
+    }
+    /// A token is of a session with which a node of this distribution exchanges no messages.
+    pub fn is_apart(self, token: &str) -> bool {
+        let mut parts = token.split('/');
+        match self {
+            Distro::Humble => parts.any(|part| part.starts_with("RIHS01_")),
+            Distro::Jazzy | Distro::Kilted => parts.any(|part| part == NO_HASH),
+        }
+    }
+    /// For people, about a session that [`Distro::is_apart`] names.
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Distro::Humble => {
+                "a session of a later distribution than ROS 2 Humble is here, and receives nothing: start alight ros2 --distro \
+                 jazzy for it"
+            }
+            Distro::Jazzy | Distro::Kilted => {
+                "a session of ROS 2 Humble is here, and receives nothing: start alight ros2 --distro humble for it"
+            }
+        }
+    }
+}
+
 /// A topic or a service.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoint {
@@ -50,6 +97,7 @@ pub struct RosNode {
     domain: u32,
     namespace: String,
     name: String,
+    distro: Distro,
 }
 
 /// A part of a ROS name.
@@ -60,7 +108,7 @@ fn is_name(part: &str) -> bool {
 
 impl RosNode {
     /// In this domain and this namespace, such as `alight` or `fleet/alight`; empty: the root.
-    pub fn new(domain: u32, namespace: &str, name: String) -> Result<RosNode, CliError> {
+    pub fn new(domain: u32, namespace: &str, name: String, distro: Distro) -> Result<RosNode, CliError> {
         let inner = namespace.trim_matches('/');
         let fits = inner.is_empty() || inner.split('/').all(is_name) && inner.len() <= MAX_NAMESPACE;
         if !fits {
@@ -78,11 +126,20 @@ impl RosNode {
             domain,
             namespace,
             name,
+            distro,
         })
     }
     /// Its name in its namespace.
     pub fn name(&self) -> &str {
         &self.name
+    }
+    /// The distribution whose keys it has.
+    pub fn distro(&self) -> Distro {
+        self.distro
+    }
+    /// The tokens of every node in its domain.
+    pub fn tokens(&self) -> String {
+        format!("@ros2_lv/{}/**", self.domain)
     }
     /// What is its own: `~/name`.
     pub fn private(&self, name: &str) -> String {
@@ -91,7 +148,8 @@ impl RosNode {
     /// The key on which a topic is published, or a service answers.
     pub fn key(&self, at: &Endpoint) -> String {
         let name = at.name.trim_start_matches('/');
-        format!("{}/{name}/{}/{}", self.domain, at.kind.name, at.kind.hash)
+        let hash = self.distro.hash(&at.kind);
+        format!("{}/{name}/{}/{hash}", self.domain, at.kind.name)
     }
     /// The token of the node itself, in the session `zid`.
     pub fn token(&self, zid: &str) -> String {
@@ -108,7 +166,7 @@ impl RosNode {
             self.place(),
             escaped(&at.name),
             at.kind.name,
-            at.kind.hash
+            self.distro.hash(&at.kind)
         )
     }
     fn of_session(&self, zid: &str) -> String {
@@ -176,7 +234,7 @@ mod tests {
     const GID: &str = "5911a5503778ca320ecf58280fb03ec7";
 
     fn drone(namespace: &str) -> RosNode {
-        RosNode::new(0, namespace, "drone_1".into()).unwrap()
+        RosNode::new(0, namespace, "drone_1".into(), Distro::Jazzy).unwrap()
     }
     fn publisher<M: Message>(name: String, depth: u32) -> Endpoint {
         Endpoint {
@@ -218,6 +276,39 @@ mod tests {
         );
     }
 
+    /// As PX4/PX4-Autopilot pull request 26619 and copper-project/copper-rs issue 1222 write a key of Humble.
+    #[test]
+    fn ros_keys_of_humble_without_hashes() {
+        let node = |distro| RosNode::new(0, "alight", "drone_1".into(), distro).unwrap();
+        let (humble, jazzy) = (node(Distro::Humble), node(Distro::Jazzy));
+        let odometry = publisher::<Odometry>(humble.private("odometry"), 10);
+        let kind = "nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported";
+        assert_eq!(humble.key(&odometry), format!("0/alight/drone_1/odometry/{kind}"));
+        let token = humble.token_of(ZID, 1, &odometry);
+        let place = "MP/%/%alight/drone_1/%alight%drone_1%odometry";
+        assert_eq!(token, format!("{SESSION}1/{place}/{kind}/::,10:,:,:,,"));
+        let land = Endpoint {
+            name: humble.private("land"),
+            kind: TRIGGER,
+            entity: Entity::Server,
+            depth: 10,
+        };
+        let kind = "std_srvs::srv::dds_::Trigger_/TypeHashNotSupported";
+        assert_eq!(humble.key(&land), format!("0/alight/drone_1/land/{kind}"));
+        // Each knows the other by its tokens, and none by a node's, which is of no type.
+        let hashed = jazzy.token_of(ZID, 1, &odometry);
+        assert_eq!(hashed.replace(Odometry::TYPE.hash, "TypeHashNotSupported"), token);
+        for distro in [Distro::Jazzy, Distro::Kilted] {
+            assert!(distro.is_apart(&token) && !distro.is_apart(&hashed), "{distro:?}");
+        }
+        assert!(Distro::Humble.is_apart(&hashed) && !Distro::Humble.is_apart(&token));
+        for distro in [Distro::Humble, Distro::Jazzy, Distro::Kilted] {
+            assert!(!distro.is_apart(&humble.token(ZID)));
+        }
+        assert!(Distro::Jazzy.remedy().contains("alight ros2 --distro humble"));
+        assert_eq!(humble.tokens(), "@ros2_lv/0/**");
+    }
+
     #[test]
     fn ros_namespaces() {
         assert_eq!(
@@ -229,7 +320,8 @@ mod tests {
         assert!(root.token(ZID).ends_with("/NN/%/%/drone_1"));
         let long = "a".repeat(MAX_NAMESPACE + 1);
         for wrong in ["a b", "1a", "a//b", "a/*", "a/$b", "~", &long] {
-            assert!(RosNode::new(0, wrong, "drone_1".into()).is_err(), "{wrong}");
+            let node = RosNode::new(0, wrong, "drone_1".into(), Distro::Jazzy);
+            assert!(node.is_err(), "{wrong}");
         }
     }
 

@@ -2,6 +2,8 @@
 //! waiting, its services' requests in a queue of fixed length.
 
 use std::marker::PhantomData;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 
 use alight_computer::io::wall::wall_ns;
@@ -119,6 +121,8 @@ struct Parts {
     topics: Vec<Endpoint>,
     services: Vec<(Endpoint, CommandKind)>,
     inbox: SyncSender<Request>,
+    /// A session of a distribution with other keys is here.
+    is_apart: Arc<AtomicBool>,
 }
 
 /// The node, in a session or on its way into one.
@@ -131,6 +135,8 @@ pub struct Session {
     contact: Option<bool>,
     /// The newest error of opening.
     why: String,
+    /// The other distribution was reported.
+    warned: bool,
 }
 
 impl Session {
@@ -144,12 +150,14 @@ impl Session {
                 topics: Vec::new(),
                 services: Vec::new(),
                 inbox: sender,
+                is_apart: Arc::default(),
             },
             inbox,
             state: State::Closed(i64::MIN),
             looked_ns: i64::MIN,
             contact: None,
             why: String::new(),
+            warned: false,
         }
     }
     /// Gives it a topic of this whole name, before it is opened; a receiver is to keep `depth` messages.
@@ -172,7 +180,8 @@ impl Session {
         };
         self.parts.services.push((endpoint, kind));
     }
-    /// Goes on opening it, and looks who is connected; a line for a person where that has changed.
+    /// Goes on opening it, and looks who is connected; a line for people where that has changed, and once where a session of a
+    /// distribution with other keys is among them.
     pub fn poll(&mut self, now_ns: i64) -> Option<String> {
         match &self.state {
             State::Closed(at_ns) if now_ns >= *at_ns => {
@@ -191,7 +200,11 @@ impl Session {
             },
             State::Open(_) => {}
         }
-        self.changed_contact(now_ns)
+        self.changed_contact(now_ns).or_else(|| {
+            let warns = !self.warned && self.parts.is_apart.load(Ordering::Relaxed);
+            self.warned |= warns;
+            warns.then(|| self.parts.node.distro().remedy().to_owned())
+        })
     }
     fn fail(&mut self, why: String, now_ns: i64) {
         self.why = why;
@@ -254,6 +267,18 @@ impl Open {
         let session = zenoh::open(parts.place.config()?).wait()?;
         let (node, zid) = (&parts.node, session.zid().to_string());
         let token = |text: String| session.liveliness().declare_token(text).wait();
+        let (is_apart, distro) = (Arc::clone(&parts.is_apart), node.distro());
+        session
+            .liveliness()
+            .declare_subscriber(node.tokens())
+            .history(true)
+            .callback(move |sample| {
+                if distro.is_apart(sample.key_expr().as_str()) {
+                    is_apart.store(true, Ordering::Relaxed);
+                }
+            })
+            .background()
+            .wait()?;
         let mut tokens = vec![token(node.token(&zid))?];
         let mut publishers = Vec::with_capacity(parts.topics.len());
         for topic in &parts.topics {

@@ -20,7 +20,7 @@ use alight_computer::terminal;
 
 use crate::ros2::diagnostics::Diagnostics;
 use crate::ros2::messages::{DiagnosticArray, Odometry, PoseWithCovarianceStamped, Stamp, TfMessage};
-use crate::ros2::names::{MAX_DOMAIN, RosNode};
+use crate::ros2::names::{Distro, MAX_DOMAIN, RosNode};
 use crate::ros2::orders::{Caller, Orders, is_late};
 use crate::ros2::poses::Poses;
 use crate::ros2::session::{Place, Request, Session, Topic};
@@ -49,6 +49,9 @@ pub struct Ros2Args {
     /// ROS_DOMAIN_ID
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_DOMAIN)))]
     domain: u32,
+    /// Distribution of ROS's side; humble: keys without hashes of types
+    #[arg(long, value_enum, value_name = "NAME", default_value_t)]
+    distro: Distro,
     /// Namespace of the node, which is drone_N or vessel_N in it
     #[arg(long, value_name = "NAME", default_value = "alight")]
     namespace: String,
@@ -92,7 +95,7 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
         args.subject.fixed()?
     };
     let mut look = Look::at(subject)?;
-    let node = RosNode::new(args.domain, &args.namespace, name(&look.computer))?;
+    let node = RosNode::new(args.domain, &args.namespace, name(&look.computer), args.distro)?;
     let place = match &args.listen {
         Some(here) => Place::Here(here.clone()),
         None => Place::Router(args.connect.clone()),

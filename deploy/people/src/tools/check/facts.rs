@@ -10,6 +10,7 @@ use alight_shared::mavlink::Signatures;
 use alight_shared::msg::{Certificate, Reason, SourceStatus};
 use alight_uav::camera::metering::Setting;
 use alight_uav::camera::strangers::Stranger;
+use alight_usv::helm::HelmBearings;
 use alight_usv::sensors::Remark;
 
 use crate::tools::check::received::Measured;
@@ -117,8 +118,8 @@ pub enum HelmReport {
     Answers,
     /// They come, in the mode in which it takes set-points.
     SteeredAlready,
-    /// Its link is open, and it need not report anything.
-    Open,
+    /// Its link is open, and it need not report anything; it is sent these bearings.
+    Open(HelmBearings),
     /// The process that runs has it.
     Held,
 }

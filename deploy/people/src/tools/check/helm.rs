@@ -1,5 +1,5 @@
 //! The boat's autopilot that the vessel's computer may steer by: as a running process reports it, or listened to. It is sent
-//! heartbeats and nothing else.
+//! heartbeats and nothing else, and its server is asked for its state.
 
 use alight_computer::config::VesselComputer;
 use alight_computer::io::runtime;
@@ -7,7 +7,7 @@ use alight_computer::process::snapshot::Snapshot;
 use alight_computer::vessel::helm::{HelmLink, REMEDY, signing_key};
 use alight_shared::node::Node;
 use alight_transport::clock::steady_ns;
-use alight_usv::helm::{HelmIn, HelmNode, HelmOutput};
+use alight_usv::helm::{HelmBearings, HelmIn, HelmNode, HelmOutput};
 use tokio::time::{Duration, Instant, sleep};
 
 use crate::status::finding::{Finding, Topic};
@@ -56,13 +56,17 @@ async fn listened(v: &VesselComputer) -> Result<HelmReport, alight_computer::exi
         );
         link.send(&out.bytes);
         let silent = node.is_silent(now);
-        let reports = v.vessel.helm.output == HelmOutput::Mavlink && !silent;
+        let has_reports = match v.vessel.helm.output {
+            HelmOutput::Mavlink | HelmOutput::SignalK => true,
+            HelmOutput::Nmea0183 | HelmOutput::None => false,
+        };
+        let reports = has_reports && !silent;
         if reports || Instant::now() > end {
             return match link.error(silent) {
                 Some(why) => Err(alight_computer::exit::CliError(why)),
                 None if node.is_steered(now) => Ok(HelmReport::SteeredAlready),
                 None if reports => Ok(HelmReport::Answers),
-                None => Ok(HelmReport::Open),
+                None => Ok(HelmReport::Open(v.vessel.helm.bearings)),
             };
         }
         sleep(ROUND).await;
@@ -83,9 +87,25 @@ pub fn judge(found: &HelmCheck) -> Finding {
         ),
         Ok(HelmReport::Answers) => TOPIC.fine(format!("{at}: the boat's autopilot answers")),
         Ok(HelmReport::Held) => TOPIC.fine(format!("{at}: the vessel's process has the boat's autopilot")),
-        Ok(HelmReport::Open) => TOPIC.fine(format!(
-            "{at}: the link is open; whether an autopilot takes its sentences only a turn under way shows"
+        Ok(HelmReport::Open(bearings)) => TOPIC.fine(format!(
+            "{at}: the link is open; whether an autopilot takes its sentences only a turn under way shows. {}",
+            takers(*bearings)
         )),
+    }
+}
+
+/// Autopilots that take the sentences, as far as their makers' manuals and public threads go (docs/helm.md).
+const fn takers(bearings: HelmBearings) -> &'static str {
+    match bearings {
+        HelmBearings::True => {
+            "By their manuals Furuno's NAVpilot and B&G's Network Pilot take APB with RMB or BWC, Garmin's GHP RMB and BWC; \
+             pypilot takes APB with the true bearings that are sent. Raymarine's want magnetic ones, or the variation from \
+             another device (bearings = \"magnetic\", docs/helm.md)"
+        }
+        HelmBearings::Magnetic => {
+            "By their manuals Raymarine's take APB, RMB and BWC, Furuno's NAVpilot and B&G's Network Pilot APB with RMB or BWC, \
+             Garmin's GHP RMB and BWC; pypilot takes no APB with the magnetic bearings that are sent (docs/helm.md)"
+        }
     }
 }
 
@@ -127,6 +147,27 @@ mod tests {
         let silent = of(&computer(HelmOutput::Mavlink, &format!("udpin://{free}")), None).unwrap();
         assert!(
             judge(&silent).found.contains("no heartbeat"),
+            "{:?}",
+            judge(&silent)
+        );
+    }
+
+    #[test]
+    fn pilots_that_take_the_helms_sentences() {
+        let found = |bearings| {
+            let check = HelmCheck {
+                connect: "serial:///dev/ttyUSB1:4800".into(),
+                report: Ok(HelmReport::Open(bearings)),
+            };
+            judge(&check).found
+        };
+        let (geographic, magnetic) = (found(HelmBearings::True), found(HelmBearings::Magnetic));
+        assert!(geographic.contains("bearings = \"magnetic\""), "{geographic}");
+        assert!(magnetic.contains("pypilot takes no APB"), "{magnetic}");
+        // A server that is not there is named with what is wrong.
+        let silent = of(&computer(HelmOutput::SignalK, "ws://127.0.0.1:9"), None).unwrap();
+        assert!(
+            judge(&silent).found.contains("127.0.0.1:9"),
             "{:?}",
             judge(&silent)
         );
