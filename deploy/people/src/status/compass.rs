@@ -39,6 +39,12 @@ pub fn wind(wind: Wind, knots: bool) -> String {
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
 }
 
+/// The standard deviation of a speed, m/s, for people.
+pub fn known_to(sd_mps: f64, knots: bool) -> String {
+    let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
+    format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)
+}
+
 /// A vessel's speed over ground for the operator, by its velocity to north and east, m/s; and where to, unless it lies still.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
@@ -70,6 +76,20 @@ fn words(from_bow_deg: f64) -> String {
     }
 }
 
+/// Direction that a wind comes from, deg from the bow, and its text; None: not known, or a calm, which comes from nowhere.
+fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
+    let Some(blows) = blows else {
+        return (None, "wind unknown".into());
+    };
+    if wind(blows, false) == CALM {
+        return (None, CALM.into());
+    }
+    let from = from_bow(blows.from_deg as f64, heading_deg);
+    let speed = wind(blows, knots);
+    let speed = speed.split(" from").next().unwrap_or_default();
+    (Some(from), format!("wind {speed} from {}", words(from)))
+}
+
 /// What the drone knows: the forecast's heading, the mission's wind, the vessel's advice.
 pub fn of_drone(s: &Situation) -> Option<Compass> {
     let heading_deg = s
@@ -85,18 +105,7 @@ pub fn of_drone(s: &Situation) -> Option<Compass> {
         .fresh(s.now_ns)
         .and_then(|m| m.wind)
         .map(Wind::towards);
-    // A calm comes from nowhere.
-    let comes = blows.filter(|w| wind(*w, false) != CALM);
-    let wind_from_deg = comes.map(|w| from_bow(w.from_deg as f64, heading_deg));
-    let text = match (comes, wind_from_deg) {
-        (Some(w), Some(from)) => {
-            let speed = wind(w, s.known.knots);
-            let speed = speed.split(" from").next().unwrap_or_default();
-            format!("wind {speed} from {}", words(from))
-        }
-        _ if blows.is_some() => CALM.into(),
-        _ => "wind unknown".into(),
-    };
+    let (wind_from_deg, text) = wind_from_bow(blows, heading_deg, s.known.knots);
     let received = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
     let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
     Some(Compass {
@@ -162,16 +171,18 @@ fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// What the vessel knows: the waves, and the advice of its own estimate.
-pub fn of_vessel(status: &VesselStatus, knots: bool) -> Option<Compass> {
+/// What the vessel knows: the waves, and the advice of its own estimate; the wind `blows` as a drone has reported it.
+pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);
+    let heading_deg = bearing_deg(a.heading[0]);
+    let (wind_from_deg, wind) = wind_from_bow(blows, heading_deg, knots);
     Some(Compass {
-        heading_deg: bearing_deg(a.heading[0]),
+        heading_deg,
         waves_from_deg: Some(waves),
         advised_deg,
-        text: advice(&a, knots),
-        wind_from_deg: None,
+        text: format!("{wind}; {}", advice(&a, knots)),
+        wind_from_deg,
     })
 }
 
@@ -195,6 +206,7 @@ mod tests {
             ("6 m/s from 0°".into(), "12 kn from 0°".into())
         );
         assert_eq!(wind(Wind::towards([0.1, 0.0]), true), "calm");
+        assert_eq!(known_to(0.5, true), "known to 1.0 kn (one standard deviation)");
     }
 
     #[test]
@@ -207,7 +219,7 @@ mod tests {
     #[test]
     fn advised_heading_of_a_vessel() {
         let mut status = VesselStatus::default();
-        assert_eq!(of_vessel(&status, false), None);
+        assert_eq!(of_vessel(&status, None, false), None);
         let rad = |deg: f64| deg.to_radians() as f32;
         let mut a = CourseAdvice {
             heading: [rad(350.0), rad(30.0)],
@@ -219,7 +231,13 @@ mod tests {
             waves_to: rad(210.0),
         };
         status.estimator.advice = Some(a);
-        let compass = of_vessel(&status, false).unwrap();
+        let compass = of_vessel(&status, Some(Wind::towards([-6.2, 0.0])), false).unwrap();
+        assert!(
+            compass
+                .text
+                .starts_with("wind 6 m/s from 10° to starboard of the bow; waves from ")
+        );
+        assert_eq!(compass.wind_from_deg, Some(10.0));
         assert_eq!(
             (compass.waves_from_deg, compass.advised_deg),
             (Some(40.0), Some(40.0))
@@ -229,12 +247,12 @@ mod tests {
             text.contains("turn to 030°, 40° to starboard of the bow, at 3 m/s: 97 % of landings succeed instead of 81 %"),
             "{text}"
         );
-        let in_knots = of_vessel(&status, true).unwrap().text;
+        let in_knots = of_vessel(&status, None, true).unwrap().text;
         assert!(in_knots.contains("of the bow, at 6 kn: 97 %"), "{in_knots}");
         a.heading[1] = a.heading[0];
         assert!(advice(&a, false).contains("keep the heading, at 3 m/s"));
         a.speed[1] = a.speed[0];
         status.estimator.advice = Some(a);
-        assert_eq!(of_vessel(&status, false).unwrap().advised_deg, None);
+        assert_eq!(of_vessel(&status, None, false).unwrap().advised_deg, None);
     }
 }

@@ -208,6 +208,12 @@ pub fn state(s: &Situation) -> Option<StateView> {
         does: m.state.does(),
         since_s,
         entered: m.entered.to_string(),
+        sentence: go::sentence(
+            m.state,
+            &m.entered,
+            m.rejected.unwrap_or(m.waiting).code,
+            m.waits(),
+        ),
         waiting: m.waits(),
         stages: go::stages(m.state),
         stale: s.seen.mission.is_old(s.now_ns),
@@ -360,11 +366,12 @@ fn deck(s: &Situation) -> Figure {
 
 fn wind(s: &Situation) -> Figure {
     const NAME: &str = "wind";
-    match s.seen.mission.and_then(|m| m.wind) {
+    match s.seen.mission.and_then(|m| Some((m.wind?, m.wind_sd_mps))) {
         None => Figure::unknown(NAME),
-        Some(wind) => {
+        Some((wind, sd_mps)) => {
             let text = compass::wind(Wind::towards(wind), s.known.knots);
-            Figure::of(NAME, text, "").stale(s.seen.mission.is_old(s.now_ns))
+            let note = sd_mps.map_or(String::new(), |sd| compass::known_to(sd, s.known.knots));
+            Figure::of(NAME, text, note).stale(s.seen.mission.is_old(s.now_ns))
         }
     }
 }

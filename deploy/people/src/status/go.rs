@@ -1,6 +1,6 @@
 //! GO or NO-GO for a landing, and the stages of one.
 
-use alight_shared::msg::{Reason, State};
+use alight_shared::msg::{Reason, ReasonCode, State};
 use serde::Serialize;
 
 use super::finding::{Finding, Level};
@@ -32,6 +32,37 @@ pub fn no_forecast(quality: f64) -> Option<&'static str> {
 pub fn barred(state: State, entered: &Reason) -> Option<String> {
     let bars = state.ending().is_some() || state.stands_for_take_off() || state == State::TakeOff;
     bars.then(|| state.because(entered))
+}
+
+/// The one sentence that counts in a state, for people: why a landing has ended or was stopped; else how far it is, or
+/// `waits: ` with what the next state waits for (`waits_for`, the text of `code`); else what the drone does.
+pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
+    let why = entered.to_string();
+    if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
+        return why;
+    }
+    // These texts describe what goes on, and name nothing that is missing.
+    let goes_on = matches!(
+        code,
+        ReasonCode::Descending
+            | ReasonCode::DescendingTo
+            | ReasonCode::Flaring
+            | ReasonCode::Counting
+            | ReasonCode::Leaving
+            | ReasonCode::Searching
+            | ReasonCode::SeeksVessel
+            | ReasonCode::HandsOver
+            | ReasonCode::TurnsBack
+            | ReasonCode::OnStation
+            | ReasonCode::HelmTurns
+    );
+    if waits_for.is_empty() {
+        state.does().into()
+    } else if goes_on {
+        waits_for
+    } else {
+        format!("waits: {waits_for}")
+    }
 }
 
 /// Whether a landing may be ordered now, or go on, with the reason in one sentence.
@@ -134,7 +165,6 @@ pub fn stages(state: State) -> Vec<Stage> {
 mod tests {
     use super::*;
     use crate::status::finding::Topic;
-    use alight_shared::msg::ReasonCode;
 
     #[test]
     fn go_and_what_stops_it() {
@@ -192,6 +222,45 @@ mod tests {
         assert!(
             no_forecast(0.004).is_some() && no_forecast(f64::NAN).is_some() && no_forecast(0.3).is_none()
         );
+    }
+
+    /// No state's sentence calls progress a wait, and an end names its cause.
+    #[test]
+    fn sentences_of_states() {
+        let of =
+            |state, entered: Reason, waits: Reason| sentence(state, &entered, waits.code, waits.to_string());
+        let none = Reason::default();
+        let sinking = Reason::new(ReasonCode::Descending, 2.1, 0.9);
+        let fast = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
+        let aborted = Reason::from(ReasonCode::Operator);
+        for (state, entered, waits, expected) in [
+            (
+                State::Idle,
+                none,
+                ReasonCode::NotCommanded.into(),
+                "waits: no landing commanded",
+            ),
+            (
+                State::TrackingStable,
+                none,
+                fast,
+                "waits: 0.45 m/s relative to the deck (limit 0.30)",
+            ),
+            (State::Descent, none, sinking, "descending, 1.2 m to the flare"),
+            (
+                State::Flare,
+                none,
+                Reason::new(ReasonCode::Flaring, 0.4, 0.0),
+                "flaring, 0.4 m above the deck",
+            ),
+            (State::Landed, ReasonCode::Touchdown.into(), none, "touchdown"),
+            (State::Landed, none, none, "stands on the deck"),
+            (State::GaveUp, aborted, fast, "operator's command"),
+            (State::Hold, aborted, fast, "operator's command"),
+            (State::TakeOff, none, none, "leaves the deck"),
+        ] {
+            assert_eq!(of(state, entered, waits), expected, "{state:?}");
+        }
     }
 
     #[test]

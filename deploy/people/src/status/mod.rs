@@ -38,6 +38,8 @@ pub struct StateView {
     pub entered: String,
     /// What the next one waits for, with figure and limit; empty: nothing.
     pub waiting: String,
+    /// The one sentence that counts ([`go::sentence`]).
+    pub sentence: String,
     /// The stages of a landing, and which of them it is.
     pub stages: Vec<Stage>,
     /// Nothing new is known of it.
@@ -164,7 +166,7 @@ impl Status {
                 let state = vessel::state(&situation, status);
                 let figures = vessel::figures(&situation, known, status);
                 let headline = vessel::headline(&situation, worst);
-                let compass = compass::of_vessel(status, situation.known.knots);
+                let compass = compass::of_vessel(status, vessel::wind(status), situation.known.knots);
                 (state, headline, figures, compass)
             }
             None => {

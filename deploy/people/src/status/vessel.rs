@@ -6,7 +6,7 @@ use alight_computer::vessel::{deck_inputs, helm, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
-    EstimatorStatus, HelmEnd, HelmState, State, VesselReport, VesselStatus, still_armed,
+    EstimatorStatus, HelmEnd, HelmState, State, VesselReport, VesselStatus, Wind, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -328,6 +328,12 @@ fn foremost_go(status: &VesselStatus) -> Option<Go> {
     windless.then(|| Go::unknown(format!("drone {number}: {}", go::NO_WIND)))
 }
 
+/// The wind by the foremost drone's newest report.
+pub fn wind(status: &VesselStatus) -> Option<Wind> {
+    let newest = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S)?;
+    Some(Wind::towards(newest.status.wind?.map(f64::from)))
+}
+
 /// The state of the foremost drone.
 pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
@@ -336,6 +342,12 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
         does: d.status.state.does(),
         since_s: 0.0,
         entered: d.status.entered.to_string(),
+        sentence: go::sentence(
+            d.status.state,
+            &d.status.entered,
+            d.status.rejected.unwrap_or(d.status.waiting).code,
+            d.status.waits(),
+        ),
         waiting: d.status.waits(),
         stages: go::stages(d.status.state),
         stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,

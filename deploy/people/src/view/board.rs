@@ -5,10 +5,9 @@ use std::collections::VecDeque;
 use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
 use alight_computer::situation::Situation;
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{ComputerReport, MissionState, State, VesselEstimate};
+use alight_shared::msg::{ComputerReport, MissionState, ReasonCode, State, VesselEstimate};
 use alight_shared::process::ProcessState;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::topics;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::PilotOut;
@@ -19,19 +18,14 @@ use alight_usv::ComputerOut;
 use crate::status::Status;
 use crate::view::camera_image::ShownImage;
 use crate::view::motion::MotionHistory;
-use crate::view::picture::{
-    DroneView, FlightLine, LogLine, OrderView, Picture, Place, ResultView, SceneView,
-};
+use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView};
+use crate::view::scene::scene;
 use crate::view::track::Track;
 
 /// Changes of state that are kept.
 const LOG_LINES: usize = 12;
 /// Flights that are kept.
 const FLIGHTS: usize = 8;
-/// Every so many stages of forecast and plan are drawn.
-const PATH_STEP: usize = 2;
-/// A plan that is older is not drawn any more, s: the vessel has left it behind.
-const FORGOTTEN_S: f64 = 5.0;
 
 /// A flight that ended.
 struct Ended {
@@ -78,6 +72,10 @@ pub struct Board {
     pub order: OrderView,
     /// The newest image of the drone's camera.
     pub camera: Option<ShownImage>,
+    /// The foot plane below the drone's centre of mass, and the deck above the water at rest, m, where they are known.
+    pub heights_m: Option<[f64; 2]>,
+    /// The feet's clearance at which the flare begins, m, once the mission has named it.
+    flare_m: Option<f64>,
 }
 
 impl Board {
@@ -99,6 +97,8 @@ impl Board {
             earlier: Vec::new(),
             order: OrderView::default(),
             camera: None,
+            heights_m: None,
+            flare_m: None,
         }
     }
     /// Forgets what is known but for the flights that ended; observes again from `t` on.
@@ -109,6 +109,7 @@ impl Board {
         *self = Board {
             flights,
             earlier,
+            heights_m: self.heights_m,
             ..Board::new(known)
         };
         self.situation.seen.since_ns = t.nanos();
@@ -151,6 +152,7 @@ impl Board {
         self.situation.seen.autopilot.set(t.nanos(), i.autopilot);
         if let Some(m) = &o.state {
             self.entered(t, m);
+            self.flare_m = flare_m(m).or(self.flare_m);
         }
         self.situation.seen.mission.set(t.nanos(), o.state);
     }
@@ -257,35 +259,12 @@ impl Board {
     }
 
     fn scene(&self, t: Time<TrueTime>) -> Option<SceneView> {
-        let (now, seen) = (t.nanos(), &self.situation.seen);
-        let (forecast, age_s) = (seen.forecast.as_ref()?, seen.forecast.age_s(now));
-        let first = forecast.stages.first()?;
-        let deck = forecast
-            .at(forecast.header.at + Span::from_secs(age_s))
-            .unwrap_or(*first);
-        let heading = forecast.mean_heading;
-        let place = |at: [f64; 3]| place(at, deck.position, heading);
-        let path =
-            |stages: &mut dyn Iterator<Item = [f64; 3]>| stages.step_by(PATH_STEP).map(place).collect();
-        let drone = seen.drone.map(|d| {
-            let e = d.euler();
-            DroneView {
-                at: place(d.position),
-                euler_deg: degrees([e.x, e.y, wrap_angle(e.z - heading)]),
-                stale: seen.drone.is_old(now),
-            }
-        });
-        let plan = seen.plan.filter(|_| seen.plan.age_s(now) < FORGOTTEN_S);
-        let [roll, pitch, yaw] = deck.euler;
         Some(SceneView {
             size_m: self.situation.known.deck_size_m,
-            euler_deg: degrees([roll, pitch, wrap_angle(yaw - heading)]),
-            heading_deg: tenth(heading.to_degrees().rem_euclid(360.0)),
-            forecast: path(&mut forecast.stages.iter().map(|s| s.position)),
-            forecast_stale: seen.forecast.is_old(now),
-            plan: plan.map_or_else(Vec::new, |p| path(&mut p.stages.iter().map(|s| s.position))),
-            plan_stale: seen.plan.is_old(now),
-            drone,
+            feet_m: self.heights_m.map(|[feet, _]| feet),
+            freeboard_m: self.heights_m.map(|[_, freeboard]| freeboard),
+            flare_m: self.flare_m,
+            ..scene(&self.situation.seen, t.nanos())?
         })
     }
 }
@@ -293,6 +272,13 @@ impl Board {
 /// A landing or a take-off goes on in a state.
 fn is_flight(state: State) -> bool {
     state.is_landing() || state.is_take_off()
+}
+
+/// The clearance of the flare, m, where a reason of the mission names it.
+fn flare_m(m: &MissionState) -> Option<f64> {
+    let names = |code| matches!(code, ReasonCode::Descending | ReasonCode::FlareHeight);
+    let reasons = [m.waiting, m.entered];
+    reasons.iter().find(|r| names(r.code)).map(|r| r.limit)
 }
 
 /// Roll, pitch, height of a vessel's estimate.
@@ -305,21 +291,6 @@ fn keep<T>(kept: &mut VecDeque<T>, new: T, most: usize) {
     while kept.len() > most {
         kept.pop_front();
     }
-}
-
-/// A place of the NED as seen from the deck at `deck`.
-fn place(at: [f64; 3], deck: [f64; 3], heading: f64) -> Place {
-    let (sin, cos) = heading.sin_cos();
-    let [north, east, down] = [at[0] - deck[0], at[1] - deck[1], at[2] - deck[2]];
-    [cos * north + sin * east, cos * east - sin * north, -down].map(|x| (100.0 * x).round() / 100.0)
-}
-
-fn degrees(euler: [f64; 3]) -> [f64; 3] {
-    euler.map(|a| tenth(a.to_degrees()))
-}
-
-fn tenth(x: f64) -> f64 {
-    (10.0 * x).round() / 10.0
 }
 
 #[cfg(test)]

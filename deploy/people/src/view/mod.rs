@@ -12,6 +12,7 @@ mod live_sink;
 pub mod memory_feed;
 pub mod motion;
 pub mod picture;
+pub mod scene;
 pub mod server;
 mod track;
 pub mod watcher;

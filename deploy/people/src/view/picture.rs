@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use crate::status::Status;
 
-/// Something on a path or a body: forward of the deck's centre along the vessel's mean heading, to starboard, up, m.
+/// Something on a path or a body: forward of the deck's centre at the same time along the vessel's mean heading, to
+/// starboard, up, m.
 pub type Place = [f64; 3];
 
 /// The drone beside the deck.
@@ -12,10 +13,23 @@ pub type Place = [f64; 3];
 pub struct DroneView {
     /// Its centre of mass.
     pub at: Place,
+    /// The speed at which its height above the deck's centre shrinks, m/s.
+    pub closing_mps: f64,
     /// Roll, pitch, and heading against the vessel's mean heading, deg.
     pub euler_deg: [f64; 3],
     /// Its odometry is old.
     pub stale: bool,
+}
+
+/// The contact that is planned.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ContactView {
+    /// Until then, s.
+    pub in_s: f64,
+    /// Roll and pitch of the deck then, deg; None: the forecast ends before.
+    pub tilt_deg: Option<[f64; 2]>,
+    /// The deck's height then less its height now, m; None: the forecast ends before.
+    pub rise_m: Option<f64>,
 }
 
 /// The deck from above and from the side.
@@ -27,11 +41,19 @@ pub struct SceneView {
     pub euler_deg: [f64; 3],
     /// The vessel's mean heading, deg.
     pub heading_deg: f64,
-    /// Where the deck's centre is going to be.
-    pub forecast: Vec<Place>,
+    /// The vessel's mean velocity over ground, forward and to starboard, m/s.
+    pub way_mps: [f64; 2],
+    /// The foot plane below the drone's centre of mass, m, where it is known.
+    pub feet_m: Option<f64>,
+    /// The deck's centre above the water at rest, m, where it is known.
+    pub freeboard_m: Option<f64>,
+    /// The feet's clearance at which the flare begins, m, once the mission has named it.
+    pub flare_m: Option<f64>,
+    /// The planned contact, while a plan means to touch.
+    pub contact: Option<ContactView>,
     /// No forecast came of late.
     pub forecast_stale: bool,
-    /// Where the drone is planned to be.
+    /// Where the drone's centre of mass is planned to be, until the planned contact.
     pub plan: Vec<Place>,
     /// No plan came of late.
     pub plan_stale: bool,

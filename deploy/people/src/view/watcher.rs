@@ -73,9 +73,11 @@ impl Watcher {
                 sink,
             });
         }
+        let mut board = Board::new(known);
+        board.heights_m = bodies.as_ref().map(|(d, a)| [a.feet_below_m, -d.centre_m[2]]);
         Ok(Watcher {
             server,
-            board: Board::new(known),
+            board,
             live,
             next_ns: i64::MIN,
             newest: Time::EPOCH,

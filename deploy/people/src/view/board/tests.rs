@@ -2,10 +2,11 @@ use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
     ReasonCode, Seq,
 };
+use alight_shared::time::Span;
 
 use super::*;
-use crate::status::Figure;
 use crate::status::finding::Level;
+use crate::status::{Figure, StateView};
 
 /// The vessel heads east; the deck is at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {
@@ -94,7 +95,8 @@ fn board_places_of_drone_and_plan() {
     };
     board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
     let mut windy = mission(1.0, State::Tracking, Reason::default());
-    windy.state.as_mut().unwrap().wind = Some([-6.2, 0.0]);
+    let known = windy.state.as_mut().unwrap();
+    (known.wind, known.wind_sd_mps) = (Some([-6.2, 0.0]), Some(0.84));
     board.mission(at(1.0), &autopilot(0.8), &windy);
     let picture = board.picture(at(1.0));
     let scene = picture.scene.clone().unwrap();
@@ -108,13 +110,98 @@ fn board_places_of_drone_and_plan() {
     // East of the deck is ahead of it, south to starboard.
     assert_eq!(scene.drone.as_ref().unwrap().at, [4.0, 3.0, 5.0]);
     assert_eq!(scene.plan, [[2.0, 0.0, 1.0]; 2]);
-    assert_eq!(scene.forecast.last(), Some(&[4.0, 0.0, 0.0]));
+    assert_eq!((scene.contact, scene.flare_m), (None, None));
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
     // What blows to the south comes from the north.
-    assert_eq!(named(&picture, "wind").value.as_deref(), Some("6 m/s from 0°"));
+    let wind = named(&picture, "wind");
+    assert_eq!(
+        (wind.value.as_deref(), wind.note.as_str()),
+        (Some("6 m/s from 0°"), "known to 0.8 m/s (one standard deviation)")
+    );
     let later = board.picture(at(4.0)).scene.unwrap();
     assert!(later.forecast_stale && later.plan_stale && later.drone.unwrap().stale);
+}
+
+/// Northwards at 3 m/s the plan follows the deck's forecast and ends on the deck, however old both are.
+#[test]
+fn board_of_a_plan_under_way() {
+    const STEP_S: f64 = 0.05;
+    let north = |k: usize| 100.0 + 3.0 * STEP_S * k as f64;
+    let heave = |k: usize| -1.0 - 0.01 * k as f64;
+    let deck = |k: usize| DeckStage {
+        position: [north(k), 5.0, heave(k)],
+        velocity: [3.0, 0.0, -0.2],
+        euler: [0.0, 0.02, 0.0],
+        ..DeckStage::default()
+    };
+    let moving = DeckForecast {
+        header: header(1.0),
+        step: Span::from_secs(STEP_S),
+        stages: Seq::filled((0..41).map(deck)),
+        ..DeckForecast::default()
+    };
+    let stage = |k: usize| PlanStage {
+        position: [
+            north(k),
+            5.0,
+            heave(k) - 0.3 - 0.05 * 30_usize.saturating_sub(k) as f64,
+        ],
+        velocity: [3.0, 0.0, 0.8],
+        ..PlanStage::default()
+    };
+    let plan = Plan {
+        header: header(1.0),
+        step: Span::from_secs(STEP_S),
+        touchdown_at: Some(Time::from_secs(1.0 + 30.0 * STEP_S)),
+        stages: Seq::filled((0..41).map(stage)),
+        ..Plan::default()
+    };
+    let drone = DroneState {
+        header: header(1.4),
+        position: [north(8), 5.0, -3.0],
+        velocity: [3.0, 0.0, 0.5],
+        ..DroneState::default()
+    };
+    let mut board = Board::new(ComputerReport::default());
+    board.heights_m = Some([0.3, 1.3]);
+    let predicted = PredictorOut {
+        forecast: Some(moving),
+        ..PredictorOut::default()
+    };
+    let input = PredictorIn {
+        drone: Some(drone),
+        ..PredictorIn::default()
+    };
+    board.predictor(at(1.0), &input, &predicted);
+    board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
+    let sinking = Reason::new(ReasonCode::Descending, 1.6, 0.9);
+    board.mission(at(1.0), &autopilot(0.8), &mission(1.0, State::Descent, sinking));
+    let scene = board.picture(at(1.4)).scene.unwrap();
+    assert_eq!((scene.way_mps, scene.heading_deg), ([3.0, 0.0], 0.0));
+    assert_eq!(
+        (scene.flare_m, scene.feet_m, scene.freeboard_m),
+        (Some(0.9), Some(0.3), Some(1.3))
+    );
+    let drone = scene.drone.unwrap();
+    assert_eq!((drone.at, drone.closing_mps), ([0.0, 0.0, 1.92], 0.7));
+    assert!(
+        scene.plan.iter().all(|p| p[0].abs() < 0.02 && p[1] == 0.0),
+        "{:?}",
+        scene.plan
+    );
+    // From 1.8 m above the deck to the feet's height, in 15 steps of two stages.
+    assert_eq!((scene.plan.len(), scene.plan[0][2]), (16, 1.8));
+    let [ahead, right, up] = scene.plan[15];
+    assert!(ahead.abs() < 0.02 && right == 0.0 && (up - 0.3).abs() < 0.02);
+    let contact = scene.contact.unwrap();
+    assert_eq!(
+        (contact.in_s, contact.tilt_deg, contact.rise_m),
+        (1.1, Some([0.0, 1.1]), Some(0.22))
+    );
+    // A forecast that has ended rolls on: the deck stays at the origin, and old plans are not drawn.
+    let later = board.picture(at(7.0)).scene.unwrap();
+    assert_eq!((later.contact, later.plan.len()), (None, 0));
 }
 
 #[test]
@@ -220,4 +307,38 @@ fn board_of_an_old_answer() {
     assert_ne!(step(&mut board, 5.0, State::Approach, true), "");
     assert_ne!(step(&mut board, 6.0, State::Idle, false), "");
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
+}
+
+/// The situations in which `deploy/scripts/page` looks at the page are pictures of today.
+#[test]
+fn recorded_situations_of_the_page() {
+    use serde_json::Value;
+    use std::collections::BTreeSet;
+    let keys = |v: &Value| -> BTreeSet<String> {
+        let all = v.as_object().into_iter().flatten();
+        all.map(|(key, _)| key.clone()).collect()
+    };
+    let of = |v: serde_json::Result<Value>| keys(&v.unwrap());
+    let picture = of(serde_json::to_value(Picture::default()));
+    let scene = of(serde_json::to_value(SceneView::default()));
+    let state = of(serde_json::to_value(StateView::default()));
+    let record: Value = serde_json::from_str(include_str!("../../../../scripts/page.json")).unwrap();
+    let situations = record.as_object().unwrap();
+    assert_eq!(situations.len(), 10);
+    for (name, situation) in situations {
+        let shown = if name == "base" {
+            situation
+        } else {
+            &situation["picture"]
+        };
+        let unknown: Vec<String> = keys(shown).difference(&picture).cloned().collect();
+        assert!(unknown.iter().all(|k| k == "vessel"), "{name}: {unknown:?}");
+        for (part, expected) in [("scene", &scene), ("state", &state)] {
+            let found = keys(&shown[part]);
+            assert!(
+                found.is_empty() || found == *expected,
+                "{name}: {part}: {found:?}"
+            );
+        }
+    }
 }

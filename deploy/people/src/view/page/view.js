@@ -6,12 +6,13 @@ const DEAD_S = 1.5; // pictures come five times a second
 const LATE_S = 2;
 let picture = null;
 let receivedAt = -Infinity;
-let fastest = Infinity; // least difference between our clock and the server's: a picture without delay
+let fastest = Infinity; // smallest difference between our clock and the server's: a picture without delay
 let late = 0;
 
 const seconds = () => performance.now() / 1000;
 const ago = (s) => (s < 90 ? `${Math.round(s)} s` : s < 5400 ? `${Math.round(s / 60)} min` : `${Math.round(s / 3600)} h`);
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
+let colours = null; // of the chosen palette, until another is chosen
+const colour = (name) => colours.getPropertyValue(`--${name}`);
 
 // ---- what is written ----
 
@@ -27,7 +28,14 @@ function element(tag, className, content) {
   return made;
 }
 
-// A screen reader hears what changed in kind; figures in a text change all the time.
+// A list is built again only when what it shows has changed.
+function rebuild(id, content, build) {
+  if ($(id).dataset.content === content) return;
+  $(id).dataset.content = content;
+  $(id).replaceChildren(...build());
+}
+
+// A screen reader reads out what changed in kind; figures in a text change all the time.
 const kind = (content) => content.replace(/[0-9.,]+/g, "#");
 function speak(id, content) {
   if ($(id).dataset.kind === kind(content)) return;
@@ -42,65 +50,143 @@ function showGo(go, state) {
   text("verdict", WORDS[go.go]);
   text("why", go.why);
   const stages = state ? state.stages : [];
-  const bar = stages.map((s) => `${s.is} ${s.name}`).join();
   $("stages").hidden = !stages.length;
-  if ($("stages").dataset.bar !== bar) {
-    $("stages").dataset.bar = bar;
-    $("stages").replaceChildren(...stages.map((s) => element("li", s.is, s.name)));
-    $("stages").querySelectorAll(".now").forEach((now) => now.setAttribute("aria-current", "step"));
-  }
-  speak("spoken", [WORDS[go.go], state ? `${state.name}: ${state.does}` : ""].filter(Boolean).join(". "));
+  rebuild("stages", stages.map((s) => `${s.is} ${s.name}`).join(), () => stages.map((s) => {
+    const item = element("li", s.is, s.name);
+    if (s.is === "now") item.setAttribute("aria-current", "step");
+    return item;
+  }));
+  speak("spoken", [WORDS[go.go], state ? `${state.name}: ${state.sentence}` : ""].filter(Boolean).join(". "));
 }
 
-// It stays until the next flight ends, without data, too.
+// It stays until the next landing begins, without data, too; the second screen keeps it.
 let result = null;
 function showResult() {
-  if (!result) return;
-  $("result").hidden = false;
+  const stages = (picture && picture.state && picture.state.stages) || [];
+  $("result").hidden = !result || stages.slice(0, -1).some((s) => s.is === "now");
+  if ($("result").hidden) return;
   text("outcome", result.outcome);
   text("how", result.text);
   text("when", `${ago(result.ago_s + seconds() - result.receivedAt)} ago`);
 }
 
+// The sentence that counts is large; what the drone does and what is waited for stand below unless the sentence has them.
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
-  text("since", state ? [state.does, state.since_s > 0 ? `for ${ago(state.since_s)}` : ""].filter(Boolean).join(", ") : "");
-  text("waiting", state && state.waiting ? `waits for: ${state.waiting}` : "");
-  text("entered", state ? state.entered : "");
+  text("sentence", state ? state.sentence : "");
+  $("sentence").className = state && state.sentence.length > 60 ? "long" : "";
+  const more = !state ? [] : [
+    state.sentence === state.does ? "" : state.does,
+    state.waiting && !state.sentence.endsWith(state.waiting) ? `waits: ${state.waiting}` : "",
+    state.since_s > 0 ? `for ${ago(state.since_s)}` : "",
+  ];
+  text("aside", more.filter(Boolean).join("; "));
 }
 
-function showFigures(figures) {
-  const tiles = figures.map((f) => {
-    const tile = document.createElement("div");
-    tile.className = [f.level, f.stale ? "stale" : "", f.value === null ? "unknown" : ""].join(" ");
-    tile.append(element("dt", "", f.name), element("dd", "value", f.value === null ? "unknown" : f.value));
-    tile.append(element("dd", "note", f.note));
-    return tile;
-  });
-  $("figures").replaceChildren(...tiles);
+// ---- figures ----
+
+const percent = (p) => `${Math.floor(100 * p)} %`;
+const unknown = (name) => ({ name, value: null, note: "", level: "fine", stale: false });
+const figure = (name) => picture.figures.find((f) => f.name === name) || unknown(name);
+const short = (f, parts) => ({ ...f, note: f.note.split(", ").slice(0, parts).join(", ").replace(/ \(.*\)$/, "") });
+
+function droneTiles() {
+  const { mission, state } = picture;
+  const battery = figure("battery");
+  const notes = battery.note.split(", ");
+  const likely = mission && typeof mission.likelihood === "number" ? percent(mission.likelihood) : null;
+  return [
+    { ...battery, note: notes.find((n) => n.startsWith("turns back")) || notes[0], is: "keep" },
+    short(figure("link"), 1),
+    { ...unknown("likelihood"), value: likely, note: "of a landing from here", stale: !!state && state.stale },
+    short(figure("touchdown"), 1),
+    figure("deck"),
+    short(figure("wind"), 1),
+  ];
 }
 
-// Findings that are not fine, the worst first.
+// Who asks the helm for what, and whether she agrees.
+function helmTiles(vessel) {
+  const { helm, wants_steady: steady } = vessel.deck;
+  const [course, said] = [figure("course"), figure("helm")];
+  const [asked, idle] = [helm.state === "asked", helm.state === "idle"];
+  const wish = asked ? (said.value || "").replace("asks to ", "") : steady ? "KEEP COURSE AND SPEED" : "nothing";
+  const answer = { idle: "not asked", asked: "not given yet", withdrawn: "withdrawn" }[helm.state] || "given";
+  return [
+    { ...course, name: "asked of the helm", value: wish, note: vessel.deck_owner ? `by drone ${vessel.deck_owner}` : "", is: "keep" },
+    { ...said, name: "skipper's consent", value: answer, note: idle || asked ? "" : said.value || "", is: "keep" },
+    { ...course, is: "more" },
+  ];
+}
+
+const MOST_DRONES = 2; // the second screen has all
+function vesselTiles(vessel) {
+  const drones = picture.figures.filter((f) => f.name === "drones");
+  const none = [{ ...unknown("drones"), note: "none received" }];
+  const advice = picture.compass ? picture.compass.text : "no advice yet";
+  return [
+    figure("deck"),
+    ...helmTiles(vessel),
+    ...(drones.length ? drones.slice(0, MOST_DRONES) : none).map((f, k) => ({ ...f, name: `drones: ${drones.length}`, is: k ? "more" : "" })),
+    { ...figure("speed"), is: "more" },
+    { ...figure("waves"), is: "more" },
+    { ...unknown("wind, waves, heading"), value: advice, is: "more wide" },
+  ];
+}
+
+function showFigures() {
+  const tile = (f) => {
+    const made = document.createElement("div");
+    made.className = [f.level, f.stale ? "stale" : "", f.value === null ? "unknown" : "", f.is || ""].join(" ");
+    made.append(element("dt", "", f.name), element("dd", "value", f.value === null ? "unknown" : f.value));
+    if (f.note) made.append(element("dd", "note", f.note));
+    return made;
+  };
+  const tiles = picture.vessel ? vesselTiles(picture.vessel) : picture.scene || picture.state ? droneTiles() : picture.figures;
+  $("figures").className = tiles.length > 6 ? "many" : "";
+  rebuild("figures", JSON.stringify(tiles), () => tiles.map(tile));
+}
+
+// ---- warnings: one strip, the worst first, one entry a cause ----
+
 const LEVELS = ["broken", "warning"];
 function alarmsOf(findings) {
-  const sentence = (f) => `${f.topic}: ${f.found}${f.remedy ? `. ${f.remedy}` : ""}`;
-  return LEVELS.flatMap((level) =>
-    findings.filter((f) => f.level === level).map((f) => ({ level, text: sentence(f) }))
-  );
+  return LEVELS.flatMap((level) => findings.filter((f) => f.level === level));
 }
 
+function groups(alarms) {
+  const all = new Map();
+  alarms.forEach((f) => all.set(f.topic, [...(all.get(f.topic) || []), f]));
+  return [...all.values()];
+}
+
+const times = (n) => (n > 1 ? ` \u00d7 ${n}` : "");
 function showAlarms(alarms) {
-  const texts = alarms.map((a) => a.text).join("\n");
-  if ($("alarms").dataset.texts !== texts) {
-    $("alarms").dataset.texts = texts;
-    $("alarms").replaceChildren(...alarms.map((a) => element("p", a.level, a.text)));
-  }
-  const worst = alarms.filter((a) => a.level === "broken").map((a) => a.text);
+  const causes = groups(alarms);
+  $("strip").hidden = !causes.length;
+  rebuild("strip", JSON.stringify(alarms), () => {
+    if (!causes.length) return [];
+    const [[first, ...alike], ...others] = causes;
+    $("strip").className = first.level;
+    const rest = others.map((c) => c[0].topic + times(c.length)).join(", ");
+    const worst = element("b", "first", first.topic + times(alike.length + 1));
+    // Beside a NO-GO for the same reason a phone has no room for it again.
+    const again = picture.go.why === `${first.topic}: ${first.found}` ? "again" : "";
+    worst.append(element("span", again, `: ${first.found}`));
+    return [
+      worst,
+      ...(rest ? [element("span", "", `and ${others.length} more: ${rest}`)] : []),
+    ];
+  });
+  const sentence = (f) => `${f.topic}: ${f.found}${f.remedy ? `. ${f.remedy}` : ""}`;
+  rebuild("alarms", JSON.stringify(alarms), () => alarms.map((f) => element("p", f.level, sentence(f))));
+  const worst = alarms.filter((f) => f.level === "broken").map(sentence);
   sound(worst);
   speak("alert", worst.join(". "));
   document.title = worst.length ? `! ${worst[0]}` : `Alight: ${picture.state ? picture.state.name : "unknown"}`;
 }
+$("strip").addEventListener("click", () => $("warnings").showModal());
 
 function line(when, content) {
   const item = document.createElement("li");
@@ -108,18 +194,39 @@ function line(when, content) {
   return item;
 }
 
-function showLists() {
+// The second screen is filled only while it is looked at.
+function showDetails() {
   const log = picture.log.map((l) => line(`${ago(l.ago_s)} ago`, l.text));
   $("log").replaceChildren(...(log.length ? log : [line("", "nothing yet")]));
   const flights = picture.flights.map((f) => line(f.when, `${f.outcome}: ${f.text}`));
   $("flights").replaceChildren(...(flights.length ? flights : [line("", "none in this run")]));
+  text("directions", picture.compass ? picture.compass.text : "");
+  rebuild("all", JSON.stringify(picture.figures), () => picture.figures.map((f) => {
+    const row = document.createElement("div");
+    const value = [f.value === null ? "unknown" : f.value, f.note, f.stale ? "(old)" : ""].filter(Boolean).join(", ");
+    row.append(element("dt", "", f.name), element("dd", "", value));
+    return row;
+  }));
+  drawTrack(picture.track);
+  drawMotion(picture.motion);
 }
 
-// ---- alarms that are heard ----
+function turn() {
+  const second = location.hash === "#details";
+  $("fly").hidden = second;
+  $("details").hidden = !second;
+  text("screen", second ? "back" : "details");
+  $("screen").href = second ? "#" : "#details";
+  $(second ? "details" : "fly").append($("order"));
+  draw();
+}
+addEventListener("hashchange", turn);
+
+// ---- sound ----
 
 let audio = null;
-let heard = "";
-let heardAt = 0;
+let sounded = "";
+let soundedAt = 0;
 
 function beep(at, hertz) {
   const tone = audio.createOscillator();
@@ -137,12 +244,12 @@ function beep(at, hertz) {
 function sound(alarms) {
   const kinds = kind(alarms.join("\n"));
   if (!audio || !alarms.length) {
-    heard = kinds;
+    sounded = kinds;
     return;
   }
-  if (kinds === heard && seconds() - heardAt < 10) return;
-  heard = kinds;
-  heardAt = seconds();
+  if (kinds === sounded && seconds() - soundedAt < 10) return;
+  sounded = kinds;
+  soundedAt = seconds();
   for (let k = 0; k < 3; k += 1) beep(audio.currentTime + 0.3 * k, k % 2 ? 660 : 990);
 }
 
@@ -153,10 +260,10 @@ $("sound").addEventListener("click", () => {
     audio = null;
   } else {
     audio = new AudioContext();
-    heardAt = 0;
+    soundedAt = 0;
     beep(audio.currentTime, 880);
   }
-  text("sound", audio ? "turn the sound off" : "turn the sound on");
+  $("sound").setAttribute("aria-pressed", String(!!audio));
 });
 
 // ---- day and night ----
@@ -176,7 +283,9 @@ function stored() {
 
 function paint() {
   document.documentElement.classList.toggle("night", chosen === "night" || (chosen === "auto" && dark.matches));
-  text("colours", next() === "auto" ? "use device colours" : `use ${next()} colours`);
+  text("colours", next());
+  $("colours").setAttribute("aria-label", `use ${next()} colours`);
+  colours = getComputedStyle(document.documentElement);
   draw();
 }
 
@@ -197,6 +306,7 @@ function canvas(id) {
   const at = $(id);
   const ratio = devicePixelRatio || 1;
   const [width, height] = [at.clientWidth, at.clientHeight];
+  if (!width || !height) return null; // on the screen that is not looked at
   if (at.width !== Math.round(width * ratio) || at.height !== Math.round(height * ratio)) {
     at.width = Math.round(width * ratio);
     at.height = Math.round(height * ratio);
@@ -215,7 +325,7 @@ function say(pen, content, x, y, name, align) {
   pen.fillText(content, x, y);
 }
 
-const STEPS = [3, 5, 8, 12, 20, 30, 50, 80, 120, 200, 300, 500, 800, 1200, 2000];
+const STEPS = [2, 3, 5, 8, 12, 20, 30, 50, 80, 120, 200, 300, 500, 800, 1200, 2000];
 const nice = (x) => STEPS.find((s) => s >= x) || 10 ** Math.ceil(Math.log10(x));
 
 function path(pen, points, name, old, width) {
@@ -229,61 +339,281 @@ function path(pen, points, name, old, width) {
   pen.setLineDash([]);
 }
 
-// Rings or lines of equal distance, so that a place can be read without a ruler.
-function grid(pen, centre, scale, reach, flat) {
+// ---- the hero: deck, drone and plan in the deck's frame ----
+
+const RAD = Math.PI / 180;
+const drawn = {}; // where deck, drone and plan are in each view, px: what a test looks at
+
+function font(pen, size, weight) {
+  pen.font = `${weight || "normal"} ${size}px system-ui, "DejaVu Sans", sans-serif`;
+}
+
+// A text that stays inside.
+function label(pen, content, x, y, name, wide, tall) {
+  const half = pen.measureText(content).width / 2 + 4;
+  say(pen, content, Math.min(Math.max(x, half), wide - half), Math.min(Math.max(y, 16), tall - 6), name, "center");
+}
+
+function last(values) {
+  return values.length ? values[values.length - 1] : null;
+}
+
+const signed = (x, digits) => `${x < 0 ? "\u2212" : ""}${Math.abs(x).toFixed(digits)}`;
+
+function water(pen, width, height, level) {
+  pen.fillStyle = colour("water");
+  pen.beginPath();
+  pen.moveTo(0, height);
+  for (let x = 0; x <= width + 12; x += 12) pen.lineTo(x, level + 2 * Math.sin(x / 17));
+  pen.lineTo(width + 12, height);
+  pen.fill();
+}
+
+// A hull under a deck of this half length, px, tilted by `angle` about the deck's centre, its right end up where positive;
+// its right end reaches `bow` times as far.
+function hull(pen, [x, y], half, depth, angle, bow, old) {
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(-angle * RAD);
+  pen.beginPath();
+  pen.moveTo(-half, 0);
+  pen.lineTo(bow * half, 0);
+  pen.lineTo(0.9 * half, depth);
+  pen.lineTo(-0.9 * half, depth);
+  pen.closePath();
+  pen.fillStyle = colour("card");
+  pen.fill();
+  pen.strokeStyle = colour("deck");
+  pen.lineWidth = 1.5;
+  pen.stroke();
+  path(pen, [[-half, 0], [half, 0]], "deck", old, 6);
+  pen.restore();
+}
+
+// The drone stands with its feet at this place.
+function drone(pen, [x, y], arm, feet, angle, old) {
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(-angle * RAD);
+  path(pen, [[-arm, -feet - 3], [arm, -feet - 3]], "drone", old, 5);
+  [-1, 1].forEach((side) => {
+    path(pen, [[side * arm, -feet - 3], [side * arm, -feet - 10]], "drone", false, 2);
+    path(pen, [[side * arm - 0.45 * arm, -feet - 10], [side * arm + 0.45 * arm, -feet - 10]], "drone", false, 3);
+    path(pen, [[side * 0.45 * arm, 0], [side * 0.25 * arm, -feet]], "drone", false, 3);
+  });
+  pen.restore();
+}
+
+// Height of the feet over the deck, on the scale of the drawing, with the flare's height and the closing speed.
+function tape(pen, left, width, y, high, scene) {
+  const step = [0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((s) => y(0) - y(s) >= 26) || high;
+  path(pen, [[left, 0], [left, y(0)]], "line", false, 1);
+  font(pen, 15);
+  for (let k = 0; k * step <= high; k += 1) {
+    path(pen, [[left, y(k * step)], [left + 8, y(k * step)]], "line", false, 1);
+    say(pen, `${+(k * step).toFixed(1)}`, left + 12, y(k * step) + 5);
+  }
+  if (scene.flare_m && scene.flare_m < high) {
+    path(pen, [[0, y(scene.flare_m)], [left, y(scene.flare_m)]], "forecast", true, 1.5);
+    say(pen, `flare ${scene.flare_m.toFixed(1)} m`, left - 6, y(scene.flare_m) - 5, "forecast", "right");
+  }
+  if (!scene.drone) return;
+  const up = scene.drone.at[2] - (scene.feet_m || 0);
+  const at = Math.min(Math.max(y(up), 26), y(0) - 8);
+  pen.fillStyle = colour(scene.drone.stale ? "soft" : "drone");
+  pen.beginPath();
+  pen.moveTo(left, y(up));
+  pen.lineTo(left + 9, at - 22);
+  pen.lineTo(left + width, at - 22);
+  pen.lineTo(left + width, at + 24);
+  pen.lineTo(left + 9, at + 24);
+  pen.fill();
+  font(pen, width > 90 ? 26 : 21, "bold");
+  say(pen, `${signed(up, up < 9.95 ? 1 : 0)} m`, left + width - 6, at + 1, "card", "right");
+  font(pen, width > 90 ? 15 : 13, "bold");
+  const closing = scene.drone.closing_mps;
+  const sense = closing > 0.05 ? "\u25bc" : closing < -0.05 ? "\u25b2" : "";
+  say(pen, `${sense} ${Math.abs(closing).toFixed(1)} m/s`, left + width - 6, at + 19, "card", "right");
+}
+
+function contactTexts(contact) {
+  if (!contact) return ["no contact is planned", ""];
+  const { in_s: left, tilt_deg: tilt, rise_m: rise } = contact;
+  const moved = tilt && `${Math.abs(rise).toFixed(2)} m ${rise < 0 ? "lower" : "higher"}`;
+  return [`contact in ${left.toFixed(1)} s`, tilt ? `deck then: pitch ${signed(tilt[1], 1)}\u00b0, ${moved}` : "deck then: not forecast yet"];
+}
+
+function drawSide(scene) {
+  const made = canvas("side");
+  if (!made) return;
+  const { pen, width, height } = made;
+  if (!scene && picture.vessel) return drawRocking(pen, width, height);
+  if (!scene) return label(pen, "deck and drone are not known", width / 2, height / 2, "soft", width, height);
+  const length = scene.size_m ? scene.size_m[0] : 2;
+  const feet = scene.feet_m || 0;
+  const at = scene.drone ? scene.drone.at : [0, 0, feet];
+  const aside = width < 500 ? 84 : 100;
+  const room = width - aside;
+  const bottom = height - Math.max(52, 0.2 * height);
+  const high = nice(Math.max(1.1 * (at[2] - feet), 0.7 * length));
+  const [low, far] = [Math.min(at[0], -0.9 * length), Math.max(at[0], length)];
+  const scale = Math.min((0.86 * room) / (far - low), (bottom - 74) / high);
+  const centre = [room / 2 - (scale * (low + far)) / 2, bottom];
+  const to = ([forward, , up]) => [centre[0] + scale * forward, centre[1] - scale * (up - feet)];
+  const y = (up) => centre[1] - scale * up;
+  const heave = last(picture.motion.heave_m) || 0;
+  const below = Math.max(scale * ((scene.freeboard_m || 0.5) + heave), 12);
+  const half = Math.max((scale * length) / 2, 12);
+  hull(pen, centre, half, Math.max(1.4 * below, 16), scene.euler_deg[1], 1.25, scene.forecast_stale);
+  pen.globalAlpha = 0.75;
+  water(pen, width, height, Math.min(centre[1] + below, height - 24));
+  pen.globalAlpha = 1;
+  if (scene.contact && scene.contact.tilt_deg) {
+    const tilt = scene.contact.tilt_deg[1] * RAD;
+    const ends = [-1.2, 1.2].map((s) => [centre[0] + s * half * Math.cos(tilt), centre[1] - s * half * Math.sin(tilt)]);
+    path(pen, ends, "forecast", true, 4);
+  }
+  const way = scene.plan.map(to);
+  path(pen, way, "plan", scene.plan_stale, 4);
+  drawn.side = { deck: centre, half, plan: way, drone: to(at) };
+  const arm = Math.max(0.4 * scale, 15);
+  if (way.length) {
+    font(pen, 15);
+    say(pen, "\u25ac plan", room - 8, scene.contact ? 24 : 44, "plan", "right");
+  }
+  if (scene.drone) drone(pen, to(at), arm, Math.max(scale * feet, 10), scene.drone.euler_deg[1], scene.drone.stale);
+  tape(pen, room, aside, y, Math.floor(centre[1] / scale * 10) / 10, scene);
+  const [when, then] = contactTexts(scene.contact);
+  font(pen, 19, "bold");
+  say(pen, when, 10, 24, "ink");
+  font(pen, width < 500 ? 14 : 15);
+  say(pen, then, 10, 44, "forecast");
+  const [roll, pitch] = scene.euler_deg;
+  say(pen, `deck: roll ${signed(roll, 1)}\u00b0, pitch ${signed(pitch, 1)}\u00b0`, 10, height - 9, "ink");
+  say(pen, "bow \u25b8", room - 8, height - 9, "ink", "right");
+}
+
+// The vessel's own page: how she rolls, from astern, and pitches, from starboard.
+function drawRocking(pen, width, height) {
+  const { roll_deg: rolls, pitch_deg: pitches, heave_m: heaves } = picture.motion;
+  const heave = last(heaves);
+  const middle = 0.5 * height - 40 * (heave || 0);
+  // A roll to starboard lowers the right side as it is viewed from astern.
+  [["roll, from astern", rolls, -1, 1], ["pitch, bow right", pitches, 1, 1.25]].forEach(([name, values, sense, bow], k) => {
+    const angle = last(values);
+    const centre = [(0.25 + 0.5 * k) * width, Math.min(Math.max(middle, 0.35 * height), 0.65 * height)];
+    if (angle !== null) hull(pen, centre, 0.17 * width, 0.22 * height, sense * angle, bow, false);
+    font(pen, 26, "bold");
+    const value = angle === null ? "unknown" : `${signed(angle, 1)}\u00b0`;
+    label(pen, value, centre[0], 40, angle === null ? "soft" : "ink", width, height);
+    font(pen, 15);
+    label(pen, name, centre[0], 62, "soft", width, height);
+  });
+  pen.globalAlpha = 0.75;
+  water(pen, width, height, 0.5 * height + 0.14 * height);
+  pen.globalAlpha = 1;
+  const moved = heave === null ? "heave unknown" : `heave ${signed(heave, 2)} m`;
+  label(pen, moved, width / 2, height - 12, "ink", width, height);
+}
+
+// A direction from the bow as a point of the circle, bow up.
+const round = (centre, radius, degrees) => {
+  const angle = degrees * RAD;
+  return [centre[0] + radius * Math.sin(angle), centre[1] - radius * Math.cos(angle)];
+};
+
+function arrow(pen, from, to, name, dashed) {
+  path(pen, [from, to], name, dashed, 4);
+  const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+  const barb = (turn) => [to[0] - 12 * Math.cos(angle + turn), to[1] - 12 * Math.sin(angle + turn)];
+  path(pen, [barb(0.5), to, barb(-0.5)], name, false, 4);
+}
+
+// Wind and waves come from the rim; the advised heading leads to it.
+function drawDirections(pen, centre, radius, compass, width, height) {
+  font(pen, 15, "bold");
+  let before = [-99, -99];
+  const outside = (name, from, ink) => {
+    let [x, y] = round(centre, radius + 12, from);
+    x += (pen.measureText(name).width / 2) * Math.sin(from * RAD);
+    // Beside a name that stands there already it goes on to the next line.
+    if (Math.abs(x - before[0]) < 55 && Math.abs(y - before[1]) < 16) y = before[1] + (y < before[1] ? -16 : 16);
+    before = [x, y];
+    label(pen, name, x, y + 5, ink, width, height);
+  };
+  [["wind", compass.wind_from_deg, "drone", false], ["waves", compass.waves_from_deg, "forecast", true]].forEach(([name, from, ink, dashed]) => {
+    if (from === null) return;
+    arrow(pen, round(centre, radius, from), round(centre, 0.72 * radius, from), ink, dashed);
+    outside(name, from, ink);
+  });
+  if (compass.advised_deg === null) return;
+  arrow(pen, round(centre, 0.7 * radius, compass.advised_deg), round(centre, radius, compass.advised_deg), "plan", false);
+  outside("turn here", compass.advised_deg, "plan");
+}
+
+function rings(pen, centre, scale, reach) {
   pen.strokeStyle = colour("line");
   pen.lineWidth = 1;
   [0.5, 1].forEach((part) => {
     pen.beginPath();
-    if (flat) {
-      pen.moveTo(0, centre[1] - part * reach * scale);
-      pen.lineTo(4000, centre[1] - part * reach * scale);
-    } else {
-      pen.arc(centre[0], centre[1], part * reach * scale, 0, 7);
-    }
+    pen.arc(...centre, part * reach * scale, 0, 7);
     pen.stroke();
   });
 }
 
-function drawAbove(scene) {
-  const { pen, width, height } = canvas("above");
-  if (!scene) return say(pen, "deck and drone are not known", width / 2, height / 2, "soft", "center");
-  const at = scene.drone ? scene.drone.at : [0, 0, 0];
+function deckAbove(pen, centre, scene, scale) {
   const size = scene.size_m || [2, 2];
-  const reach = nice(Math.max(1.1 * Math.hypot(at[0], at[1]), 1.2 * size[0]));
-  const scale = (0.46 * Math.min(width, height)) / reach;
-  const centre = [width / 2, height / 2];
-  const to = ([forward, right]) => [centre[0] + scale * right, centre[1] - scale * forward];
-  text("above-scale", `rings ${reach / 2} and ${reach} m, bow up at ${Math.round(scene.heading_deg)}°`);
-  grid(pen, centre, scale, reach, false);
+  const [w, l] = [Math.max(scale * size[1], 8), Math.max(scale * size[0], 12)];
   pen.save();
   pen.translate(...centre);
-  pen.rotate((scene.euler_deg[2] * Math.PI) / 180);
-  const [w, l] = [Math.max(scale * size[1], 8), Math.max(scale * size[0], 12)];
-  pen.strokeStyle = pen.fillStyle = colour("deck");
-  pen.globalAlpha = 0.18;
+  pen.rotate(scene.euler_deg[2] * RAD);
+  pen.fillStyle = colour("water");
   pen.fillRect(-w / 2, -l / 2, w, l);
-  pen.globalAlpha = 1;
-  pen.lineWidth = 2;
-  pen.setLineDash(scene.size_m && !scene.forecast_stale ? [] : [4, 4]);
-  pen.strokeRect(-w / 2, -l / 2, w, l);
-  pen.setLineDash([]);
-  pen.beginPath();
-  pen.moveTo(-w / 2, -l / 2);
-  pen.lineTo(0, -l / 2 - Math.max(10, 0.25 * w));
-  pen.lineTo(w / 2, -l / 2);
-  pen.stroke();
+  const corners = [[-w / 2, -l / 2], [0, -l / 2 - Math.max(8, 0.25 * w)], [w / 2, -l / 2], [w / 2, l / 2], [-w / 2, l / 2], [-w / 2, -l / 2], [w / 2, -l / 2]];
+  path(pen, corners, "deck", !scene.size_m || scene.forecast_stale, 2.5);
   pen.restore();
-  path(pen, scene.forecast.map(to), "forecast", scene.forecast_stale, 3);
-  path(pen, scene.plan.map(to), "plan", scene.plan_stale, 3);
+  return [w / 2, l / 2];
+}
+
+function drawAbove(scene, compass) {
+  $("fly").classList.toggle("blank", !scene && !compass);
+  const made = canvas("above");
+  if (!made || (!scene && !compass)) return;
+  const { pen, width, height } = made;
+  const narrow = width < 300;
+  const centre = [width / 2, height / 2 - 4];
+  const radius = 0.5 * Math.min(width - (narrow ? 0 : 40), height - 20) - 24;
+  const at = scene && scene.drone ? scene.drone.at : [0, 0, 0];
+  const size = (scene && scene.size_m) || [2, 2];
+  const reach = nice(Math.max(1.1 * Math.hypot(at[0], at[1]), 1.2 * size[0]));
+  const scale = radius / reach;
+  rings(pen, centre, scale, reach);
+  const to = ([forward, right]) => [centre[0] + scale * right, centre[1] - scale * forward];
+  if (compass) drawDirections(pen, centre, radius, compass, width, height);
+  font(pen, 15, "bold");
+  const heading = scene ? scene.heading_deg : compass.heading_deg;
+  say(pen, `bow up, ${String(Math.round(heading) % 360).padStart(3, "0")}\u00b0`, 8, 18, "ink");
+  if (!scene) return void deckAbove(pen, centre, { size_m: [0.9 * reach, 0.35 * reach], euler_deg: [0, 0, 0] }, scale);
+  const halves = deckAbove(pen, centre, scene, scale);
+  const speed = Math.hypot(...scene.way_mps);
+  if (speed >= 0.3) {
+    const course = Math.atan2(scene.way_mps[1], scene.way_mps[0]) / RAD;
+    arrow(pen, round(centre, 0.5 * radius, course), round(centre, 0.5 * radius + Math.min(0.45 * radius, 12 + 8 * speed), course), "deck", false);
+  }
+  font(pen, 15);
+  say(pen, narrow ? `ring ${reach} m` : `rings ${reach / 2}, ${reach} m`, 8, height - 9);
+  if (speed >= 0.3) say(pen, `way ${speed.toFixed(1)} m/s`, width - 8, height - 9, "deck", "right");
+  const way = scene.plan.map(to);
+  path(pen, way, "plan", scene.plan_stale, 4);
+  drawn.above = { deck: centre, halves, plan: way, drone: to(at) };
   if (scene.drone) drawDrone(pen, to(at), scene.drone, scale, scene.drone.euler_deg[2]);
 }
 
-function drawDrone(pen, [x, y], drone, scale, turn) {
+function drawDrone(pen, [x, y], drone, scale, turned) {
   const arm = Math.max(0.35 * scale, 10);
   pen.save();
   pen.translate(x, y);
-  pen.rotate((turn * Math.PI) / 180);
+  pen.rotate(turned * RAD);
   pen.globalAlpha = drone.stale ? 0.4 : 1;
   pen.strokeStyle = pen.fillStyle = colour("drone");
   pen.lineWidth = 3;
@@ -303,134 +633,62 @@ function drawDrone(pen, [x, y], drone, scale, turn) {
   pen.restore();
 }
 
-function drawSide(scene) {
-  const { pen, width, height } = canvas("side");
-  if (!scene) return say(pen, "deck and drone are not known", width / 2, height / 2, "soft", "center");
-  const at = scene.drone ? scene.drone.at : [0, 0, 0];
-  const size = scene.size_m || [2, 2];
-  const floor = height - 46;
-  const wide = nice(Math.max(2.3 * Math.abs(at[0]), 2 * size[0]));
-  const high = nice(Math.max(1.1 * at[2], size[0]));
-  const scale = Math.min((0.96 * width) / wide, (floor - 24) / high);
-  const centre = [width / 2, floor];
-  const to = ([forward, , up]) => [centre[0] + scale * forward, centre[1] - scale * up];
-  text("side-scale", `lines at ${high / 2} and ${high} m, bow to the right`);
-  grid(pen, centre, scale, high, true);
-  const pitch = (scene.euler_deg[1] * Math.PI) / 180;
-  const half = Math.max((scale * size[0]) / 2, 10);
-  const ends = [-1, 1].map((s) => [centre[0] + s * half * Math.cos(pitch), centre[1] - s * half * Math.sin(pitch)]);
-  path(pen, ends, "deck", scene.forecast_stale, 7);
-  path(pen, scene.forecast.map(to), "forecast", scene.forecast_stale, 3);
-  path(pen, scene.plan.map(to), "plan", scene.plan_stale, 3);
-  if (!scene.drone) return;
-  const [x, y] = to(at);
-  const arm = Math.max(0.4 * scale, 11);
-  pen.save();
-  pen.translate(x, y);
-  pen.rotate((-scene.drone.euler_deg[1] * Math.PI) / 180);
-  pen.globalAlpha = scene.drone.stale ? 0.4 : 1;
-  path(pen, [[-arm, -3], [arm, -3]], "drone", scene.drone.stale, 4);
-  path(pen, [[-arm, -8], [-0.35 * arm, -8]], "drone", false, 3);
-  path(pen, [[0.35 * arm, -8], [arm, -8]], "drone", false, 3);
-  path(pen, [[-0.4 * arm, 0.7 * arm], [-0.25 * arm, 0], [0.25 * arm, 0], [0.4 * arm, 0.7 * arm]], "drone", false, 3);
-  pen.restore();
-  say(pen, `${at[2].toFixed(1)} m above the deck`, width - 4, 16, "drone", "right");
+// A line breaks where nothing was known.
+function pieces(points) {
+  const all = [[]];
+  points.forEach((p) => (p ? last(all).push(p) : all.push([])));
+  return all;
 }
 
 function drawMotion(motion) {
-  const { pen, width, height } = canvas("motion");
+  const made = canvas("motion");
+  if (!made) return;
+  const { pen, width, height } = made;
   const rows = [
     ["roll", motion.roll_deg, "°", 5, 1],
     ["pitch", motion.pitch_deg, "°", 5, 1],
     ["heave", motion.heave_m, " m", 0.5, 2],
   ];
   const most = 60 / (motion.step_s || 0.25);
-  rows.forEach(([name, values, unit, least, digits], row) => {
+  rows.forEach(([name, values, unit, smallest, digits], row) => {
     const [top, tall] = [(row * height) / 3 + 2, height / 3 - 8];
     const known = values.filter((v) => v !== null);
-    const span = Math.max(least, ...known.map((v) => 1.1 * Math.abs(v)));
+    const span = Math.max(smallest, ...known.map((v) => 1.1 * Math.abs(v)));
     const y = (v) => top + tall / 2 - (v / span) * (tall / 2);
     const left = 132;
     const x = (k) => left + ((width - left - 4) * (most - values.length + k)) / most;
     path(pen, [[left, y(0)], [width, y(0)]], "line", false, 1);
     pen.strokeStyle = colour("line");
     pen.strokeRect(left, top, width - left - 1, tall);
-    let stroke = [];
-    values.forEach((v, k) => {
-      if (v === null) {
-        path(pen, stroke, "drone", false, 2);
-        stroke = [];
-      } else {
-        stroke.push([x(k), y(v)]);
-      }
-    });
-    path(pen, stroke, "drone", false, 2);
-    const last = values.length ? values[values.length - 1] : null;
+    pieces(values.map((v, k) => v !== null && [x(k), y(v)])).forEach((piece) => path(pen, piece, "drone", false, 2));
+    const now = last(values);
+    font(pen, 15);
     say(pen, `${name}, ±${span.toFixed(digits)}${unit}`, 0, top + 15);
-    pen.font = "bold 24px system-ui, sans-serif";
-    say(pen, last === null ? "unknown" : `${last.toFixed(digits)}${unit}`, 0, top + 44, last === null ? "soft" : "ink");
-    pen.font = "15px system-ui, sans-serif";
+    font(pen, 24, "bold");
+    say(pen, now === null ? "unknown" : `${signed(now, digits)}${unit}`, 0, top + 44, now === null ? "soft" : "ink");
   });
-}
-
-// A direction from the bow as a point of the circle, bow up.
-const round = (centre, radius, degrees) => {
-  const angle = (degrees * Math.PI) / 180;
-  return [centre[0] + radius * Math.sin(angle), centre[1] - radius * Math.cos(angle)];
-};
-
-function arrow(pen, from, to, name, dashed) {
-  path(pen, [from, to], name, dashed, 4);
-  const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
-  const barb = (turn) => [to[0] - 14 * Math.cos(angle + turn), to[1] - 14 * Math.sin(angle + turn)];
-  path(pen, [barb(0.5), to, barb(-0.5)], name, false, 4);
-}
-
-function drawCompass(compass) {
-  $("bow").hidden = !compass;
-  if (!compass) return;
-  text("heading", `bow up at ${Math.round(compass.heading_deg)}°`);
-  text("directions", compass.text);
-  const { pen, width, height } = canvas("compass");
-  const [centre, radius] = [[width / 2, height / 2], 0.36 * height];
-  grid(pen, centre, 1, radius, false);
-  const hull = [[0, -0.4], [0.14, -0.12], [0.14, 0.34], [-0.14, 0.34], [-0.14, -0.12], [0, -0.4]];
-  path(pen, hull.map(([x, y]) => [centre[0] + x * radius, centre[1] + y * radius]), "deck", false, 3);
-  [
-    ["wind", compass.wind_from_deg, "drone", false],
-    ["waves", compass.waves_from_deg, "forecast", true],
-  ].forEach(([name, from, ink, dashed]) => {
-    if (from === null) return;
-    arrow(pen, round(centre, radius, from), round(centre, 0.5 * radius, from), ink, dashed);
-    say(pen, name, ...round(centre, radius + 16, from), ink, "center");
-  });
-  if (compass.advised_deg === null) return;
-  const turn = compass.advised_deg;
-  arrow(pen, round(centre, 0.55 * radius, turn), round(centre, radius, turn), "plan", false);
-  say(pen, "turn here", ...round(centre, radius + 16, turn), "plan", "center");
 }
 
 function drawTrack(track) {
   const known = [...track.drone, ...track.deck].filter(Boolean);
   $("ground").hidden = known.length < 2;
   if (known.length < 2) return;
-  const { pen, width, height } = canvas("track");
+  const made = canvas("track");
+  if (!made) return;
+  const { pen, width, height } = made;
   const reach = nice(Math.max(5, ...known.map(([n, e]) => 1.05 * Math.max(Math.abs(n), Math.abs(e)))));
   const scale = (0.47 * height) / reach;
   const centre = [width / 2, height / 2];
   text("track-scale", `rings ${reach / 2} and ${reach} m, north up`);
-  grid(pen, centre, scale, reach, false);
+  rings(pen, centre, scale, reach);
   [["deck", track.deck], ["drone", track.drone]].forEach(([name, places]) => {
-    let stroke = [];
-    places.forEach((p) => {
-      if (!p) path(pen, stroke, name, false, 3);
-      stroke = p ? [...stroke, [centre[0] + scale * p[1], centre[1] - scale * p[0]]] : [];
-    });
-    path(pen, stroke, name, false, 3);
-    if (!stroke.length) return;
+    const way = pieces(places.map((p) => p && [centre[0] + scale * p[1], centre[1] - scale * p[0]]));
+    way.forEach((piece) => path(pen, piece, name, false, 3));
+    const newest = last(last(way));
+    if (!newest) return;
     pen.fillStyle = colour(name);
     pen.beginPath();
-    pen.arc(...stroke[stroke.length - 1], 6, 0, 7);
+    pen.arc(...newest, 6, 0, 7);
     pen.fill();
   });
 }
@@ -438,16 +696,16 @@ function drawTrack(track) {
 const CAMERA_OLD_S = 2; // of two images a second four are missing
 const CAMERA_WAIT_MS = 3000; // a request without an answer is given up
 const CAMERA_PAUSE_MS = 1000; // after one that failed
-let seen = null; // the image that is visible: its number, text and time on the server's clock
+let shown = null; // the image that is visible: its number, text and time on the server's clock
 let loading = false;
 
 // What is said is of the image that is visible, which may be an older one than the newest.
-function tellCamera() {
-  const age = seen && picture ? picture.clock_s - seen.at_s : 0;
+function showCameraAge() {
+  const age = shown && picture ? picture.clock_s - shown.at_s : 0;
   const old = age > CAMERA_OLD_S || age < 0;
   $("camera").classList.toggle("stale", old);
   text("camera-age", old ? `OLD: ${age < 0 ? "from before the server's start" : `${ago(age)} ago`}` : "");
-  text("camera-text", seen ? seen.text : "no image yet");
+  text("camera-text", shown ? shown.text : "no image yet");
 }
 
 // An image takes the place of the visible one when it is there.
@@ -462,11 +720,11 @@ function loadImage(camera) {
   image.onload = () => {
     clearTimeout(givenUp);
     loading = false;
-    seen = its;
+    shown = its;
     image.id = "camera-image";
     image.alt = `Down from the drone: ${its.text}`;
     $("camera-image").replaceWith(image);
-    tellCamera();
+    showCameraAge();
   };
   image.onerror = () => {
     clearTimeout(givenUp);
@@ -480,56 +738,36 @@ function loadImage(camera) {
 function showCamera(camera) {
   $("camera").hidden = !camera;
   if (!camera) return;
-  tellCamera();
-  if (document.hidden || loading || (seen && seen.number === camera.number)) return;
+  showCameraAge();
+  if (document.hidden || loading || (shown && shown.number === camera.number)) return;
   loadImage(camera);
-}
-
-// Of three beside each other by two the last has a row of its own.
-function fillRows() {
-  const shown = ["camera", "bow", "ground"].filter((id) => !$(id).hidden);
-  shown.forEach((id, k) => $(id).classList.toggle("lonely", k % 2 === 0 && k === shown.length - 1));
 }
 
 function draw() {
   if (!picture) return;
-  // The vessel's computer knows no deck and drone beside each other.
-  document.querySelectorAll(".scene").forEach((s) => {
-    s.hidden = !picture.scene && "vessel" in picture;
-    s.classList.toggle("none", !picture.scene);
-  });
-  drawAbove(picture.scene);
   drawSide(picture.scene);
-  drawCompass(picture.compass);
-  drawTrack(picture.track);
+  drawAbove(picture.scene, picture.compass);
+  if ($("details").hidden) return;
+  showDetails();
   showCamera(picture.camera);
-  fillRows();
-  drawMotion(picture.motion);
 }
-addEventListener("resize", draw);
+new ResizeObserver(draw).observe($("hero"));
 
-// ---- the one order ----
+// ---- the one order: at once, for a question takes the seconds that count ----
 
 // What the server shows of the last order: empty again once the next flight begins.
 let answered = "";
 function showOrder(order) {
   $("order").hidden = order.label === null;
-  if (order.label !== null) {
-    text("ask", order.label);
-    text("yes", `yes: ${order.label}`);
-    text("no", `go back without ${order.label}`);
-    text("question", `Really ${order.label.toLowerCase()}?`);
-  }
+  if (order.label !== null) text("ask", order.label);
   if (order.answer !== answered && !$("answer").dataset.own) {
     answered = order.answer;
     text("answer", answered);
   }
 }
 
-$("ask").addEventListener("click", () => $("confirm").showModal());
-$("no").addEventListener("click", () => $("confirm").close());
-$("yes").addEventListener("click", async () => {
-  $("confirm").close();
+$("ask").addEventListener("click", async () => {
+  if ($("answer").dataset.own) return; // one is under way
   $("answer").dataset.own = "yes";
   text("answer", "sent, waiting for the answer ...");
   try {
@@ -565,20 +803,19 @@ function show(data) {
   receivedAt = seconds();
   const difference = receivedAt - picture.clock_s;
   fastest = Math.min(fastest, difference);
-  // A server that was started anew, on a computer that was, has another clock.
+  // A server that was started again, on a computer that was, has another clock.
   if (difference - fastest > 3600) fastest = difference;
   late = difference - fastest;
   text("title", picture.title);
+  connection();
   showGo(picture.go, picture.state);
   if (picture.result) result = { ...picture.result, receivedAt };
   showResult();
   showState(picture.state);
   showAlarms(alarmsOf(picture.findings));
-  showFigures(picture.figures);
-  showLists();
+  showFigures();
   showOrder(picture.order);
   draw();
-  connection();
 }
 
 // ---- one connection for all tabs: a browser opens six to a computer, and an order needs one, too ----
@@ -644,6 +881,7 @@ if (tabs) {
 const turns = setInterval(takeTurns, 250);
 setInterval(connection, 500);
 paint();
+turn();
 
 // Browsers keep it only for a page of this computer or by https.
 if ("serviceWorker" in navigator) navigator.serviceWorker.register("/worker.js").catch(() => {});

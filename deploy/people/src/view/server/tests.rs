@@ -110,7 +110,7 @@ fn viewers_page_size_and_hosts() {
         include_str!("../page/view.js"),
         include_str!("../page/worker.js"),
     ];
-    assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1000);
+    assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1200);
     assert!(
         files
             .iter()
@@ -153,8 +153,11 @@ fn viewers_page_contrast_by_day_and_night() {
             &["ink", "soft", "line", "drone", "plan", "forecast", "deck"],
         );
         pairs.extend(on("back", &["ink", "soft", "line"]));
+        pairs.extend(on("water", &["ink", "deck"]));
         pairs.extend([
             ("card", "ink"),
+            ("card", "soft"),
+            ("card", "drone"),
             ("warning", "warning-back"),
             ("alarm", "alarm-back"),
             ("go", "go-back"),
@@ -177,6 +180,9 @@ fn viewers_page_structure() {
         "<dl id=\"figures\"",
         "id=\"verdict\"",
         "id=\"stages\"",
+        "id=\"sentence\"",
+        "id=\"strip\"",
+        "<canvas id=\"side\"",
         "rel=\"manifest\"",
         "lang=\"en\"",
     ] {

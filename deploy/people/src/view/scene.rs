@@ -1,0 +1,130 @@
+//! Deck, drone and plan on axes that go with the deck: under way, too, a plan that lands ends on it.
+
+use alight_computer::process::snapshot::Snapshot;
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{DeckForecast, DeckStage, Plan};
+use alight_shared::time::{DroneClock, Span, Time};
+
+use crate::view::picture::{ContactView, DroneView, Place, SceneView};
+
+/// Every so many stages of the plan are drawn.
+const PATH_STEP: usize = 2;
+/// A plan that is older is not drawn any more, s: the vessel has left it behind.
+const FORGOTTEN_S: f64 = 5.0;
+/// A planned contact is shown for so long after its time, s.
+const PAST_S: f64 = 1.0;
+
+/// The scene at `now_ns` of the observer's clock, without the bodies' sizes; None without a forecast of the deck.
+pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
+    let forecast = known.forecast.as_ref()?;
+    let now = forecast.header.at + Span::from_secs(known.forecast.age_s(now_ns));
+    let deck = deck_at(forecast, now)?;
+    let heading = forecast.mean_heading;
+    let drone = known.drone.and_then(|d| {
+        let below = deck_at(forecast, d.header.at)?;
+        let e = d.euler();
+        Some(DroneView {
+            at: place(d.position, below.position, heading),
+            closing_mps: hundredth(d.velocity[2] - below.velocity[2]),
+            euler_deg: degrees([e.x, e.y, wrap_angle(e.z - heading)]),
+            stale: known.drone.is_old(now_ns),
+        })
+    });
+    let plan = known.plan.filter(|_| known.plan.age_s(now_ns) < FORGOTTEN_S);
+    let plan_stale = known.plan.is_old(now_ns);
+    let [roll, pitch, yaw] = deck.euler;
+    Some(SceneView {
+        euler_deg: degrees([roll, pitch, wrap_angle(yaw - heading)]),
+        heading_deg: tenth(heading.to_degrees().rem_euclid(360.0)),
+        way_mps: way(forecast),
+        forecast_stale: known.forecast.is_old(now_ns),
+        contact: plan
+            .filter(|_| !plan_stale)
+            .and_then(|p| contact(&p, forecast, now, &deck)),
+        plan: plan.map_or_else(Vec::new, |p| path(&p, forecast)),
+        plan_stale,
+        drone,
+        ..SceneView::default()
+    })
+}
+
+/// The deck at `t`; before and after the forecast it goes on as its first or last stage moves over ground.
+fn deck_at(forecast: &DeckForecast, t: Time<DroneClock>) -> Option<DeckStage> {
+    if let Some(deck) = forecast.at(t) {
+        return Some(deck);
+    }
+    let steps = i64::try_from(forecast.stages.len()).ok()? - 1;
+    let (mut deck, at) = if t < forecast.header.at {
+        (*forecast.stages.first()?, forecast.header.at)
+    } else {
+        (
+            *forecast.stages.last()?,
+            forecast.header.at + forecast.step * steps,
+        )
+    };
+    let dt_s = (t - at).secs();
+    deck.position[0] += deck.velocity[0] * dt_s;
+    deck.position[1] += deck.velocity[1] * dt_s;
+    Some(deck)
+}
+
+/// The plan's stages, each from the deck as it is forecast for that time, until the planned contact.
+fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<Place> {
+    let time = |k: i64| plan.header.at + plan.step * k;
+    let stages = (0..).zip(plan.stages.iter());
+    let end = i64::try_from(plan.stages.len()).map_or(plan.header.at, |n| time(n - 1));
+    let touchdown = plan.touchdown_at.filter(|at| *at <= end);
+    let until = touchdown.unwrap_or(Time::from_nanos(i64::MAX));
+    let last = touchdown.and_then(|at| Some((at, plan.sample(at)?.position)));
+    stages
+        .map(|(k, stage)| (time(k), stage.position))
+        .step_by(PATH_STEP)
+        .take_while(|(t, _)| *t < until)
+        .chain(last)
+        .filter_map(|(t, at)| Some(place(at, deck_at(forecast, t)?.position, forecast.mean_heading)))
+        .collect()
+}
+
+/// The planned contact, and the deck then as far as it is forecast.
+fn contact(
+    plan: &Plan,
+    forecast: &DeckForecast,
+    now: Time<DroneClock>,
+    deck: &DeckStage,
+) -> Option<ContactView> {
+    let at = plan.touchdown_at?;
+    let in_s = (at - now).secs();
+    let then = forecast.at(at);
+    (in_s > -PAST_S).then(|| ContactView {
+        in_s: tenth(in_s.max(0.0)),
+        tilt_deg: then.map(|d| [d.euler[0], d.euler[1]].map(|a| tenth(a.to_degrees()))),
+        rise_m: then.map(|d| hundredth(deck.position[2] - d.position[2])),
+    })
+}
+
+/// The vessel's mean velocity in the forecast, forward and to starboard, m/s.
+fn way(forecast: &DeckForecast) -> [f64; 2] {
+    let sum = |k: usize| forecast.stages.iter().map(|s| s.velocity[k]).sum::<f64>();
+    let n = forecast.stages.len().max(1) as f64;
+    let [forward, right, _] = place([sum(0) / n, sum(1) / n, 0.0], [0.0; 3], forecast.mean_heading);
+    [tenth(forward), tenth(right)]
+}
+
+/// A place of the NED from the deck at `deck`, on axes along `heading`, rad.
+fn place(at: [f64; 3], deck: [f64; 3], heading: f64) -> Place {
+    let (sin, cos) = heading.sin_cos();
+    let [north, east, down] = [at[0] - deck[0], at[1] - deck[1], at[2] - deck[2]];
+    [cos * north + sin * east, cos * east - sin * north, -down].map(hundredth)
+}
+
+fn degrees(euler: [f64; 3]) -> [f64; 3] {
+    euler.map(|a| tenth(a.to_degrees()))
+}
+
+fn tenth(x: f64) -> f64 {
+    (10.0 * x).round() / 10.0
+}
+
+fn hundredth(x: f64) -> f64 {
+    (100.0 * x).round() / 100.0
+}
