@@ -41,7 +41,7 @@ pub const PROCESS: Topic = Topic {
 
 /// The same of the vessel's process, which it broadcasts for its drones, under its own name.
 pub const VESSEL_PROCESS: Topic = Topic {
-    name: "status",
+    name: "process",
     medium: Medium::Radio,
     bytes: crate::wire::MAX_WIRE_BYTES,
     ..PROCESS
@@ -497,7 +497,7 @@ mod tests {
         let (radio, memory) = (VESSEL_PROCESS.described(), PROCESS.described());
         assert_eq!(
             (&radio["topic"], &radio["medium"], &radio["max_bytes"]),
-            (&json!("status"), &json!("radio"), &json!(wire::MAX_WIRE_BYTES))
+            (&json!("process"), &json!("radio"), &json!(wire::MAX_WIRE_BYTES))
         );
         assert_eq!(
             (&memory["medium"], &radio["schema"]),
@@ -508,9 +508,10 @@ mod tests {
 
     #[test]
     fn unique_topic_names() {
-        for (i, a) in ALL.iter().enumerate() {
-            assert!(ALL.iter().skip(i + 1).all(|b| b.name != a.name), "{}", a.name);
-        }
+        let reports = [&PROCESS, &VESSEL_PROCESS];
+        let mut names: Vec<&str> = ALL.iter().chain(reports).map(|t| t.name).collect();
+        names.sort_unstable();
+        assert!(names.windows(2).all(|pair| pair[0] != pair[1]), "{names:?}");
     }
 
     #[test]

@@ -23,7 +23,7 @@ const KEYS: [&str; 7] = [
     "alight/vessel-1/wave",
     "alight/vessel-1/prediction",
     "alight/vessel-1/time/reply",
-    "alight/vessel-1/status",
+    "alight/vessel-1/process",
     "alight/drone-1/time/request",
     "alight/drone-1/status",
 ];

@@ -341,6 +341,8 @@ pub struct MissionState {
     pub likelihood: Option<f64>,
     /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
     pub wind: Option<[f64; 2]>,
+    /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
+    pub wind_sd_mps: Option<f64>,
     /// Where the feet are to meet the deck, from its centre, NED, m: upwind in a strong wind, which moves the drone on.
     pub meets: [f64; 2],
     /// Where it lands, once the battery is below the reserve.
@@ -775,6 +777,7 @@ message!(MissionState, DroneClock, |m| {
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    m.wind_sd_mps.is_none_or(|sd| (0.0..=MAX_SPEED_MPS).contains(&sd)) => "wind_sd_mps",
     within(&m.meets, 10.0) => "meets",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });

@@ -470,6 +470,11 @@ impl Physics {
     pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
         self.drones.get(k).and_then(Plant::truth)
     }
+    /// A drone and the wind that it meets, NED, m/s, towards; None before it appears.
+    pub fn drone_in_wind(&self, k: usize) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
+        let drone = self.drones.get(k)?.drone.as_ref()?;
+        Some((drone.truth(), drone.wind()))
+    }
     /// Collisions of drones so far.
     pub fn collisions(&self) -> u32 {
         self.drones.iter().map(|p| p.collisions).sum::<u32>().div_ceil(2)

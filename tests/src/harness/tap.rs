@@ -3,17 +3,19 @@
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
+use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
 
 /// Looks on. `t` is the world's time.
 pub trait Tap {
-    /// The vessel's reference point and the drone at the beginning of the tick.
+    /// The vessel's reference point, and the drone with the wind that it meets (NED, m/s, towards), at the beginning of the
+    /// tick.
     fn truth(
         &mut self,
         _t: Time<TrueTime>,
         _vessel: &RigidState<VesselBody>,
-        _drone: Option<&RigidState<DroneBody>>,
+        _drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
     }
     /// A step of the vessel's computer, or of the first drone's bridge, predictor, mission, planner, pilot or link to the

@@ -265,7 +265,7 @@ impl World {
     /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.
     pub fn tick(&mut self, tap: &mut impl Tap) {
         let t = self.physics.now();
-        tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
+        tap.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
 
         self.advance_clocks();
 

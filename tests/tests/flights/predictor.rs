@@ -40,11 +40,11 @@ impl Tap for PredictorFlight {
         &mut self,
         _: Time<TrueTime>,
         vessel: &RigidState<VesselBody>,
-        drone: Option<&RigidState<DroneBody>>,
+        drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
         self.truth.push(vessel.at(DeckGeometry::default().centre()));
         self.frames.push(self.frames.last().copied().unwrap_or_default());
-        self.drone = drone.map_or(self.drone, |d| d.position.0);
+        self.drone = drone.map_or(self.drone, |(d, _)| d.position.0);
     }
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         let (Some(i), Some(o)) = (step.input::<PredictorIn>(), step.output::<PredictorOut>()) else {

@@ -748,6 +748,7 @@ impl Mission {
         }
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
+        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
         MissionState {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
             state,
@@ -777,11 +778,8 @@ impl Mission {
                 Some(moments) => Some(moments.now.whole()),
                 None => s.odds.map(|o| o.whole()),
             },
-            wind: self
-                .wind
-                .true_wind()
-                .filter(|(_, sd)| *sd < WIND_SD_MPS)
-                .map(|(wind, _)| wind.into()),
+            wind: wind.map(|(wind, _)| wind.into()),
+            wind_sd_mps: wind.map(|(_, sd)| sd),
             meets: self.meets,
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,

@@ -23,7 +23,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
-use crate::process::radio_keys::{STATUS, drone_key, vessel_key};
+use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
 
 /// A process without packets wakes this often.
@@ -76,10 +76,10 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
             }
         })
         .collect();
-    keys.push(vessel_key(vessel, STATUS).into());
+    keys.push(vessel_key(vessel, topics::VESSEL_PROCESS.name).into());
     let mut radio = Radio::open(&computer.radio, publications, keys)?;
 
-    let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
+    let mut flows = RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]);
     while !process.ended() {
         let _late = timeout(MAX_WAIT, radio.arrival()).await;
         let mut packets = Vec::new();

@@ -10,8 +10,6 @@ pub fn vessel_key(id: u32, topic: &str) -> String {
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }
-/// The status of a process.
-pub const STATUS: &str = topics::VESSEL_PROCESS.name;
 /// The status of any drone. One chunk of a key is `drone-N`.
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)

@@ -17,12 +17,12 @@ pub struct RadioRates {
 }
 
 impl RadioRates {
-    /// Of a radio that publishes these topics; None: the process's own report.
-    pub fn of(publications: &[Option<&Topic>]) -> RadioRates {
+    /// Of a radio that publishes these topics; the process's own report stands in no list.
+    pub fn of(publications: &[&Topic]) -> RadioRates {
         let index = |topic: &Topic| topics::ALL.iter().position(|t| t.name == topic.name);
         let number = |i: Option<usize>| i.and_then(|i| u32::try_from(i).ok()).unwrap_or(u32::MAX);
         RadioRates {
-            topics: publications.iter().map(|o| number(o.and_then(index))).collect(),
+            topics: publications.iter().map(|topic| number(index(topic))).collect(),
             samples: VecDeque::new(),
         }
     }
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn radio_rates_over_five_seconds() {
-        let mut flows = RadioRates::of(&[Some(&topics::ESTIMATE), None]);
+        let mut flows = RadioRates::of(&[&topics::ESTIMATE, &topics::VESSEL_PROCESS]);
         let mut last = Seq::new();
         for k in 0..40_u64 {
             let count = |n| Flow {

@@ -70,7 +70,7 @@ impl Snapshot {
                 let [hz, bytes] = rates.map(|(rate, digits)| Cell::number(f64::from(rate), digits));
                 table.row(cells![
                     p.kind.name(),
-                    topic_name(f.topic).unwrap_or("status"),
+                    topic_name(f.topic).unwrap_or(topics::VESSEL_PROCESS.name),
                     hz,
                     bytes
                 ]);

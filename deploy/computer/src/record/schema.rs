@@ -101,7 +101,7 @@ pub struct Forecast {
     pub predicted_slopes: Vec<f64>,
 }
 
-/// The mission.
+/// The mission. The wind is its estimate of the mean, towards north and east, with the standard deviation.
 #[derive(Encode)]
 pub struct Mission {
     pub state: String,
@@ -111,6 +111,10 @@ pub struct Mission {
     pub attempts: u32,
     pub height_m: f64,
     pub descent_mps: f64,
+    pub wind_north_mps: Option<f64>,
+    pub wind_east_mps: Option<f64>,
+    pub wind_speed_mps: Option<f64>,
+    pub wind_sd_mps: Option<f64>,
 }
 
 /// The planner's solver.
@@ -155,7 +159,7 @@ pub struct SetPoint {
 
 /// Drone and deck as they are. Places are the drone's centre of mass and the deck's centre, heights up; `forward_m`,
 /// `starboard_m` and `height_above_deck_m` lead from the deck's centre to the centroid of the feet in the deck's axes, in which
-/// the errors are drone minus deck.
+/// the errors are drone minus deck. The wind is the air's velocity at the drone, gusts and the deck's lee in it, NED, towards.
 #[derive(Encode)]
 pub struct Truth {
     pub deck_north_m: f64,
@@ -172,6 +176,8 @@ pub struct Truth {
     pub drone_pitch_deg: f64,
     pub drone_yaw_deg: f64,
     pub drone_velocity_mps: [f64; 3],
+    pub wind_mps: [f64; 3],
+    pub wind_speed_mps: f64,
     pub horizontal_distance_m: f64,
     pub forward_m: f64,
     pub starboard_m: f64,

@@ -418,6 +418,10 @@ impl Views {
                 attempts: m.attempts,
                 height_m: m.height_m,
                 descent_mps: m.descent_mps,
+                wind_north_mps: m.wind.map(|[north, _]| north),
+                wind_east_mps: m.wind.map(|[_, east]| east),
+                wind_speed_mps: m.wind.map(|[north, east]| north.hypot(east)),
+                wind_sd_mps: m.wind_sd_mps,
             };
             self.mission.put(sink, t, &view);
         }

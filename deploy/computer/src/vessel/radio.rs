@@ -29,18 +29,18 @@ const OPERATOR: usize = 6;
 const DRONES: usize = 7;
 const SURROUNDINGS: usize = 8;
 const RECEIPTS: usize = 9;
-/// The topics and how urgent they are; None is the report of the process.
-const PUBLICATIONS: [(Option<&Topic>, Urgency); 10] = [
-    (Some(&topics::ESTIMATE), Urgency::State),
-    (Some(&topics::WAVE), Urgency::Model),
-    (Some(&topics::PREDICTION), Urgency::Model),
-    (Some(&topics::TIME_REPLY), Urgency::State),
-    (None, Urgency::Status),
-    (Some(&topics::DECK), Urgency::State),
-    (Some(&topics::OPERATOR), Urgency::State),
-    (Some(&topics::DRONES), Urgency::Status),
-    (Some(&topics::SURROUNDINGS), Urgency::State),
-    (Some(&topics::RECEIPTS), Urgency::State),
+/// The topics and how urgent they are.
+const PUBLICATIONS: [(&Topic, Urgency); 10] = [
+    (&topics::ESTIMATE, Urgency::State),
+    (&topics::WAVE, Urgency::Model),
+    (&topics::PREDICTION, Urgency::Model),
+    (&topics::TIME_REPLY, Urgency::State),
+    (&topics::VESSEL_PROCESS, Urgency::Status),
+    (&topics::DECK, Urgency::State),
+    (&topics::OPERATOR, Urgency::State),
+    (&topics::DRONES, Urgency::Status),
+    (&topics::SURROUNDINGS, Urgency::State),
+    (&topics::RECEIPTS, Urgency::State),
 ];
 /// The subscriptions, in their order; the third is the status of drones.
 const TIME_REQUESTS: usize = 0;
@@ -67,7 +67,6 @@ impl VesselRadio {
     /// Opens the radio of this computer.
     pub fn open(computer: &VesselComputer) -> Result<VesselRadio, CliError> {
         let publications = PUBLICATIONS.map(|(topic, urgency)| {
-            let topic = topic.unwrap_or(&topics::VESSEL_PROCESS);
             let key = vessel_key(computer.vessel_id, topic.name);
             let publication = Publication::new(key, urgency).of(topic);
             // What a drone that comes later lacks and is broadcast seldom.
@@ -186,4 +185,22 @@ fn decode<M: DeserializeOwned>(
         sender: packet.sender,
         message: message?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::topics::Medium;
+
+    /// A publication with a topic answers queries for its schema.
+    #[test]
+    fn senders_of_every_radio_topic() {
+        let of_drones = [&topics::TIME_REQUEST, &topics::DRONE_STATUS];
+        let sent = PUBLICATIONS.iter().map(|(topic, _)| *topic).chain(of_drones);
+        let sent: Vec<&str> = sent.map(|t| t.name).collect();
+        for topic in topics::ALL.iter().filter(|t| t.medium == Medium::Radio) {
+            assert!(sent.contains(&topic.name), "{} is sent by none", topic.name);
+        }
+        assert!(sent.contains(&topics::VESSEL_PROCESS.name));
+    }
 }

@@ -13,11 +13,11 @@ pub struct Body {
     attitude: [f64; 4],
 }
 
-/// Both bodies; the drone once it is there.
+/// Both bodies; the drone, with the wind that it meets (NED, m/s, towards), once it is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     vessel: Body,
-    drone: Option<Body>,
+    drone: Option<(Body, [f64; 3])>,
 }
 
 impl Body {
@@ -52,19 +52,23 @@ impl Body {
 
 impl Truth {
     /// Of both bodies.
-    pub fn of(vessel: &RigidState<VesselBody>, drone: Option<&RigidState<DroneBody>>) -> Truth {
+    pub fn of(
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
+    ) -> Truth {
         Truth {
             vessel: Body::of(vessel),
-            drone: drone.map(Body::of),
+            drone: drone.map(|(drone, wind)| (Body::of(drone), (*wind).into())),
         }
     }
     /// The vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.vessel.state()
     }
-    /// The drone.
-    pub fn drone(&self) -> Option<RigidState<DroneBody>> {
-        self.drone.as_ref().map(Body::state)
+    /// The drone, and the wind that it meets, NED, m/s, towards.
+    pub fn drone(&self) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
+        let (drone, wind) = self.drone.as_ref()?;
+        Some((drone.state(), Vector3::from(*wind)))
     }
 }
 
@@ -83,5 +87,8 @@ mod tests {
         let body = Body::of(&state);
         assert_eq!(Body::of(&body.state::<DroneBody>()), body);
         assert_eq!(body.vectors[0], [1.0, -2.0, 3.5]);
+        let wind = Vector3::new(6.0, -1.0, 0.2);
+        let truth = Truth::of(&RigidState::default(), Some(&(state, wind)));
+        assert_eq!(truth.drone().map(|(_, wind)| wind), Some(wind));
     }
 }

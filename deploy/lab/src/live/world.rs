@@ -181,7 +181,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
 
         plant.place(&mut physics);
         if let Some(recorder) = &mut truth {
-            let truth = Truth::of(&physics.vessel(), physics.drone(0).as_ref());
+            let truth = Truth::of(&physics.vessel(), physics.drone_in_wind(0).as_ref());
             recorder.step(before, physics.now().nanos(), &truth, &());
         }
         let measured_at = physics.vessel_now();

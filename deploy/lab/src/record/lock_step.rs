@@ -16,6 +16,7 @@ use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::tap::Tap;
 use alight_sim::physics::body::RigidState;
+use nalgebra::Vector3;
 
 use crate::live::truth::Truth;
 
@@ -72,7 +73,7 @@ impl Tap for LockStepLog {
         &mut self,
         t: Time<TrueTime>,
         vessel: &RigidState<VesselBody>,
-        drone: Option<&RigidState<DroneBody>>,
+        drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
         let step = Step {
             process: ProcessKind::World,

@@ -194,8 +194,7 @@ impl StepObserver for FlightRecorder {
     fn world(&mut self, t: Time<TrueTime>, entry: &[u8]) -> Result<(), WireError> {
         let truth = wire::decode_record::<Entry<Truth>>(entry)?.input;
         if let Some(recorder) = &mut self.recorder {
-            self.truth
-                .show(recorder, t, &truth.vessel(), truth.drone().as_ref());
+            self.truth.show(recorder, t, &truth.vessel(), truth.drone());
         }
         self.end_when_asked(t);
         Ok(())

@@ -31,26 +31,26 @@ impl TruthViews {
             truth: Topic::open(sink, "/truth")?,
         })
     }
-    /// Both bodies at `t`.
+    /// Both bodies at `t`, the drone with the wind that it meets (NED, m/s, towards).
     pub fn show(
         &mut self,
         recorder: &mut Recorder,
         t: Time<TrueTime>,
         vessel: &RigidState<VesselBody>,
-        drone: Option<&RigidState<DroneBody>>,
+        drone: Option<(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
         let Recorder { sink, views, .. } = recorder;
-        views.true_drone = drone.map(|d| d.position.0.into());
-        if let (true, Some(drone)) = (views.fast(t), drone) {
+        views.true_drone = drone.as_ref().map(|(d, _)| d.position.0.into());
+        if let (true, Some((drone, wind))) = (views.fast(t), &drone) {
             let deck = vessel.at(self.scenario.deck.centre());
-            self.truth.put(sink, t, &self.relation(&deck, drone));
+            self.truth.put(sink, t, &self.relation(&deck, drone, wind));
         }
         let placed = (vessel.position.0.into(), vessel.attitude.0);
-        let drone = drone.map(|d| (d.position.0.into(), d.attitude.0));
+        let drone = drone.map(|(d, _)| (d.position.0.into(), d.attitude.0));
         self.scenery.draw(sink, views, t, Some(placed), drone);
     }
 
-    fn relation(&self, deck: &RigidState<Deck>, drone: &RigidState<DroneBody>) -> Truth {
+    fn relation(&self, deck: &RigidState<Deck>, drone: &RigidState<DroneBody>, wind: &Vector3<f64>) -> Truth {
         let (offset, speed) = (drone.position - deck.position, drone.velocity.0 - deck.velocity.0);
         let below = Vector3::new(0.0, 0.0, self.scenario.airframe.feet_below_m);
         let feet = drone.at::<DroneBody>(below).position;
@@ -76,6 +76,8 @@ impl TruthViews {
             drone_pitch_deg: q.y,
             drone_yaw_deg: q.z,
             drone_velocity_mps: drone.velocity.0.into(),
+            wind_mps: (*wind).into(),
+            wind_speed_mps: wind.norm(),
             horizontal_distance_m: offset.0.xy().norm(),
             forward_m: feet.x,
             starboard_m: feet.y,

@@ -35,14 +35,10 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
     let all = all();
     let shown: Vec<&Topic> = match &args.topic {
         None => all.clone(),
-        Some(name) => all
-            .iter()
-            .copied()
-            .filter(|t| t.name == name || listed(t) == *name)
-            .collect(),
+        Some(name) => all.iter().copied().filter(|t| t.name == name).collect(),
     };
     if shown.is_empty() {
-        let names: Vec<String> = all.iter().map(|t| listed(t)).collect();
+        let names: Vec<&str> = all.iter().map(|t| t.name).collect();
         return Err(CliError(format!(
             "no topic {}: there are {}",
             args.topic.as_deref().unwrap_or_default(),
@@ -53,7 +49,6 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
         let described: Vec<_> = shown.iter().map(|t| t.described()).collect();
         terminal::line(json!({ "message_version": MESSAGE_VERSION, "topics": described }));
     } else if args.topic.is_some() {
-        // A drone and a vessel each have a status.
         let texts: Vec<String> = shown.iter().map(|t| fields(t)).collect();
         terminal::line(texts.join("\n\n"));
     } else {
@@ -68,23 +63,13 @@ fn all() -> Vec<&'static Topic> {
     topics::ALL.iter().chain(reports).collect()
 }
 
-/// A topic's name in the list: a drone and a vessel each have a status.
-fn listed(topic: &Topic) -> String {
-    let name = topic.name;
-    if name != topics::DRONE_STATUS.name {
-        return name.into();
-    }
-    let is_vessels = topic.message == topics::VESSEL_PROCESS.message;
-    format!("{name} of a {}", if is_vessels { "vessel" } else { "drone" })
-}
-
 fn list(topics: &[&Topic]) -> String {
     let mut table = Table::new(3..=5, ["topic", "message", "on", "Hz", "bytes", "stale s"]);
     for t in topics {
         let stale_s = Cell::number(t.stale_after.secs(), 1);
         let rate = Cell::number(t.rate_hz, if t.rate_hz < 1.0 { 1 } else { 0 });
         table.row(cells![
-            listed(t),
+            t.name,
             t.type_name(),
             t.medium.name(),
             rate,
@@ -151,16 +136,6 @@ fn wrapped(text: &str) -> Vec<String> {
 mod tests {
     use super::*;
     use std::iter::once;
-
-    #[test]
-    fn different_names_in_the_list() {
-        let mut names: Vec<String> = all().iter().map(|t| listed(t)).collect();
-        assert!(names.iter().any(|n| n == "status of a vessel"));
-        let count = names.len();
-        names.sort_unstable();
-        names.dedup();
-        assert_eq!(names.len(), count);
-    }
 
     #[test]
     fn lines_of_every_schema_within_a_terminal() {

@@ -162,4 +162,22 @@ mod tests {
         assert_eq!(asked(all, 2_500_000_000), texts[..1]);
         assert!(asked("alight/vessel-2/@schema/**", 3_000_000_000).is_empty());
     }
+
+    #[test]
+    fn schema_of_every_topic_that_is_sent() {
+        let on_the_radio = topics::ALL.iter().filter(|t| t.medium == topics::Medium::Radio);
+        let sent: Vec<&'static Topic> = on_the_radio.chain([&topics::VESSEL_PROCESS]).collect();
+        let publication = |t: &&'static Topic| {
+            Publication::new(format!("alight/vessel-1/{}", t.name), Urgency::Model).of(t)
+        };
+        let publications: Vec<Publication> = sent.iter().map(publication).collect();
+        let mut answers = Answers::of("alight/vessel-1", &publications);
+        let all = KeyExpr::try_from("alight/vessel-1/@schema/**").unwrap();
+        for (schema, topic) in answers.schemas.iter_mut().zip(&sent) {
+            assert_eq!(schema.key, format!("alight/vessel-1/@schema/{}", topic.name));
+            let text = schema.asked(&all, 1_000_000_000).unwrap();
+            assert_eq!(&*text.to_bytes(), topic.described().to_string().as_bytes());
+        }
+        assert_eq!(answers.schemas.len(), sent.len());
+    }
 }
