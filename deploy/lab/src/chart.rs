@@ -16,18 +16,23 @@ use plotters::prelude::*;
 
 use crate::report::document::Chart;
 
-/// Of lines and groups, in their order; the first two are drone and deck.
+/// Colours of lines and groups, in their order; the first two are drone and deck. The first six are those of Okabe and Ito, in the
+/// order of the Python module's figures.
 const COLOURS: [RGBColor; 8] = [
-    RGBColor(31, 111, 180),
-    RGBColor(214, 96, 32),
-    RGBColor(70, 150, 80),
-    RGBColor(138, 79, 191),
-    RGBColor(184, 50, 106),
-    RGBColor(153, 136, 0),
-    RGBColor(0, 140, 140),
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
     RGBColor(124, 74, 30),
+    RGBColor(90, 60, 160),
 ];
 const MARK: RGBColor = RGBColor(120, 120, 120);
+/// Measures of a legend, px: length of a sample, height of a row, width of a letter.
+const SAMPLE: i32 = 22;
+const ROW: i32 = 16;
+const LETTER: i32 = 7;
 /// Size of a chart of curves, px.
 const CURVES: (u32, u32) = (640, 300);
 /// Width of a chart of means, and height of one of its lines, px.
@@ -40,11 +45,13 @@ fn colour(index: usize) -> RGBColor {
     COLOURS.get(index % COLOURS.len()).copied().unwrap_or(BLACK)
 }
 
-/// A line with its name.
+/// A line with its name; one of a single point is a mark.
 struct Line {
+    /// Empty: the legend has none.
     name: String,
     colour: RGBColor,
-    dashed: bool,
+    /// Length of strokes and gaps, px; None: a whole line.
+    dash: Option<(i32, i32)>,
     points: Vec<(f64, f64)>,
 }
 
@@ -53,19 +60,55 @@ struct Axes<'a> {
     caption: &'a str,
     /// Meaning of the axes.
     names: [&'a str; 2],
+    /// The chart below it has the numbers across.
+    shared: bool,
     across: Range<f64>,
     up: Range<f64>,
     /// In the place of the numbers 0, 1, 2 across.
     places: Option<&'a [String]>,
 }
 
+/// Writes the names above a chart, where they cover nothing, in as many rows as they need; gives what is left.
+fn legend<'a>(area: &Area<'a>, lines: &[Line]) -> Result<Area<'a>, Box<dyn Error>> {
+    const LEFT: i32 = 60;
+    let width = i32::try_from(area.dim_in_pixel().0).unwrap_or(i32::MAX);
+    let (mut x, mut y) = (LEFT, ROW / 2);
+    for line in lines.iter().filter(|l| !l.name.is_empty()) {
+        let letters = i32::try_from(line.name.chars().count()).unwrap_or_default();
+        let wide = SAMPLE + LETTER * (letters + 3);
+        if x > LEFT && x + wide > width {
+            (x, y) = (LEFT, y + ROW);
+        }
+        if line.points.len() == 1 {
+            area.draw(&Circle::new((x + SAMPLE / 2, y), 4, line.colour.filled()))?;
+        } else {
+            let (stroke, gap) = line.dash.unwrap_or((SAMPLE, 0));
+            for from in (0..SAMPLE).step_by((stroke + gap).max(1) as usize) {
+                let ends = [(x + from, y), (x + (from + stroke).min(SAMPLE), y)];
+                area.draw(&PathElement::new(ends, line.colour.stroke_width(2)))?;
+            }
+        }
+        area.draw(&Text::new(
+            line.name.clone(),
+            (x + SAMPLE + 6, y - 6),
+            ("sans-serif", 12),
+        ))?;
+        x += wide;
+    }
+    Ok(area.split_vertically(y + ROW / 2).1)
+}
+
 fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
-    let mut chart = ChartBuilder::on(area)
-        .caption(axes.caption, ("sans-serif", 18))
-        .margin(8)
-        .x_label_area_size(32)
-        .y_label_area_size(52)
-        .build_cartesian_2d(axes.across.clone(), axes.up.clone())?;
+    let area = legend(area, lines)?;
+    let mut builder = ChartBuilder::on(&area);
+    builder.margin(8).y_label_area_size(52);
+    if !axes.shared {
+        builder.x_label_area_size(32);
+    }
+    if !axes.caption.is_empty() {
+        builder.caption(axes.caption, ("sans-serif", 16));
+    }
+    let mut chart = builder.build_cartesian_2d(axes.across.clone(), axes.up.clone())?;
     let place = |x: &f64| {
         let places = axes.places.unwrap_or_default();
         let is_place = (x - x.round()).abs() < 1e-6 && *x > -0.5;
@@ -85,25 +128,18 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
         let colour = line.colour;
         let style = colour.stroke_width(2);
         let points = line.points.iter().copied();
-        let drawn = if line.dashed {
-            chart.draw_series(DashedLineSeries::new(points, 5, 4, style))?
-        } else {
-            chart.draw_series(LineSeries::new(points, style))?
+        match (line.points.as_slice(), line.dash) {
+            ([mark], _) => chart.draw_series([Circle::new(*mark, 5, colour.filled())])?,
+            (_, Some((stroke, gap))) => {
+                chart.draw_series(DashedLineSeries::new(points, stroke, gap, style))?
+            }
+            (_, None) => chart.draw_series(LineSeries::new(points, style))?,
         };
-        let length = if line.dashed { 9 } else { 18 };
-        drawn
-            .label(&line.name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + length, y)], style));
         if axes.places.is_some() {
             let dots = line.points.iter().map(|p| Circle::new(*p, 3, colour.filled()));
             chart.draw_series(dots)?;
         }
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.8))
-        .draw()?;
     Ok(())
 }
 
@@ -151,7 +187,7 @@ pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Char
     let line = |(k, curve): (usize, &Curve)| Line {
         name: curve.name.clone(),
         colour: colour(k),
-        dashed: false,
+        dash: None,
         points: curve
             .points
             .iter()
@@ -168,8 +204,8 @@ pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Char
     let axes = Axes {
         caption: "",
         names: ["", ""],
-        // Room for the names of the curves.
-        across: -0.1..1.4 * last,
+        shared: false,
+        across: -0.1..last + 0.1,
         up: 0.0..if top > 0.0 { 1.05 * top } else { 1.0 },
         places: Some(places),
     };

@@ -114,7 +114,7 @@ impl StepObserver for BeliefPlot {
 
 impl Plot for BeliefPlot {
     fn write(&self) -> Result<(), CliError> {
-        let title = format!("{}: as the drone believed it", self.flight.display());
+        let title = format!("Landing: {}, as the drone believed it", self.flight.display());
         landing::write(&self.trace, &title, &self.path)
     }
 }

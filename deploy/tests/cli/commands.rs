@@ -96,7 +96,9 @@ fn trial_json_and_plot() {
     }
     assert_eq!(v["sea"], "moderate");
     let svg = std::fs::read_to_string(&plot).unwrap();
-    assert!(svg.starts_with("<svg") && svg.contains("touchdown") && svg.contains("Roll"));
+    assert!(
+        svg.starts_with("<svg") && svg.contains("touchdown") && svg.contains("roll and pitch difference")
+    );
 }
 
 #[test]

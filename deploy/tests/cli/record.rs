@@ -93,7 +93,11 @@ fn plot_of_a_recording() {
     let o = replay(&plot);
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let svg = std::fs::read_to_string(&plot).unwrap();
-    for text in ["as the drone believed it", "time to touchdown, s", "Yaw"] {
+    for text in [
+        "as the drone believed it",
+        "time to touchdown, s",
+        "yaw difference, deg",
+    ] {
         assert!(svg.contains(text), "{text}");
     }
     let o = replay(&other);

@@ -1,5 +1,5 @@
-//! One landing in the layout of the paper's figure 4: the path from above, and over the time to touchdown the displacement
-//! to the deck, the velocities, the difference of roll and pitch, and that of yaw.
+//! One landing in the layout of the paper's figure 4, the one of the Python module's `plots.landing`: the path from above, and
+//! over the time to touchdown the displacement to the deck, the velocities, the difference of roll and pitch, and that of yaw.
 
 use std::path::Path;
 
@@ -12,16 +12,21 @@ use plotters::prelude::*;
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 
 /// Of the picture, and of the path in it, px.
-const SIZE: (u32, u32) = (1200, 900);
-const PATH_WIDTH: u32 = 520;
-/// Time before the touchdown that the path and the panels over time show, s.
-const PATH_S: f64 = 60.0;
+const SIZE: (u32, u32) = (1200, 960);
+const PATH_WIDTH: u32 = 534;
+/// Time before the touchdown that the panels over time show, s; the path is the whole one.
 const PANEL_S: f64 = 15.0;
+/// Patterns of the first, second and third line of a panel: they differ without their colour, too.
+const DASHES: [Option<(i32, i32)>; 3] = [None, Some((7, 4)), Some((2, 3))];
 
-/// What a simulated landing is, and how it ended.
+/// The simulated landing, and how it ended.
 pub fn title(o: &Outcome) -> String {
     let (sea, seed, planner, name) = (&o.sea, o.seed, &o.planner, o.outcome.name());
-    format!("Landing at sea {sea}, seed {seed}, planner {planner}: {name}")
+    let contact = o.position_error_m.zip(o.touchdown_speed_mps);
+    let contact = contact.map_or(String::new(), |(off_m, speed_mps)| {
+        format!(", {off_m:.2} m off the centre at {speed_mps:.2} m/s")
+    });
+    format!("Landing: sea {sea}, seed {seed}, planner {planner}, {name}{contact}")
 }
 
 /// Draws the last landing of a trace to `path`; where nothing landed, its end.
@@ -45,13 +50,13 @@ fn with_continuous_yaw(trace: &Trace) -> Trace {
     trace
 }
 
-/// A value of a point: its name, whether it is the deck's beside the drone's, and of which number the colour is.
-type Value<'a> = (&'a str, bool, usize, &'a dyn Fn(&TracePoint) -> f64);
+/// A value of a point: its name, which number its pattern has and which its colour.
+type Value<'a> = (&'a str, usize, usize, &'a dyn Fn(&TracePoint) -> f64);
 
-/// What a panel over time shows.
+/// A panel over time.
 struct Panel<'a> {
-    caption: &'a str,
-    unit: &'a str,
+    /// Name and unit of the vertical axis.
+    name: &'a str,
     values: &'a [Value<'a>],
 }
 
@@ -66,39 +71,36 @@ fn draw(trace: &Trace, title: &str, backend: SVGBackend<'_>) -> Drawn {
     let degrees = |k: usize| move |p: &TracePoint| p.relative_euler[k].to_degrees();
     let charts = [
         Panel {
-            caption: "Displacement of the feet in the deck's axes",
-            unit: "m",
+            name: "displacement to the deck, m",
             values: &[
-                ("forward", false, 0, &|p| p.displacement[0]),
-                ("starboard", false, 1, &|p| p.displacement[1]),
-                ("height", false, 2, &|p| p.displacement[2]),
+                ("forward", 0, 0, &|p| p.displacement[0]),
+                ("starboard", 1, 1, &|p| p.displacement[1]),
+                ("height", 2, 2, &|p| p.displacement[2]),
+            ],
+        },
+        // A colour for each axis; the pattern is that of drone or deck.
+        Panel {
+            name: "velocity of drone and deck, m/s",
+            values: &[
+                ("north", 0, 0, &|p| p.drone_velocity[0]),
+                ("east", 0, 1, &|p| p.drone_velocity[1]),
+                ("up", 0, 2, &|p| -p.drone_velocity[2]),
+                ("deck: dashed", 1, 0, &|p| p.deck_velocity[0]),
+                ("", 1, 1, &|p| p.deck_velocity[1]),
+                ("", 1, 2, &|p| -p.deck_velocity[2]),
             ],
         },
         Panel {
-            caption: "Velocity",
-            unit: "m/s",
-            values: &[
-                ("drone, north", false, 0, &|p| p.drone_velocity[0]),
-                ("east", false, 1, &|p| p.drone_velocity[1]),
-                ("up", false, 2, &|p| -p.drone_velocity[2]),
-                ("deck, north", true, 0, &|p| p.deck_velocity[0]),
-                ("east", true, 1, &|p| p.deck_velocity[1]),
-                ("up", true, 2, &|p| -p.deck_velocity[2]),
-            ],
+            name: "roll and pitch difference, deg",
+            values: &[("roll", 0, 0, &degrees(0)), ("pitch", 1, 1, &degrees(1))],
         },
         Panel {
-            caption: "Roll and pitch, drone minus deck",
-            unit: "deg",
-            values: &[("roll", false, 0, &degrees(0)), ("pitch", false, 1, &degrees(1))],
-        },
-        Panel {
-            caption: "Yaw, drone minus deck",
-            unit: "deg",
-            values: &[("yaw", false, 0, &degrees(2))],
+            name: "yaw difference, deg",
+            values: &[("yaw", 0, 0, &degrees(2))],
         },
     ];
-    for (area, panel) in panels.iter().zip(&charts) {
-        over_time(area, trace, panel)?;
+    for (k, (area, panel)) in panels.iter().zip(&charts).enumerate() {
+        over_time(area, trace, panel, k + 1 < charts.len())?;
     }
     root.present()?;
     Ok(())
@@ -110,69 +112,84 @@ fn zero(trace: &Trace) -> f64 {
     trace.touchdown_s.unwrap_or(end)
 }
 
-/// The points of the last `before_s` before that time.
+/// The points from so long before that time up to it.
 fn shown(trace: &Trace, before_s: f64) -> impl DoubleEndedIterator<Item = &TracePoint> {
     let until = zero(trace);
     let inside = until - before_s..=until;
     trace.points.iter().filter(move |p| inside.contains(&p.t_s))
 }
 
-fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>) -> Drawn {
+/// A panel; one above another (`shared`) leaves the times to the lowest.
+fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>, shared: bool) -> Drawn {
     let until = zero(trace);
-    let line = |(name, dashed, number, value): &Value<'_>| Line {
+    let line = |(name, pattern, number, value): &Value<'_>| Line {
         name: (*name).into(),
         colour: colour(*number),
-        dashed: *dashed,
+        dash: DASHES.get(*pattern).copied().flatten(),
         points: shown(trace, PANEL_S).map(|p| (p.t_s - until, value(p))).collect(),
     };
-    let mut drawn: Vec<Line> = panel.values.iter().map(line).collect();
-    let up = range_of(drawn.iter().flat_map(|l| l.points.iter().map(|p| p.1)));
-    let mut across = "time to the end, s";
-    if trace.touchdown_s.is_some() {
-        across = "time to touchdown, s";
-        drawn.push(Line {
-            name: "touchdown".into(),
-            colour: MARK,
-            dashed: false,
-            points: vec![(0.0, up.start), (0.0, up.end)],
-        });
-    }
+    let nought = Line {
+        name: String::new(),
+        colour: MARK,
+        dash: Some((1, 3)),
+        points: vec![(-PANEL_S, 0.0), (0.0, 0.0)],
+    };
+    let drawn: Vec<Line> = panel.values.iter().map(line).chain([nought]).collect();
+    let across = match trace.touchdown_s {
+        Some(_) => "time to touchdown, s",
+        None => "time to the end of the recording, s",
+    };
     let axes = Axes {
-        caption: panel.caption,
-        names: [across, panel.unit],
-        // Room for the names of the lines.
-        across: -PANEL_S..0.3 * PANEL_S,
-        up,
+        caption: "",
+        names: [if shared { "" } else { across }, panel.name],
+        shared,
+        across: -PANEL_S..0.0,
+        up: range_of(drawn.iter().flat_map(|l| l.points.iter().map(|p| p.1))),
         places: None,
     };
     lines(area, &axes, &drawn)
 }
 
 fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
-    let ends = || shown(trace, PATH_S).flat_map(|p| [p.drone, p.deck]);
+    let path = || shown(trace, f64::INFINITY);
+    let ends = || path().flat_map(|p| [p.drone, p.deck]);
     let (east, north) = (range_of(ends().map(|p| p[1])), range_of(ends().map(|p| p[0])));
     // One scale for both axes, so that a circle is a circle.
     let (w, h) = area.dim_in_pixel();
-    let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(70).max(1));
+    let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(90).max(1));
     let half = ((east.end - east.start) / stretch).max(north.end - north.start) / 2.0;
     let (ce, cn) = ((east.end + east.start) / 2.0, (north.end + north.start) / 2.0);
     let axes = Axes {
-        caption: "Paths from above",
+        caption: "path from above",
         names: ["east, m", "north, m"],
+        shared: false,
         across: ce - half * stretch..ce + half * stretch,
         up: cn - half..cn + half,
         places: None,
     };
-    let path = |name: &str, number, dashed, place: fn(&TracePoint) -> [f64; 3]| Line {
+    let line = |name: &str, colour, pattern: usize, points: Vec<(f64, f64)>| Line {
         name: name.into(),
-        colour: colour(number),
-        dashed,
-        points: shown(trace, PATH_S).map(|p| (place(p)[1], place(p)[0])).collect(),
+        colour,
+        dash: DASHES.get(pattern).copied().flatten(),
+        points,
     };
-    let drawn = [
-        path("drone", 0, false, |p| p.drone),
-        path("deck", 1, true, |p| p.deck),
+    let of_drone: Vec<(f64, f64)> = path().map(|p| (p.drone[1], p.drone[0])).collect();
+    let mut marks = vec![line(
+        "start",
+        colour(0),
+        0,
+        of_drone.first().copied().into_iter().collect(),
+    )];
+    if trace.touchdown_s.is_some() {
+        let last = of_drone.last().copied().into_iter().collect();
+        marks.push(line("touchdown", BLACK, 0, last));
+    }
+    let of_deck = path().map(|p| (p.deck[1], p.deck[0])).collect();
+    let mut drawn = vec![
+        line("drone", colour(0), 0, of_drone),
+        line("deck", colour(1), 1, of_deck),
     ];
+    drawn.extend(marks);
     lines(area, &axes, &drawn)
 }
 
@@ -215,7 +232,7 @@ mod tests {
     fn plot_with_and_without_a_touchdown() {
         for (touchdown_s, axis) in [
             (Some(118.5), "time to touchdown, s"),
-            (None, "time to the end, s"),
+            (None, "time to the end of the recording, s"),
         ] {
             let mut svg = String::new();
             draw(
@@ -224,14 +241,17 @@ mod tests {
                 SVGBackend::with_string(&mut svg, SIZE),
             )
             .unwrap();
-            assert_eq!(svg.matches(axis).count(), 4, "{svg}");
+            // The lowest panel alone has the times, as in the Python module's figure.
+            assert_eq!(svg.matches(axis).count(), 1, "{svg}");
             assert_eq!(svg.contains("touchdown"), touchdown_s.is_some());
             for name in [
                 "a &lt; b",
+                "path from above",
                 "starboard",
-                "deck, north",
-                "pitch",
-                "Paths from above",
+                "velocity of drone and deck, m/s",
+                "deck: dashed",
+                "roll and pitch difference, deg",
+                "yaw difference, deg",
             ] {
                 assert!(svg.contains(name), "{name} is missing in {svg}");
             }

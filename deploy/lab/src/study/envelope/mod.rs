@@ -278,8 +278,8 @@ fn document(
             "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
              vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
              come from where the wind does. Refused: no landing in time, and no contact beyond its limits. Unsafe: \
-             everything else that is no landing. A cell is unsafe where one landing was, landed where at least {rate:.0} % \
-             of those tried landed, refused otherwise. The line is the limit: up to it every cell was landed in at least \
+             everything else that is no landing. The darker a cell, the more of those tried landed; it is unsafe where \
+             one landing was, landed where at least {rate:.0} % of those tried landed, refused otherwise. The line is the limit: up to it every cell was landed in at least \
              {rate:.0} % of all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
             grid.trials,
             rate = 100.0 * grid.rate
@@ -427,6 +427,29 @@ mod tests {
         let force = hold::needed_n(&scenes, 1, Some(1)).unwrap();
         assert_eq!(force[0], Some(0.0));
         assert!(force[1].is_none_or(|n| n > 0.0), "{force:?}");
+    }
+
+    #[test]
+    fn envelope_colours_by_the_fraction_that_landed() {
+        // Both of a class that landed: the darker one has more of them.
+        let light = |landed: f64| {
+            let c = polar::colour(Class::Landed, landed / 5.0);
+            0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2)
+        };
+        let steps: Vec<f64> = (0..5)
+            .map(|k| light(f64::from(k)) - light(f64::from(k + 1)))
+            .collect();
+        assert!(steps.iter().all(|darker| *darker > 15.0), "{steps:?}");
+        assert!(light(3.0) - light(5.0) > 30.0);
+        let grid = Grid::of(&args(
+            "--winds 4,8 --directions 4 --sea-states 3 --trials 4 --rate 50",
+        ));
+        let svg = polar::draw(&grid, &[cell(4.0, 4, 0), cell(8.0, 2, 2)], "E").unwrap();
+        for landed in [1.0, 0.5] {
+            let c = polar::colour(Class::Landed, landed);
+            let written = format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
+            assert!(svg.contains(&written), "{written}: {svg}");
+        }
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! The polar of an envelope as SVG: a circle for each sea state, bow up; in the ring of each wind a cell for each direction
-//! that it comes from, filled and patterned by its class: landed, refused or unsafe.
+//! that it comes from. The blue of a cell is the fraction that landed, its pattern the class: landed, refused or unsafe.
 
 use core::f64::consts::TAU;
 use std::error::Error;
@@ -11,16 +11,16 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::grid::{Cell, Class, Grid};
 
-/// Okabe and Ito's sky blue, yellow and vermilion: told apart with every kind of colour vision. Black on them has a
-/// contrast of at least 5.4.
-const LANDED: RGBColor = RGBColor(86, 180, 233);
-const REFUSED: RGBColor = RGBColor(240, 228, 66);
+/// Ends of the scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing. Unsafe is Okabe and
+/// Ito's vermilion, which differs from them with every kind of colour vision. Black on them has a contrast of at least 5.
+const NONE_LANDED: RGBColor = RGBColor(222, 235, 247);
+const ALL_LANDED: RGBColor = RGBColor(49, 130, 189);
 const UNSAFE: RGBColor = RGBColor(213, 94, 0);
 const LINE: RGBColor = RGBColor(30, 30, 30);
 /// Side of a panel, height of title and legend, px.
 const PANEL: u32 = 440;
 const HEAD: u32 = 40;
-const FOOT: u32 = 102;
+const FOOT: u32 = 120;
 /// Part of the radius for the boat in the middle.
 const HUB: f64 = 0.25;
 /// Panels in a row.
@@ -43,10 +43,17 @@ fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f6
 fn wedge([inner, outer]: [f64; 2], angles: [f64; 2]) -> Vec<(f64, f64)> {
     arc(outer, angles).chain(arc(inner, angles).rev()).collect()
 }
-fn colour(class: Class) -> RGBColor {
+/// The colour of a class in which this fraction landed, 0 to 1.
+pub fn colour(class: Class, landed: f64) -> RGBColor {
+    let fraction = landed.clamp(0.0, 1.0);
+    let between =
+        |none: u8, all: u8| (f64::from(none) + fraction * (f64::from(all) - f64::from(none))).round() as u8;
     match class {
-        Class::Landed => LANDED,
-        Class::Refused => REFUSED,
+        Class::Landed | Class::Refused => RGBColor(
+            between(NONE_LANDED.0, ALL_LANDED.0),
+            between(NONE_LANDED.1, ALL_LANDED.1),
+            between(NONE_LANDED.2, ALL_LANDED.2),
+        ),
         Class::Unsafe => UNSAFE,
     }
 }
@@ -98,7 +105,8 @@ fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, 
     let (mut x, y) = (12, top + 12);
     for class in [Class::Landed, Class::Refused, Class::Unsafe] {
         let box_of = [(x, y - 8), (x + 20, y + 8)];
-        root.draw(&Rectangle::new(box_of, colour(class).filled()))?;
+        let fraction = if class == Class::Landed { 1.0 } else { 0.0 };
+        root.draw(&Rectangle::new(box_of, colour(class, fraction).filled()))?;
         // The pattern of a cell, straightened.
         let across = (1..4).map(|k| [(x, y - 8 + 4 * k), (x + 20, y - 8 + 4 * k)]);
         let up = (1..5).map(|k| [(x + 4 * k, y - 8), (x + 4 * k, y + 8)]);
@@ -113,6 +121,7 @@ fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, 
         root.draw(&Text::new(class.name(), (x + 26, y), style.clone()))?;
         x += 92;
     }
+    scale(root, y + 22)?;
     let percent = 100.0 * grid.rate;
     let limit = if grid.too_few().is_some() {
         "no limit".to_owned()
@@ -135,8 +144,21 @@ fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, 
         ));
     }
     for (line, k) in lines.into_iter().zip(1..) {
-        root.draw(&Text::new(line, (12, y + 18 * k + 4), style.clone()))?;
+        root.draw(&Text::new(line, (12, y + 22 + 18 * k), style.clone()))?;
     }
+    Ok(())
+}
+
+/// The fraction that landed in fifths, none to all.
+fn scale(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> Drawn {
+    let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
+    root.draw(&Text::new("fraction that landed: 0 %", (12, y), style.clone()))?;
+    for k in 0..6 {
+        let box_of = [(170 + 20 * k, y - 8), (190 + 20 * k, y + 8)];
+        let fill = colour(Class::Landed, f64::from(k) / 5.0);
+        root.draw(&Rectangle::new(box_of, fill.filled()))?;
+    }
+    root.draw(&Text::new("100 %", (298, y), style))?;
     Ok(())
 }
 
@@ -154,7 +176,8 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
             c.from_deg.to_radians(),
         );
         let (class, angles) = (c.class(grid.rate), [middle - half, middle + half]);
-        plane.draw_series([Polygon::new(wedge(radii, angles), colour(class))])?;
+        let fill = colour(class, c.landed as f64 / c.trials.max(1) as f64);
+        plane.draw_series([Polygon::new(wedge(radii, angles), fill)])?;
         let net = pattern(class, radii, angles);
         plane.draw_series(net.into_iter().map(|l| PathElement::new(l, LINE.mix(0.3))))?;
         let outline = wedge(radii, angles);
@@ -164,7 +187,7 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
             Class::Landed | Class::Refused => format!("{}/{}", c.landed, c.trials),
             Class::Unsafe => format!("!{}/{}", c.unsafe_count(), c.trials),
         };
-        labels.push((count, at(0.5 * (radii[0] + radii[1]), middle), colour(class)));
+        labels.push((count, at(0.5 * (radii[0] + radii[1]), middle), fill));
     }
     let limit: Vec<_> = (grid.bearings())
         .flat_map(|from| {
