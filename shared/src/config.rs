@@ -281,18 +281,32 @@ pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> 
 
 /// A configuration as TOML with the meaning of each key (unit and source included) above it.
 pub fn commented<T: Serialize + Check>(config: &T) -> Result<String, toml::ser::Error> {
+    commented_keys(config, &|_| true)
+}
+
+/// The keys of a configuration whose dotted names are `wanted`, as TOML with the meaning of each above it.
+pub fn commented_keys<T: Serialize + Check>(
+    config: &T,
+    wanted: &dyn Fn(&str) -> bool,
+) -> Result<String, toml::ser::Error> {
     let mut meanings = BTreeMap::new();
     T::describe(&Keys::ROOT, &mut meanings);
     let Value::Table(table) = Value::try_from(config)? else {
         return toml::to_string(config);
     };
     let mut out = String::new();
-    write_table(&table, "", &meanings, &mut out);
+    write_table(&table, "", &meanings, wanted, &mut out);
     Ok(out)
 }
 
 /// Simple keys first, then the tables below, as TOML wants them.
-fn write_table(table: &Table, path: &str, meanings: &BTreeMap<String, String>, out: &mut String) {
+fn write_table(
+    table: &Table,
+    path: &str,
+    meanings: &BTreeMap<String, String>,
+    wanted: &dyn Fn(&str) -> bool,
+    out: &mut String,
+) {
     let full = |key: &str| [path, key].join(if path.is_empty() { "" } else { "." });
     let comment = |key: &str, out: &mut String| {
         for line in meanings.get(&full(key)).iter().flat_map(|m| m.lines()) {
@@ -300,16 +314,20 @@ fn write_table(table: &Table, path: &str, meanings: &BTreeMap<String, String>, o
         }
     };
     let is_table = |v: &Value| v.is_table();
-    for (key, value) in table.iter().filter(|(_, v)| !is_table(v)) {
+    for (key, value) in table.iter().filter(|(k, v)| !is_table(v) && wanted(&full(k))) {
         comment(key, out);
         out.push_str(&format!("{key} = {value}\n"));
     }
     for (key, value) in table {
         if let Value::Table(inner) = value {
+            let mut below = String::new();
+            write_table(inner, &full(key), meanings, wanted, &mut below);
+            if below.is_empty() && !inner.is_empty() {
+                continue;
+            }
             out.push('\n');
             comment(key, out);
-            out.push_str(&format!("[{}]\n", full(key)));
-            write_table(inner, &full(key), meanings, out);
+            out.push_str(&format!("[{}]\n{below}", full(key)));
         }
     }
 }
@@ -374,5 +392,10 @@ mod tests {
             "{text}"
         );
         assert_eq!(parse::<Heater>(&text, "test").unwrap(), heater);
+        let text = commented_keys(&heater, &|key| key.starts_with("spare")).unwrap();
+        assert_eq!(
+            text,
+            "\n# Its other fan.\n[spare]\n# Speed, 1/min.\nspeed_rpm = 900\n"
+        );
     }
 }

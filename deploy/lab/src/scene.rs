@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
+use alight_computer::config::method::{self, Tuning};
 use alight_computer::config::view::ViewConfig;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal;
 use alight_shared::config::{self, Check, Keys, commented};
+use alight_shared::msg::LandingMode;
 use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::{Fault, Kind, Moment};
@@ -59,16 +61,7 @@ impl Scene {
             sea = "scenario".into();
             scenario = config::load(path)?;
         }
-        let vessel: VesselComputer = computer(args.vessel_config.as_deref())?;
-        let drone: DroneComputer = computer(args.drone_config.as_deref())?;
-        let mut nodes = NodeConfigs {
-            vessel: vessel.vessel,
-            deck: vessel.deck,
-            bridge: drone.bridge,
-            autopilot: drone.autopilot,
-            drone: drone.drone,
-            baseline: None,
-        };
+        let (mut nodes, knots) = configured(args, &mut remarks)?;
         if args.scenario.is_none() {
             // The deck carries what the drone's file says.
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
@@ -175,7 +168,7 @@ impl Scene {
             nodes,
             sea,
             remarks,
-            knots: drone.view.knots,
+            knots,
         })
     }
     /// View of it: a simulated landing may be broken off by whoever sees its page.
@@ -210,13 +203,38 @@ fn written(name: &str, value: &str) -> String {
     }
 }
 
+/// The nodes as the files of the computers and of the tuning have them, and whether the drone's crew reads knots.
+fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfigs, bool), CliError> {
+    let tuning = args.tuning.as_deref().map(Tuning::load).transpose()?;
+    let tuning = tuning.unwrap_or_default();
+    let vessel: VesselComputer = tuning.over(computer(args.vessel_config.as_deref())?)?;
+    let mut drone: DroneComputer = tuning.over(computer(args.drone_config.as_deref())?)?;
+    let mode = &mut drone.drone.mission.mode;
+    if *mode == LandingMode::Shadow {
+        remarks.push(
+            "--drone-config has drone.mission.mode = \"shadow\", in which a pilot flies: the simulation flies \"land\""
+                .into(),
+        );
+        *mode = LandingMode::Land;
+    }
+    let nodes = NodeConfigs {
+        vessel: vessel.vessel,
+        deck: vessel.deck,
+        bridge: drone.bridge,
+        autopilot: drone.autopilot,
+        drone: drone.drone,
+        baseline: None,
+    };
+    Ok((nodes, drone.view.knots))
+}
+
 /// The configuration of a computer, its defaults without a file. A hull's file is none, and the error says where it
 /// belongs.
 fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
     let Some(path) = file else {
         return Ok(T::default());
     };
-    config::load(path).map_err(|e| {
+    method::load(path).map_err(|e| {
         let table = path.with_extension("csv");
         if !table.exists() {
             return e.into();

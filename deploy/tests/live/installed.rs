@@ -25,8 +25,9 @@ use toml::Table;
 use crate::common::{self, free_port, signal};
 use crate::landing::pid;
 
-/// The simulated time zero lies this much after the start of the test, ns.
-const RUN_UP_NS: i64 = 4_000_000_000;
+/// The simulated time zero lies at most this much after the start of the test, ns.
+const RUN_UP_NS: i64 = 5_000_000_000;
+const SECOND_NS: i64 = 1_000_000_000;
 /// The vessel's estimator runs this long before the landing is commanded, s.
 const WARM_UP_S: f64 = 15.0;
 /// A landed drone calibrates the deck for so long, s, and stays there a little longer.
@@ -76,7 +77,8 @@ impl Installed {
                 .parse()
                 .expect("TOML")
         };
-        let epoch_ns = steady_ns() + RUN_UP_NS;
+        // A full second, which the clocks of the simulated vehicles show exactly.
+        let epoch_ns = (steady_ns() + RUN_UP_NS) / SECOND_NS * SECOND_NS;
         let vessel_instance = format!("v{instance}");
         let host = std::env::var("ALIGHT_VESSEL_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         if host != "127.0.0.1" {
@@ -90,7 +92,6 @@ impl Installed {
         common::keys(&other, "operator 1");
         let endpoint = format!("quic/{host}:{}", free_port());
         let radio = |computer: &mut Table, side: &str, peers: &[&str], end: &str| {
-            table(computer, "clock").insert("epoch_ns".into(), epoch_ns.into());
             let radio = table(computer, "radio");
             radio.insert(end.into(), vec![endpoint.clone()].into());
             let tls = table(radio, "tls");
@@ -110,6 +111,8 @@ impl Installed {
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
         vessel.insert("instance".into(), vessel_instance.clone().into());
         drone.insert("instance".into(), instance.clone().into());
+        // The shipped file begins with a pilot, whom the simulated vehicles do not have.
+        table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
         // The simulated autopilot sends its MAVLink there.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         let port = free_port();
@@ -135,7 +138,8 @@ impl Installed {
         start.insert("warm_up_s".into(), WARM_UP_S.into());
         // The computers' clocks are this computer's, as they would be.
         let clocks = table(table(scenario, "sensors"), "clocks");
-        for key in ["epoch_s", "offset_s", "drift_ppm"] {
+        clocks.insert("epoch_s".into(), (epoch_ns as f64 * 1e-9).into());
+        for key in ["offset_s", "drift_ppm"] {
             clocks.insert(key.into(), 0.0.into());
         }
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {

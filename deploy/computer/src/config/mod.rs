@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod link_url;
+pub mod method;
 pub mod recorder;
 pub mod supervision;
 pub mod view;

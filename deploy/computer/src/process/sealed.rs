@@ -16,6 +16,7 @@ use alight_transport::radio::zenoh_text;
 use serde::de::DeserializeOwned;
 use tracing::warn;
 
+use crate::config::method;
 use crate::exit::{CliError, Doing};
 
 /// The copy is of a flight that goes on if its supervisor lived so lately: a hundred times what the service manager waits
@@ -58,7 +59,7 @@ impl SealedConfig {
             }
         }
         let text = read(origin).doing(format_args!("reading {}", origin.display()))?;
-        let computer = config::parse(&text, &origin.display().to_string())?;
+        let computer = method::parse(&text, &origin.display().to_string())?;
         let text = whole(text)?;
         write(&copy, &text).doing(format_args!("writing {}", copy.display()))?;
         Ok((computer, SealedConfig::of(origin, copy, text, true)))

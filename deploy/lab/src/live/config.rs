@@ -98,8 +98,9 @@ config! {
         /// measurements go into that memory.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub sensors: Vec<SourceConfig> = Vec::new();
-        /// The steady clock's reading at the true time zero, ns: `clock.epoch_ns` of vessel and drone, whose clocks it
-        /// then shares; 0: when the process starts.
+        /// The steady clock's reading at the true time zero, ns; 0: at the next full second after the process starts, by the
+        /// clock that `alight vessel` and `alight drone` read on this computer. With another value the scenario's
+        /// `sensors.clocks.epoch_s` is that reading, s.
         pub epoch_ns: i64 = 0;
         /// Seed of sea, noise and start.
         pub seed: u64 = 0;

@@ -37,6 +37,9 @@ use crate::live::render_thread::RenderThread;
 use crate::live::serial_lines::SensorLines;
 use crate::live::truth::Truth;
 
+/// A second, ns.
+const SECOND_NS: i64 = 1_000_000_000;
+
 /// The line that reports the first measurement on the vessel's serial lines.
 pub const SENSING: &str = "world: sensors send";
 /// The line that reports the first contact.
@@ -107,7 +110,9 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let mut world: SimulatedWorld = config::load(&args.config)?;
     if world.epoch_ns == 0 {
-        world.epoch_ns = steady_ns();
+        // At the next full second of the clock that vessel and drone read, too.
+        world.epoch_ns = (steady_ns() / SECOND_NS + 1) * SECOND_NS;
+        world.scenario.sensors.clocks.epoch_s = world.epoch_ns as f64 * 1e-9;
     }
     let mut physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
     let mut plant = {

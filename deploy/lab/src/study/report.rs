@@ -158,11 +158,12 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
 pub fn replay_command(out: &Path, row: &Row) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
-    let [vessel, drone] = run::config_files(out, row);
+    let [vessel, drone, tuning] = run::config_files(out, row);
     Some(format!(
-        "alight trial{scene}{}{} --planner {}",
+        "alight trial{scene}{}{}{} --planner {}",
         flag("vessel-config", vessel).unwrap_or_default(),
         flag("drone-config", drone).unwrap_or_default(),
+        flag("tuning", tuning).unwrap_or_default(),
         row.kind()
     ))
 }

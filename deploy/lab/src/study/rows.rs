@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use alight_computer::config::method::lay;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::terminal;
@@ -153,18 +154,6 @@ fn narrow(axis: &mut Axis, given: &[(&str, String)]) {
 struct SceneFlags {
     #[command(flatten)]
     scene: SceneArgs,
-}
-
-/// Lays a table over another, key by key.
-fn lay(over: &Table, base: &mut Table) {
-    for (key, value) in over {
-        match (base.get_mut(key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => lay(above, below),
-            (Some(_) | None, _) => {
-                base.insert(key.clone(), value.clone());
-            }
-        }
-    }
 }
 
 /// A configuration with the tables of that name laid over it.

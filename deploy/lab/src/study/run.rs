@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use alight_computer::config::{DroneFile, VesselComputer};
+use alight_computer::config::{DroneFile, VesselComputer, method};
 use alight_computer::exit::CliError;
 use alight_computer::terminal::note;
 use alight_sim::harness::outcome::Outcome;
@@ -97,7 +97,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     for dir in dirs {
         outcomes.extend(read_rows(dir)?);
         hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
-        for part in ["scenarios", "configs/vessel", "configs/drone"] {
+        for part in ["scenarios", "configs/vessel", "configs/drone", "configs/tuning"] {
             // What is not there was the default.
             for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
                 let folder = out.join(part);
@@ -132,10 +132,10 @@ pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
     out.join("scenarios").join(file_name(scenario))
 }
 
-/// Where a study keeps the configurations of vessel and drone that are not the defaults.
-pub fn config_files(out: &Path, row: &Row) -> [PathBuf; 2] {
+/// Where a study keeps the configurations of vessel and drone and the keys of the method that are not the defaults.
+pub fn config_files(out: &Path, row: &Row) -> [PathBuf; 3] {
     let name = file_name(&format!("{} {}", row.scenario, row.planner));
-    ["vessel", "drone"].map(|side| out.join("configs").join(side).join(&name))
+    ["vessel", "drone", "tuning"].map(|side| out.join("configs").join(side).join(&name))
 }
 
 /// The file with the hash of the configuration that a directory's rows were flown with.
@@ -166,22 +166,28 @@ fn prepare(study: &str, out: &Path, rows: &[Row]) -> Result<(), CliError> {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
         files.push((scenario_file(out, &row.scenario), text));
         let nodes = row.nodes.clone();
-        let [vessel, drone] = config_files(out, row);
-        if nodes.vessel != NodeConfigs::default().vessel {
-            let computer = VesselComputer {
-                vessel: nodes.vessel,
-                ..VesselComputer::default()
-            };
-            files.push((vessel, toml::to_string(&computer).map_err(|e| because(&e))?));
+        let [vessel, drone, tuning] = config_files(out, row);
+        let computer = VesselComputer {
+            vessel: nodes.vessel,
+            ..VesselComputer::default()
+        };
+        let [own, mut tuned] = method::divided(&computer).map_err(|e| because(&e))?;
+        if computer != VesselComputer::default() {
+            files.push((vessel, own.to_string()));
         }
         let file = DroneFile {
             bridge: nodes.bridge,
             drone: nodes.drone,
         };
+        let [own, tuned_drone] = method::divided(&file).map_err(|e| because(&e))?;
+        tuned.extend(tuned_drone);
         let mut plain = DroneFile::default();
         plain.drone.planner.kind = file.drone.planner.kind;
         if file != plain {
-            files.push((drone, toml::to_string(&file).map_err(|e| because(&e))?));
+            files.push((drone, own.to_string()));
+        }
+        if !tuned.is_empty() {
+            files.push((tuning, tuned.to_string()));
         }
     }
     let used = rows_file(out).exists();

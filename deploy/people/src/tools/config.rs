@@ -1,42 +1,43 @@
 //! `alight config`: a configuration with its declarations.
 
+use alight_computer::config::method::KeyOwner;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal;
-use alight_shared::config::commented;
+use alight_shared::config::{Check, commented_keys};
 use clap::Args;
+use serde::Serialize;
 
 /// A configuration of a computer.
 #[derive(Args, Debug)]
 pub struct ConfigArgs {
-    /// Every key with its default and its meaning, not only what an installer decides
+    /// Every key that the file may set, with its default and its meaning, not only those that `alight init` writes
     #[arg(long)]
     pub all: bool,
+    /// The keys of the method, which no file of a flight sets: for --tuning of studies
+    #[arg(long, conflicts_with = "all")]
+    pub tuning: bool,
 }
 
-/// Prints the vessel's: as it is shipped, or with all its keys.
+/// Prints the vessel's: as it is shipped, or other keys of it.
 pub fn vessel(args: &ConfigArgs) -> Result<Exit, CliError> {
-    print(args, include_str!("../../../vessel/vessel.toml"), || {
-        commented(&VesselComputer::default())
-    })
+    print::<VesselComputer>(args, include_str!("../../../vessel/vessel.toml"))
 }
 
-/// Prints the drone's: as it is shipped, or with all its keys.
+/// Prints the drone's: as it is shipped, or other keys of it.
 pub fn drone(args: &ConfigArgs) -> Result<Exit, CliError> {
-    print(args, include_str!("../../../drone/drone.toml"), || {
-        commented(&DroneComputer::default())
-    })
+    print::<DroneComputer>(args, include_str!("../../../drone/drone.toml"))
 }
 
-fn print(
-    args: &ConfigArgs,
-    shipped: &str,
-    all: impl FnOnce() -> Result<String, toml::ser::Error>,
-) -> Result<Exit, CliError> {
-    let text = if args.all {
-        all().doing("writing the configuration as TOML")?
-    } else {
-        shipped.into()
+fn print<T: Default + Serialize + Check>(args: &ConfigArgs, shipped: &str) -> Result<Exit, CliError> {
+    let of = |owner| {
+        let text = commented_keys(&T::default(), &|key| KeyOwner::of(key) == owner);
+        text.doing("writing the configuration as TOML")
+    };
+    let text = match (args.all, args.tuning) {
+        (true, _) => of(KeyOwner::Flight)?,
+        (false, true) => of(KeyOwner::Method)?,
+        (false, false) => shipped.into(),
     };
     terminal::line(text.trim_end());
     Ok(Exit::Success)

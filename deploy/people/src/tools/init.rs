@@ -3,6 +3,9 @@
 //! The files are the shipped ones, comments included, with the answers in their places; every answer is validated by the
 //! configuration's own checks before the next question is asked.
 
+#[cfg(test)]
+mod tests;
+
 use std::fs::OpenOptions;
 use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
@@ -45,74 +48,107 @@ struct Boat {
 
 /// Whose file a key stands in.
 #[derive(Clone, Copy)]
-enum Of {
+enum BoatFile {
     Vessel,
     Drone,
 }
 
 /// A key of a file: whose, its table ("": the file's own) and its name.
-type Place = (Of, &'static str, &'static str);
+type Place = (BoatFile, &'static str, &'static str);
 
 /// A question whose answer is a value of the files: the text, and the keys, all of which get it.
 struct Question(&'static str, &'static [Place]);
 
+const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
+const CAMERA: Place = (BoatFile::Drone, "camera", "source");
+/// The question that follows the lens of a camera.
+const DISTORTION: Question = Question(
+    "The lens's distortion k1, k2, p1, p2, k3",
+    &[(BoatFile::Drone, "drone.camera.lens", "distortion")],
+);
 const QUESTIONS: &[Question] = &[
     Question(
         "Number of the vessel, 1 to 65535",
-        &[(Of::Vessel, "", "vessel_id"), (Of::Drone, "bridge", "vessel_id")],
+        &[
+            (BoatFile::Vessel, "", "vessel_id"),
+            (BoatFile::Drone, "bridge", "vessel_id"),
+        ],
     ),
     Question(
         "Number of the drone, 1 to 65535",
-        &[(Of::Drone, "bridge", "drone_id")],
+        &[(BoatFile::Drone, "bridge", "drone_id")],
     ),
     Question(
         "Length of the deck along the vessel, m",
         &[
-            (Of::Vessel, "vessel.deck", "length_m"),
-            (Of::Drone, "drone.deck", "length_m"),
+            (BoatFile::Vessel, "vessel.deck", "length_m"),
+            (BoatFile::Drone, "drone.deck", "length_m"),
         ],
     ),
     Question(
         "Width of the deck, m",
         &[
-            (Of::Vessel, "vessel.deck", "width_m"),
-            (Of::Drone, "drone.deck", "width_m"),
+            (BoatFile::Vessel, "vessel.deck", "width_m"),
+            (BoatFile::Drone, "drone.deck", "width_m"),
         ],
     ),
     Question(
         "Centre of its upper surface from amidships at the water line: forward, right, down, m",
         &[
-            (Of::Vessel, "vessel.deck", "centre_m"),
-            (Of::Drone, "drone.deck", "centre_m"),
+            (BoatFile::Vessel, "vessel.deck", "centre_m"),
+            (BoatFile::Drone, "drone.deck", "centre_m"),
+        ],
+    ),
+    Question(
+        "Force with which it holds a drone that stands on it (net, magnets, latch), N; 0: a plain deck",
+        &[
+            (BoatFile::Vessel, "vessel.deck", "hold_n"),
+            (BoatFile::Drone, "drone.deck", "hold_n"),
         ],
     ),
     Question(
         "The inertial sensor's place from the same point: forward, right, down, m",
-        &[(Of::Vessel, "vessel.imu", "lever_arm_m")],
+        &[(BoatFile::Vessel, "vessel.imu", "lever_arm_m")],
     ),
     Question(
         "The GNSS antenna's place: forward, right, down, m",
-        &[(Of::Vessel, "vessel.gnss", "antenna_m")],
+        &[(BoatFile::Vessel, "vessel.gnss", "antenna_m")],
     ),
     Question(
         "The autopilot's MAVLink, a URL (serial:///dev/ttyACM0:921600)",
-        &[(Of::Drone, "autopilot", "connect")],
+        &[(BoatFile::Drone, "autopilot", "connect")],
     ),
     Question(
         "The drone's take-off mass, kg",
-        &[(Of::Drone, "drone.airframe", "mass_kg")],
+        &[(BoatFile::Drone, "drone.airframe", "mass_kg")],
+    ),
+    Question(
+        "Distance of each of its rotors from the centre, m",
+        &[(BoatFile::Drone, "drone.airframe", "arm_m")],
+    ),
+    Question(
+        "Its moments of inertia about forward, right, down, kg m² (in brackets: scaled by mass and arm)",
+        &[INERTIA],
+    ),
+    Question(
+        "Distance between its feet: fore-aft, sideways, m",
+        &[(BoatFile::Drone, "drone.airframe", "feet_span_m")],
+    ),
+    Question(
+        "Its foot plane below the centre of mass, m",
+        &[(BoatFile::Drone, "drone.airframe", "feet_below_m")],
     ),
     Question(
         "Its hover thrust, 0 to 1 (MPC_THR_HOVER, MOT_THST_HOVER)",
-        &[(Of::Drone, "autopilot", "hover_thrust")],
+        &[(BoatFile::Drone, "autopilot", "hover_thrust")],
     ),
-    Question(
-        "Its belly camera (/dev/video0; - : none of ours)",
-        &[(Of::Drone, "camera", "source")],
-    ),
+    Question("Its belly camera (/dev/video0; - : none of ours)", &[CAMERA]),
     Question(
         "Winds and speeds in knots, true or false",
-        &[(Of::Vessel, "view", "knots"), (Of::Drone, "view", "knots")],
+        &[
+            (BoatFile::Vessel, "view", "knots"),
+            (BoatFile::Drone, "view", "knots"),
+        ],
     ),
 ];
 
@@ -124,10 +160,10 @@ impl Boat {
             drone: include_str!("../../../drone/drone.toml").into(),
         }
     }
-    fn file(&mut self, of: Of) -> &mut String {
+    fn file(&mut self, of: BoatFile) -> &mut String {
         match of {
-            Of::Vessel => &mut self.vessel,
-            Of::Drone => &mut self.drone,
+            BoatFile::Vessel => &mut self.vessel,
+            BoatFile::Drone => &mut self.drone,
         }
     }
     /// The value of a key as the file has it, the first line of it.
@@ -162,34 +198,54 @@ impl Boat {
             config::parse(&self.drone, "drone.toml")?,
         ))
     }
+    /// A number of the drone's file.
+    fn number(&mut self, table: &'static str, key: &'static str) -> f64 {
+        let value = self.value((BoatFile::Drone, table, key));
+        value.and_then(|v| v.parse().ok()).unwrap_or_default()
+    }
+    /// Moments of inertia of the shipped drone's shape with this mass and arm.
+    fn scale_inertia(&mut self) {
+        let mut shipped = Boat::shipped();
+        let size = |boat: &mut Boat| {
+            let arm_m = boat.number("drone.airframe", "arm_m");
+            boat.number("drone.airframe", "mass_kg") * arm_m * arm_m
+        };
+        let factor = size(self) / size(&mut shipped);
+        let moments = shipped.value(INERTIA).unwrap_or_default();
+        let moments = moments.trim_matches(['[', ']']).split(", ");
+        let scaled = moments.filter_map(|m| m.parse::<f64>().ok());
+        let scaled: Vec<String> = scaled
+            .map(|m| format!("{:?}", (1e4 * m * factor).round().max(1.0) / 1e4))
+            .collect();
+        self.set(INERTIA, &format!("[{}]", scaled.join(", ")));
+    }
     /// What follows from the answers: names of certificates, greatest thrust, tags that suit the deck.
     fn derive(&mut self) -> Result<(), CliError> {
-        let number = |boat: &mut Boat, table, key| {
-            let value = boat.value((Of::Drone, table, key));
-            value.and_then(|v| v.parse::<f64>().ok()).unwrap_or_default()
-        };
         let hovers = |boat: &mut Boat| {
-            let mass_kg = number(boat, "drone.airframe", "mass_kg");
-            [mass_kg, number(boat, "autopilot", "hover_thrust")]
+            let mass_kg = boat.number("drone.airframe", "mass_kg");
+            [mass_kg, boat.number("autopilot", "hover_thrust")]
         };
         // As shipped it is as measured.
         let [mass_kg, hover] = hovers(self);
         if [mass_kg, hover] != hovers(&mut Boat::shipped()) {
             let thrust_n = (10.0 * mass_kg * GRAVITY / hover).round() / 10.0;
             self.set(
-                (Of::Drone, "drone.airframe", "max_thrust_n"),
+                (BoatFile::Drone, "drone.airframe", "max_thrust_n"),
                 &format!("{thrust_n:?}"),
             );
         }
-        let size = ["length_m", "width_m"].map(|side| number(self, "drone.deck", side));
+        let size = ["length_m", "width_m"].map(|side| self.number("drone.deck", side));
         let (vessel, drone) = self.check()?;
         let tags = of_vessel(&suggested(size[0], size[1]), vessel.vessel_id);
         let tags: String = tags.iter().map(tag::row).collect();
-        self.set((Of::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
+        self.set((BoatFile::Drone, "drone.deck", "tags"), &format!("[\n{tags}]"));
         let (other, own) = (vessel.vessel_id, drone.bridge.drone_id);
-        self.set((Of::Vessel, "radio.tls", "peers"), &format!("[\"drone-{own}\"]"));
         self.set(
-            (Of::Drone, "radio.tls", "peers"),
+            (BoatFile::Vessel, "radio.tls", "peers"),
+            &format!("[\"drone-{own}\"]"),
+        );
+        self.set(
+            (BoatFile::Drone, "radio.tls", "peers"),
             &format!("[\"vessel-{other}\"]"),
         );
         self.check().map(|_| ())
@@ -299,8 +355,40 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             }
             let (new, mut changed) = (written(answer, &stands)?, boat.clone());
             places.iter().for_each(|at| changed.set(*at, &new));
+            if places
+                .iter()
+                .any(|(_, _, key)| ["mass_kg", "arm_m"].contains(key))
+            {
+                changed.scale_inertia();
+            }
             // Tags of the shipped deck may not fit another, and are chosen again at the end.
             changed.derive().map_err(|e| e.to_string())?;
+            *boat = changed;
+            Ok(())
+        })
+    }
+    /// The size, focal lengths and principal point of the belly camera's lens, which belong together.
+    fn lens(&mut self, boat: &mut Boat) -> Result<(), CliError> {
+        const QUESTION: &str = "The camera's lens, from a calibration: width, height, fx, fy, cx, cy, px";
+        let place = |key| (BoatFile::Drone, "drone.camera.lens", key);
+        let stands = ["width_px", "height_px", "focal_px", "centre_px"]
+            .map(|key| boat.value(place(key)).unwrap_or_default())
+            .join(", ")
+            .replace(['[', ']'], "");
+        self.until(QUESTION, &stands, |answer| {
+            if answer.is_empty() {
+                return Ok(());
+            }
+            let numbers: Vec<&str> = answer.split([',', ' ']).filter(|p| !p.is_empty()).collect();
+            let [width, height, fx, fy, cx, cy] = numbers.as_slice() else {
+                return Err(format!("{answer}: six numbers are needed, such as {stands}"));
+            };
+            let mut changed = boat.clone();
+            changed.set(place("width_px"), &written(width, "1")?);
+            changed.set(place("height_px"), &written(height, "1")?);
+            changed.set(place("focal_px"), &written(&format!("{fx} {fy}"), "[")?);
+            changed.set(place("centre_px"), &written(&format!("{cx} {cy}"), "[")?);
+            changed.check().map_err(|e| e.to_string())?;
             *boat = changed;
             Ok(())
         })
@@ -312,7 +400,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             let mut changed = boat.clone();
             if !answer.is_empty() {
                 let endpoint = toml::Value::String(format!("quic/{answer}:7447"));
-                changed.set((Of::Drone, "radio", "connect"), &format!("[{endpoint}]"));
+                changed.set((BoatFile::Drone, "radio", "connect"), &format!("[{endpoint}]"));
             }
             changed.check().map_err(|e| e.to_string())?;
             *boat = changed;
@@ -321,7 +409,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
     }
     /// The vessel's sensors, one after the other.
     fn sensors(&mut self, boat: &mut Boat) -> Result<(), CliError> {
-        const SOURCES: Place = (Of::Vessel, "sensor", "sources");
+        const SOURCES: Place = (BoatFile::Vessel, "sensor", "sources");
         let (shipped, mut sources) = (boat.clone(), Vec::new());
         for k in 1..=SENSORS {
             let mut connect = String::new();
@@ -359,6 +447,10 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         let mut boat = Boat::shipped();
         for question in QUESTIONS {
             self.value(&mut boat, question)?;
+        }
+        if boat.value(CAMERA).is_some_and(|source| source != "\"\"") {
+            self.lens(&mut boat)?;
+            self.value(&mut boat, &DISTORTION)?;
         }
         self.address(&mut boat)?;
         self.sensors(&mut boat)?;
@@ -412,103 +504,11 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
         worst = worst.max(check::print(path, None));
     }
     terminal::line(format_args!(
-        "\nNext: alight keys vessel {} and alight keys drone {} (docs/radio.md);\n\
-         copy each file to /etc/alight of its computer, and there:\n\
-         sudo -u alight alight check",
+        "\nNext: alight keys init, alight keys vessel {}, alight keys drone {} (docs/radio.md);\n\
+         copy each file to /etc/alight of its computer, its keys to /etc/alight/keys, and there:\n\
+         sudo -u alight alight check\n\
+         drone.toml has mode = \"shadow\": the pilot flies and nothing is commanded (docs/install.md).",
         vessel.vessel_id, drone.bridge.drone_id
     ));
     Ok(worst.exit())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn answered(answers: &str) -> (Result<Boat, CliError>, String) {
-        let mut installer = Installer {
-            answers: answers.as_bytes(),
-            out: Vec::new(),
-        };
-        let boat = installer.boat();
-        (boat, String::from_utf8(installer.out).unwrap())
-    }
-
-    #[test]
-    fn init_without_answers_is_the_shipped_boat() {
-        let (boat, asked) = answered(&"\n".repeat(14));
-        let (vessel, drone) = boat.unwrap().check().unwrap();
-        assert_eq!(
-            vessel,
-            config::parse(include_str!("../../../vessel/vessel.toml"), "").unwrap()
-        );
-        assert_eq!(drone.bridge.drone_id, 1);
-        let shipped: DroneComputer = config::parse(include_str!("../../../drone/drone.toml"), "").unwrap();
-        assert_eq!(drone.drone.airframe, shipped.drone.airframe);
-        assert!(
-            asked.contains("Length of the deck along the vessel, m [2.5]"),
-            "{asked}"
-        );
-    }
-
-    #[test]
-    fn init_keys_of_the_shipped_files() {
-        let mut boat = Boat::shipped();
-        for Question(asked, places) in QUESTIONS {
-            let first = boat.value(places[0]);
-            assert!(first.is_some(), "{asked}");
-            assert!(places.iter().all(|at| boat.value(*at) == first), "{asked}");
-        }
-        let before = boat.clone();
-        boat.set((Of::Drone, "drone.deck", "tags"), "[]");
-        assert!(
-            boat.drone.contains("\ntags = []\n\n# 7. Operation"),
-            "{}",
-            boat.drone
-        );
-        assert_eq!(boat.vessel, before.vessel);
-    }
-
-    #[test]
-    fn init_of_a_boat() {
-        let answers = "7\n12\n1.8\n1.6\n-1.1, 0, -0.9\n0.2 0 -0.3\n0 0 -2\nserial:///dev/ttyACM0:921600\n5\n0.5\n\
-                       /dev/video2\ntrue\n10.1.2.3\nudpin://0.0.0.0:10110\nnmea\nserial:///dev/ttyUSB0:115200\nubx\n\n";
-        let (boat, asked) = answered(answers);
-        let boat = boat.unwrap_or_else(|e| panic!("{e}\n{asked}"));
-        let (vessel, drone) = boat.check().unwrap();
-        assert_eq!(
-            (vessel.vessel_id, drone.bridge.vessel_id, drone.bridge.drone_id),
-            (7, 7, 12)
-        );
-        assert_eq!(
-            (vessel.radio.tls.peers, drone.radio.tls.peers),
-            (vec!["drone-12".into()], vec!["vessel-7".into()])
-        );
-        assert_eq!(vessel.vessel.deck.centre_m, [-1.1, 0.0, -0.9]);
-        assert_eq!((drone.drone.deck.length_m, drone.drone.deck.width_m), (1.8, 1.6));
-        assert_eq!(drone.drone.airframe.max_thrust_n, 98.1);
-        assert_eq!(drone.radio.connect, ["quic/10.1.2.3:7447"]);
-        assert_eq!(vessel.sensor.sources.len(), 2);
-        assert!(vessel.view.knots && drone.view.knots);
-        // The files are for people: their comments stay.
-        assert!(boat.drone.contains("# Take-off mass, battery in, kg."));
-    }
-
-    #[test]
-    fn init_answers_that_are_none() {
-        let (boat, asked) = answered("one\n0x\n3\n");
-        assert!(asked.contains("one: a whole number is needed"), "{asked}");
-        assert!(boat.is_err_and(|e| {
-            e.to_string()
-                .contains("the answers end before \"Number of the drone")
-        }));
-        let (boat, _) = answered(&"x\n".repeat(20));
-        assert!(boat.is_err_and(|e| e.to_string().contains("has no valid answer")));
-        let (_, asked) = answered("1\n1\n-2\nnan\n");
-        assert!(
-            asked.contains("length_m") && asked.contains("nan: a number is needed"),
-            "{asked}"
-        );
-        let (_, asked) = answered(&("\n".repeat(12) + "the boat\n"));
-        assert!(asked.contains("quic/the boat:7447"), "{asked}");
-    }
 }

@@ -1,14 +1,16 @@
-//! The installer's two files and the little that is changed in a copy of them: device paths, addresses and keys. And
-//! the world that they describe.
+//! The installer's two files and the little that is changed in a copy of them: device paths, addresses, keys and a mode
+//! in which a pilot flies. And the world that they describe.
 
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 use alight_computer::certificates::{self, common_name};
 use alight_computer::config::link_url::LinkUrl;
+use alight_computer::config::method;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
+use alight_shared::msg::LandingMode;
 use alight_sim::harness::scenario::Scenario;
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::modes::Firmware;
@@ -142,6 +144,10 @@ impl Plan {
             set(file, &[], "instance", format!("{name}-{}", std::process::id()));
         }
         set(&mut drone_file, &["autopilot"], "connect", connect);
+        // The ladder of the first flights begins with a pilot, whom a rehearsal does not have.
+        if drone.drone.mission.mode == LandingMode::Shadow {
+            set(&mut drone_file, &["drone", "mission"], "mode", "land");
+        }
         set(
             &mut drone_file,
             &["camera"],
@@ -186,7 +192,9 @@ fn table(path: Option<&Path>, shipped: &str) -> Result<Table, CliError> {
         return shipped.parse().doing("reading the shipped file");
     };
     let doing = format_args!("reading {}", path.display());
-    std::fs::read_to_string(path).doing(doing)?.parse().doing(doing)
+    let text = std::fs::read_to_string(path).doing(doing)?;
+    method::check_flight(&text, &path.display().to_string())?;
+    text.parse().doing(doing)
 }
 
 fn read<C>(file: &Table, path: Option<&Path>, shipped: &str) -> Result<C, CliError>
@@ -491,6 +499,7 @@ mod tests {
             expected(&[
                 "autopilot.connect",
                 "camera.source",
+                "drone.mission.mode",
                 "instance",
                 "radio.connect",
                 "recorder.directory"

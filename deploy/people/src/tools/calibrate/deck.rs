@@ -115,7 +115,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
         return Err(CliError(format!(
-            "nothing runs under the name {name}: systemctl status alight-drone"
+            "no running drone computer found (instance \"{name}\"): systemctl status alight-drone"
         )));
     }
     let memory = Memory::join(&instance, "calibrate")?;

@@ -105,7 +105,7 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
         return Err(CliError(format!(
-            "nothing runs under the name {name}: systemctl status alight-drone, or name a recording"
+            "no running drone computer found (instance \"{name}\"): systemctl status alight-drone, or name a recording"
         )));
     }
     let memory = Memory::join(&instance, "calibrate")?;

@@ -346,6 +346,6 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
     let g = list("stiffness_npm_nmprad", &stiffness, 0);
     let a = list("antenna_m", &place, 3);
     terminal::line(format_args!(
-        "\n# vessel.toml\n[vessel.model]\n{m}\n{d}\n{g}\n[vessel.gnss]\n{a}\n\n# drone.toml\n[drone.predictor.vessel]\n{m}\n{d}\n{g}"
+        "\n# vessel.toml\n[vessel.model]\n{m}\n{d}\n{g}\n[vessel.gnss]\n{a}"
     ));
 }

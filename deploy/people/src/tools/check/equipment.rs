@@ -1,4 +1,4 @@
-//! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/equipment.md` has the tables
+//! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/envelope.md` has the tables
 //! of these figures.
 
 use alight_computer::config::DroneComputer;
@@ -173,11 +173,11 @@ pub fn vessel(sources: &[SourceCheck], given: &Measured) -> Option<Finding> {
         )),
         Err(Gap::Missing(missing)) => TOPIC.broken(
             format!("the sources gave {missing}: the vessel's estimator does not start"),
-            "add a source that measures it, or set this one to send it (docs/equipment.md)",
+            "add a source that measures it, or set this one to send it (docs/envelope.md)",
         ),
         Err(Gap::TooSlow(what, rate_hz, needed)) => TOPIC.broken(
             format!("{what} at {rate_hz:.1} Hz: too slow for a rocking deck ({needed})"),
-            "set the sensor and what passes it on to send more often, or add an inertial sensor (docs/equipment.md)",
+            "set the sensor and what passes it on to send more often, or add an inertial sensor (docs/envelope.md)",
         ),
         Err(Gap::Unmeasured(class, worse)) => TOPIC.warning(
             format!(
@@ -185,7 +185,7 @@ pub fn vessel(sources: &[SourceCheck], given: &Measured) -> Option<Finding> {
                 class.name(),
                 worse.join(", ")
             ),
-            "set the sensor to send what stands in brackets, or add an inertial sensor (docs/equipment.md)",
+            "set the sensor to send what stands in brackets, or add an inertial sensor (docs/envelope.md)",
         ),
     })
 }

@@ -12,6 +12,8 @@ use alight_computer::certificates;
 use alight_computer::config::DroneComputer;
 use alight_computer::config::camera::CameraSource;
 use alight_computer::config::link_url::LinkUrl;
+use alight_computer::config::method;
+use alight_computer::exit::{CliError, Doing};
 use alight_computer::io::digital_line::DigitalLine;
 use alight_computer::io::mavlink_key;
 use alight_computer::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
@@ -44,8 +46,8 @@ const MAX_PROCESSORS: usize = 1024;
 
 /// Everything about this computer that bears on the configuration in `path`, whose processes may run under another name.
 pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
-    let read = Computer::read(path).map(|c| c.named(instance));
-    let computer = read.map_err(|e| e.to_string());
+    let computer = configured(path).map(|c| c.named(instance));
+    let computer = computer.map_err(|e| e.to_string());
     let mut facts = Facts {
         config: path.into(),
         running: false,
@@ -130,6 +132,14 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
     }
     facts.computer = computer;
     facts
+}
+
+/// The configuration in `path`, in which no key of the method is set.
+fn configured(path: &Path) -> Result<Computer, CliError> {
+    let computer = Computer::read(path)?;
+    let text = fs::read_to_string(path).doing(format_args!("reading {}", path.display()))?;
+    method::check_flight(&text, &path.display().to_string())?;
+    Ok(computer)
 }
 
 /// Dead time and time constant of the attitude by the newest recorded flight that identified them, s.

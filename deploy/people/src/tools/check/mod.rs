@@ -36,7 +36,7 @@ pub struct CheckArgs {
     /// or /etc/alight/drone.toml, whichever is there]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Name of the set of processes, such as `land` [default: the configuration's]
+    /// Name of the set of processes, such as `sim` [default: the configuration's]
     #[arg(long)]
     pub instance: Option<String>,
     /// Output format.

@@ -43,7 +43,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         Err(why) => {
             return vec![Topic("configuration").broken(
                 why,
-                format!("correct {path}; `alight config drone --all` (or vessel) prints every key with its unit and default"),
+                format!("correct {path}; `alight config drone --all` (or vessel) prints every key of the file with its unit and default"),
             )];
         }
     };
@@ -450,7 +450,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
     if let Some(mean) = view.dark {
         return Some(topic.warning(
             format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
-            "light the deck, or lay tags that are lit (docs/night.md); by day, take the cap off the lens",
+            "light the deck, or lay tags that are lit (docs/camera.md); by day, take the cap off the lens",
         ));
     }
     let Some([contrast, saturation]) = view.tag else {

@@ -1,0 +1,393 @@
+//! Keys that belong to the method: no flight sets them, studies do, with a lab file (`--tuning`).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use alight_shared::config::{self, Check, ConfigError, Keys};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::de::DeTable;
+use toml::{Table, Value};
+
+use crate::config::{DroneComputer, VesselComputer};
+
+/// Clocks of the simulated computers: those of a vessel and of a drone are the system's.
+const BENCH: &str = "clock";
+/// Tables and keys of the method in the files of both computers.
+const METHOD: &[&str] = &[
+    BENCH,
+    "autopilot.battery.for_s",
+    "autopilot.battery.tries",
+    "autopilot.disarm",
+    "autopilot.heartbeat_hz",
+    "autopilot.heartbeat_loss_s",
+    "autopilot.hover_thrust_s",
+    "autopilot.odometry_hz",
+    "autopilot.odometry_loss_s",
+    "autopilot.set_point_hz",
+    "autopilot.takeover_pause_s",
+    "autopilot.timesync_hz",
+    "autopilot.timesync_limit_s",
+    "bridge.clock",
+    "bridge.future_margin_s",
+    "bridge.link_rate_hz",
+    "bridge.loss_window_s",
+    "deck.startup_hold_s",
+    "drone.camera.tag",
+    "drone.camera.uvdar.gate_px",
+    "drone.camera.uvdar.max_misfit",
+    "drone.camera.uvdar.max_pixels",
+    "drone.camera.uvdar.spot_sd_px",
+    "drone.camera.uvdar.wrong_bits",
+    "drone.mission.battery_lasts_s",
+    "drone.mission.commit_clearance_m",
+    "drone.mission.decision_clearance_m",
+    "drone.mission.descent_timeout_s",
+    "drone.mission.descent_vision_s",
+    "drone.mission.flare_clearance_m",
+    "drone.mission.flare_mps",
+    "drone.mission.flare_timeout_s",
+    "drone.mission.missed_m",
+    "drone.odometry",
+    "drone.pilot",
+    "drone.planner",
+    "drone.predictor",
+    "vessel.broadcast",
+    "vessel.gnss.height_bias_time_s",
+    "vessel.heading.bias_time_s",
+    "vessel.imu.bias_time_s",
+    "vessel.imu.timeout_s",
+    "vessel.model.bank_damping",
+    "vessel.model.bank_omega_radps",
+    "vessel.model.bank_slope_sd",
+    "vessel.model.disturbance_sd_mps2_m_rad_radps2",
+    "vessel.model.disturbance_time_s",
+    "vessel.model.eta_walk_m_rad",
+    "vessel.model.slow_sd_mps_m_rad_radps",
+    "vessel.model.slow_walk_mps_m_rad_radps",
+];
+/// Keys within them that an installer measures or an operator decides.
+const OF_FLIGHT: &[&str] = &[
+    "autopilot.disarm.on_deck",
+    "autopilot.disarm.own_landing",
+    "drone.camera.tag.decimate",
+    "drone.camera.tag.id",
+    "drone.camera.tag.min_margin",
+    "drone.camera.tag.place_sd_m",
+    "drone.pilot.output",
+    "drone.planner.kind",
+];
+
+/// The owner of a configuration key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeyOwner {
+    /// An installer or an operator, in a computer's file.
+    Flight,
+    /// A study, in a lab file.
+    Method,
+    /// The simulated world.
+    Bench,
+}
+
+impl KeyOwner {
+    /// The owner of the key with this dotted name.
+    pub fn of(key: &str) -> KeyOwner {
+        let is_within = |name: &&str| {
+            let rest = key.strip_prefix(*name);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        };
+        if is_within(&BENCH) {
+            KeyOwner::Bench
+        } else if METHOD.iter().any(is_within) && !OF_FLIGHT.iter().any(is_within) {
+            KeyOwner::Method
+        } else {
+            KeyOwner::Flight
+        }
+    }
+    /// The part of a table that is this owner's; `at` is the table's dotted name.
+    fn part(self, table: &Table, at: &str) -> Table {
+        let own = table.iter().filter_map(|(name, value)| {
+            let key = dotted(at, name);
+            let kept = match value.as_table() {
+                Some(inner) => {
+                    let inner = self.part(inner, &key);
+                    (!inner.is_empty()).then_some(Value::Table(inner))
+                }
+                None => (KeyOwner::of(&key) == self).then(|| value.clone()),
+            };
+            Some((name.clone(), kept?))
+        });
+        own.collect()
+    }
+}
+
+/// The dotted name of a key in the table `at`.
+fn dotted(at: &str, key: &str) -> String {
+    [at, key].join(if at.is_empty() { "" } else { "." })
+}
+
+/// The keys of a text with their places in it, in its order; text that is not TOML has none, and its reader reports why.
+fn keys(text: &str) -> Vec<(usize, String)> {
+    fn collect(table: &DeTable<'_>, at: &str, all: &mut Vec<(usize, String)>) {
+        for (name, value) in table {
+            let key = dotted(at, name.get_ref());
+            match value.get_ref().as_table() {
+                Some(inner) => collect(inner, &key, all),
+                None => all.push((name.span().start, key)),
+            }
+        }
+    }
+    let mut all = Vec::new();
+    if let Ok(table) = DeTable::parse(text) {
+        collect(table.get_ref(), "", &mut all);
+    }
+    all.sort();
+    all
+}
+
+/// Rejects a text in which `fault` finds something wrong with a key: each with its line.
+fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>) -> Result<(), ConfigError> {
+    let line = |start: usize| {
+        text.get(..start)
+            .map_or(1, |before| before.matches('\n').count() + 1)
+    };
+    let faults = keys(text)
+        .into_iter()
+        .filter_map(|(start, key)| Some(format!("line {}: {key} {}", line(start), fault(&key)?)));
+    let faults: Vec<String> = faults.collect();
+    if faults.is_empty() {
+        return Ok(());
+    }
+    Err(ConfigError::Parse {
+        origin: origin.into(),
+        message: faults.join("\n"),
+    })
+}
+
+/// Rejects the text of a computer's file that sets a key of the method, key by key.
+pub fn check_flight(text: &str, origin: &str) -> Result<(), ConfigError> {
+    reject(text, origin, |key| match KeyOwner::of(key) {
+        KeyOwner::Flight => None,
+        KeyOwner::Method => Some(
+            "belongs to the method and is not set in a flight: remove it; studies set it with --tuning FILE",
+        ),
+        KeyOwner::Bench => Some(
+            "belongs to the simulated world and is not set in a flight: remove it; the clock is the system's",
+        ),
+    })
+}
+
+/// Parses and checks a computer's file, in which no key of the method is set.
+pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
+    check_flight(text, origin)?;
+    config::parse(text, origin)
+}
+
+/// Reads, parses and checks a computer's file, in which no key of the method is set.
+pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> {
+    parse(&read(path)?, &path.display().to_string())
+}
+
+fn read(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Read {
+        path: path.into(),
+        source,
+    })
+}
+
+/// Lays a table over another, key by key.
+pub fn lay(over: &Table, base: &mut Table) {
+    for (key, value) in over {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay(above, below),
+            (Some(_) | None, _) => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// A configuration as the two files that make it again: what a computer's file may set, and the keys of the method that
+/// differ from their defaults.
+pub fn divided<T: Serialize + Default>(config: &T) -> Result<[Table; 2], toml::ser::Error> {
+    let [all, default] = [Table::try_from(config)?, Table::try_from(T::default())?];
+    let [tuned, default] = [all.clone(), default].map(|t| KeyOwner::Method.part(&t, ""));
+    Ok([KeyOwner::Flight.part(&all, ""), unlike(&tuned, &default)])
+}
+
+/// The part of a table that is not alike in another.
+fn unlike(table: &Table, other: &Table) -> Table {
+    let differing = table.iter().filter_map(|(key, value)| {
+        let there = other.get(key);
+        let kept = match (value.as_table(), there.and_then(Value::as_table)) {
+            (Some(inner), Some(there)) => {
+                let inner = unlike(inner, there);
+                (!inner.is_empty()).then_some(Value::Table(inner))
+            }
+            (_, _) => (there != Some(value)).then(|| value.clone()),
+        };
+        Some((key.clone(), kept?))
+    });
+    differing.collect()
+}
+
+/// A lab file: keys of the method of both computers, laid over their configurations.
+#[derive(Clone, Debug, Default)]
+pub struct Tuning {
+    table: Table,
+    origin: String,
+}
+
+impl Tuning {
+    /// Reads a file of keys of the method alone.
+    pub fn load(path: &Path) -> Result<Tuning, ConfigError> {
+        Tuning::parse(&read(path)?, &path.display().to_string())
+    }
+    fn parse(text: &str, origin: &str) -> Result<Tuning, ConfigError> {
+        let table = config::read(text, origin)?;
+        let mut known = BTreeMap::new();
+        VesselComputer::describe(&Keys::ROOT, &mut known);
+        DroneComputer::describe(&Keys::ROOT, &mut known);
+        reject(text, origin, |key| {
+            let is_known = known.contains_key(key);
+            match KeyOwner::of(key) {
+                KeyOwner::Method if is_known => None,
+                KeyOwner::Flight if is_known => {
+                    Some("does not belong to the method: set it with --vessel-config or --drone-config")
+                }
+                KeyOwner::Bench => Some("belongs to the simulated world: set its clocks in --scenario"),
+                KeyOwner::Flight | KeyOwner::Method => Some(
+                    "is no key: `alight config vessel --tuning` and `alight config drone --tuning` print them",
+                ),
+            }
+        })?;
+        Ok(Tuning {
+            table,
+            origin: origin.into(),
+        })
+    }
+    /// A computer's configuration with its part of the file laid over it, checked.
+    pub fn over<T: Serialize + DeserializeOwned + Check>(&self, config: T) -> Result<T, ConfigError> {
+        let fault = |message: String| ConfigError::Parse {
+            origin: self.origin.clone(),
+            message,
+        };
+        let mut known = BTreeMap::new();
+        T::describe(&Keys::ROOT, &mut known);
+        let own: Table = self
+            .table
+            .iter()
+            .filter(|(name, _)| known.contains_key(*name))
+            .map(|(name, value)| (name.clone(), value.clone()))
+            .collect();
+        if own.is_empty() {
+            return Ok(config);
+        }
+        let mut table = Table::try_from(&config).map_err(|e| fault(e.to_string()))?;
+        lay(&own, &mut table);
+        let text = toml::to_string(&table).map_err(|e| fault(e.to_string()))?;
+        config::parse(&text, &self.origin)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The keys of a text whose owner is this.
+    fn of(owner: KeyOwner, text: &str) -> Vec<String> {
+        let all = keys(text).into_iter().map(|(_, key)| key);
+        all.filter(|key| KeyOwner::of(key) == owner).collect()
+    }
+
+    #[test]
+    fn file_with_every_key_of_a_former_version() {
+        let text = config::commented(&DroneComputer::default()).unwrap();
+        let e = parse::<DroneComputer>(&text, "drone.toml")
+            .unwrap_err()
+            .to_string();
+        let rejected = [KeyOwner::Method, KeyOwner::Bench].map(|owner| of(owner, &text));
+        for key in rejected.iter().flatten() {
+            assert!(e.contains(&format!(": {key} belongs to the ")), "{key}: {e}");
+        }
+        assert_eq!(e.lines().count(), rejected.concat().len());
+
+        let [flight, tuned] = divided(&DroneComputer::default()).unwrap();
+        assert!(tuned.is_empty(), "{tuned}");
+        let read: DroneComputer = parse(&flight.to_string(), "drone.toml").unwrap();
+        assert_eq!(read, DroneComputer::default());
+    }
+
+    #[test]
+    fn method_key_in_a_file_of_a_flight() {
+        let text =
+            "[drone.planner]\nkind = \"alight\"\n\n[drone.planner.rendezvous.touchdown_time]\nwindow_s = 0\n";
+        let e = parse::<DroneComputer>(text, "drone.toml")
+            .unwrap_err()
+            .to_string();
+        let expected = "parsing configuration drone.toml: line 5: \
+                        drone.planner.rendezvous.touchdown_time.window_s belongs to the method and is not set in a \
+                        flight: remove it; studies set it with --tuning FILE";
+        assert_eq!(e, expected);
+        let inline =
+            "drone.pilot = { output = \"attitude\", lag = { design_s = 0.1 } }\nclock.offset_s = 1.0\n";
+        let e = parse::<DroneComputer>(inline, "drone.toml")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            e.contains("line 1: drone.pilot.lag.design_s belongs to the method"),
+            "{e}"
+        );
+        assert!(
+            e.contains("line 2: clock.offset_s belongs to the simulated world"),
+            "{e}"
+        );
+        // A fault of the text is its reader's.
+        let e = parse::<DroneComputer>("[drone", "drone.toml")
+            .unwrap_err()
+            .to_string();
+        assert!(e.contains("line 1"), "{e}");
+    }
+
+    #[test]
+    fn tuning_of_both_computers() {
+        let text = "[drone.planner]\npress_m = 0.2\n[vessel.broadcast]\nwave_hz = 4.0\n";
+        let tuning = Tuning::parse(text, "tuning.toml").unwrap();
+        let drone = tuning.over(DroneComputer::default()).unwrap();
+        assert_eq!(drone.drone.planner.press_m, 0.2);
+        let vessel = tuning.over(VesselComputer::default()).unwrap();
+        assert_eq!(vessel.vessel.broadcast.wave_hz, 4.0);
+        let [flight, tuned] = divided(&drone).unwrap();
+        assert!(tuned.to_string().ends_with("press_m = 0.2\n") && !flight.to_string().contains("press_m"));
+        let again = Tuning::parse(&tuned.to_string(), "again").unwrap();
+        let plain: DroneComputer = parse(&flight.to_string(), "flight").unwrap();
+        assert_eq!(again.over(plain).unwrap(), drone);
+    }
+
+    #[test]
+    fn tuning_rejected_key_by_key() {
+        let text = "[drone.planner]\nkind = \"alight\"\npres_m = 0.2\n[drone.airframe]\nmass_kg = 4.0\n[clock]\noffset_s = 1\n";
+        let e = Tuning::parse(text, "tuning.toml").unwrap_err().to_string();
+        for line in [
+            "line 2: drone.planner.kind does not belong to the method",
+            "line 3: drone.planner.pres_m is no key",
+            "line 5: drone.airframe.mass_kg does not belong to the method",
+            "line 7: clock.offset_s belongs to the simulated world",
+        ] {
+            assert!(e.contains(line), "{line}: {e}");
+        }
+        let tuning = Tuning::parse("[drone.planner]\npress_m = 1e9\n", "tuning.toml").unwrap();
+        let e = tuning.over(DroneComputer::default()).unwrap_err().to_string();
+        assert!(e.contains("drone.planner.press_m"), "{e}");
+    }
+
+    #[test]
+    fn owners_name_keys_that_exist() {
+        let mut known = BTreeMap::new();
+        VesselComputer::describe(&Keys::ROOT, &mut known);
+        DroneComputer::describe(&Keys::ROOT, &mut known);
+        for key in METHOD.iter().chain(OF_FLIGHT) {
+            assert!(known.contains_key(*key), "{key}");
+        }
+    }
+}
