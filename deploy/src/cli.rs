@@ -1,6 +1,8 @@
 //! The command line.
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use alight_computer::drone::{autopilot, bridge, camera, mission, pilot};
 use alight_computer::exit::{CliError, Doing, Exit};
@@ -9,6 +11,7 @@ use alight_computer::process::shell;
 use alight_computer::{drone, terminal, vessel};
 #[cfg(feature = "lab")]
 use alight_lab as lab;
+use alight_people::explain;
 use alight_people::status::command as status;
 use alight_people::tools::replay::Laboratory;
 use alight_people::tools::{
@@ -19,8 +22,8 @@ use alight_shared::process::ProcessKind;
 use alight_uav::planner::Planner;
 use alight_uav::predictor::Predictor;
 use clap::builder::StyledStr;
-use clap::error::ErrorKind;
-use clap::{Command as Clap, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Id, Parser, Subcommand};
 use clap_complete::Shell;
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -32,27 +35,23 @@ use clap_complete::Shell;
     max_term_width = 80,
     subcommand_value_name = "COMMAND"
 )]
-#[command(
-    after_help = "Start with:\n  alight land                      one landing of all processes, in real time\n  \
-alight trial                     the same computed as fast as it goes\n  \
-alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n  \
-alight rehearse                  what the packages install, on simulated vehicles\n\n\
-Exit codes: 0 success, 1 failed landing, 2 bad input, 3 this computer was too slow."
-)]
+#[command(after_help = "Start with:\n  \
+alight trial                one landing, computed fast\n  \
+alight trial --sea rough --plot landing.svg\n  \
+alight trial --trials 100   a success rate, its interval\n  \
+alight land                 one landing of all processes\n  \
+alight rehearse             what the packages install\n  \
+alight explain MESSAGE      what to do about a message\n\n\
+Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
 pub struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 }
 
 /// The commands that a person gives, by what they are for, in the order in which they are met.
 const GROUPS: [(&str, &[&str]); 3] = [
-    (
-        "Simulate",
-        &[
-            "land", "trial", "trials", "storm", "rare", "study", "envelope", "rao", "rehearse", "link",
-        ],
-    ),
+    ("Simulate", &["trial", "study", "land", "rehearse"]),
     (
         "Install",
         &[
@@ -65,68 +64,193 @@ const GROUPS: [(&str, &[&str]); 3] = [
             "tag",
             "vessel",
             "drone",
-            "completions",
         ],
     ),
     (
         "Operate",
         &[
-            "status", "view", "command", "ros2", "signalk", "schema", "flights", "replay",
+            "status", "view", "command", "ros2", "signalk", "flights", "replay",
         ],
+    ),
+];
+
+/// Names of the former release, and what is typed in their place.
+const FORMER: [(&str, &str); 9] = [
+    ("trials", "trial --trials N"),
+    ("storm", "study storm"),
+    ("envelope", "study envelope"),
+    ("rare", "study rare"),
+    ("rao", "study rao"),
+    ("response", "study rao"),
+    ("link", "rehearse link"),
+    ("schema", "config schema"),
+    ("completions", "config completions"),
+];
+
+/// A line below the help of each command that has the flags of a scene.
+const SCENE: &str = "Scene (--sea, --wind, --hull, --vessel and more): alight help scene";
+
+/// Replaces a name of the former release by its successor, and reports it. A supervisor starts the link emulator by its
+/// former name.
+fn renewed(mut typed: Vec<OsString>) -> Vec<OsString> {
+    let at = if typed.get(1).is_some_and(|t| t == "help") {
+        2
+    } else {
+        1
+    };
+    let former = FORMER
+        .iter()
+        .find(|(name, _)| typed.get(at).is_some_and(|t| t == name));
+    let Some((name, now)) = former else { return typed };
+    if !typed.iter().any(|t| t == "--supervised") {
+        terminal::note(true, format_args!("alight: `{name}` is now `alight {now}`"));
+    }
+    let has_count = typed.iter().any(|t| t.to_string_lossy().starts_with("--trials"));
+    let count = (*name == "trials" && at == 1 && !has_count).then(|| "--trials=20".into());
+    let now = now
+        .split(' ')
+        .take_while(|t| !t.starts_with("--"))
+        .map(OsString::from);
+    drop(typed.splice(at..=at, now.chain(count)));
+    typed
+}
+
+/// Hides the flags of a scene, which `alight help scene` prints, and prints the short help for `--help`, too.
+fn brief(command: Clap) -> Clap {
+    let is_scene = command.get_name() == "scene";
+    let groups = command
+        .get_groups()
+        .filter(|g| !is_scene && g.get_id() == "SceneArgs");
+    let scene: Vec<Id> = groups.flat_map(|g| g.get_args().cloned()).collect();
+    let after = command.get_after_help().map(ToString::to_string);
+    let help = Arg::new("help").short('h').long("help");
+    let help = help.action(ArgAction::HelpShort).help("Print help");
+    let command = command
+        .mut_args(|a| {
+            let is_hidden = a.is_hide_set() || scene.contains(a.get_id());
+            a.hide(is_hidden)
+        })
+        .disable_help_flag(true)
+        .arg(help)
+        .mut_subcommands(|c| brief(c).disable_help_subcommand(true));
+    match after {
+        _ if scene.is_empty() => command,
+        None => command.after_help(SCENE),
+        Some(text) => command.after_help(format!("{text}\n\n{SCENE}")),
+    }
+}
+
+/// The flag of `command` that `typed` becomes when two neighbouring letters change places.
+fn transposed(command: &Clap, typed: &str) -> Option<String> {
+    let is_near = |long: &&str| {
+        (1..long.len()).any(|k| {
+            let mut letters = long.as_bytes().to_vec();
+            letters.swap(k - 1, k);
+            letters == typed.as_bytes()
+        })
+    };
+    let near = command.get_arguments().filter_map(Arg::get_long).find(is_near)?;
+    Some(format!("--{near}"))
+}
+
+/// The command of a command line.
+fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
+    let mut command = cli;
+    for name in typed.iter().skip(1) {
+        let Some(inner) = command.find_subcommand(name) else {
+            break;
+        };
+        command = inner;
+    }
+    command
+}
+
+/// "error: invalid value '6' for '--sea-state <1..5>': 6 is not in 1..=5" with the name and the range as people write them.
+fn readable_range(text: &str) -> Option<String> {
+    let (before, rest) = text.split_once(" is not in ")?;
+    let (range, after) = rest.split_once('\n').unwrap_or((rest, ""));
+    let (low, high) = range.split_once("..")?;
+    let (before, _) = before.rsplit_once(": ")?;
+    let name = before.split(" for '").nth(1)?.split(['\'', ' ', '[']).next()?;
+    let name = name
+        .trim_matches(['-', '<', '>', '.'])
+        .replace('-', " ")
+        .to_lowercase();
+    let high: i64 = high.trim_start_matches('=').parse().unwrap_or(i64::MAX);
+    let range = if high < i64::from(u32::MAX) {
+        format!("{low} to {high}")
+    } else {
+        format!("{low} or more")
+    };
+    Some(format!("{before}: {name} must be {range}\n{after}"))
+}
+
+/// Reports of the standard library's parsers, and what is wanted.
+const WANTED: [(&str, &str); 7] = [
+    (
+        "invalid digit found in string",
+        "a whole number is needed, such as 3",
+    ),
+    (
+        "cannot parse integer from empty string",
+        "a whole number is needed, such as 3",
+    ),
+    (
+        "number too large to fit in target type",
+        "a smaller number is needed",
+    ),
+    (
+        "number too small to fit in target type",
+        "a larger number is needed",
+    ),
+    ("invalid float literal", "a number is needed, such as 1.5"),
+    (
+        "cannot parse float from empty string",
+        "a number is needed, such as 1.5",
+    ),
+    (
+        "invalid socket address syntax",
+        "ADDRESS:PORT is needed, such as 127.0.0.1:7450",
     ),
 ];
 
 impl Cli {
     /// Reads the command line; on an error, or where help is asked for, prints that and ends the process.
     pub fn read() -> Cli {
-        let matches = Cli::grouped().try_get_matches();
+        let (cli, typed) = (Cli::grouped(), renewed(std::env::args_os().collect()));
+        let matches = cli.clone().try_get_matches_from(&typed);
         matches
             .and_then(|m| Cli::from_arg_matches(&m))
-            .unwrap_or_else(|e| Self::reject(&e))
+            .unwrap_or_else(|e| Self::reject(e, named(&cli, &typed)))
     }
-    /// Shows the error, where a number was expected in words of what is wanted, and ends the process.
-    fn reject(e: &clap::Error) -> ! {
+    /// Shows the error of `command`, where a value is wrong with what is wanted, and ends the process.
+    fn reject(mut e: clap::Error, command: &Clap) -> ! {
+        if let Some(ContextValue::String(typed)) = e.get(ContextKind::InvalidArg)
+            && e.kind() == ErrorKind::UnknownArgument
+            && let Some(flag) = transposed(command, typed.trim_start_matches('-'))
+        {
+            e.remove(ContextKind::Usage);
+            e.insert(ContextKind::SuggestedArg, ContextValue::String(flag));
+        }
         if e.kind() != ErrorKind::ValueValidation {
             e.exit();
         }
-        terminal::note(true, Self::in_words(&e.render().to_string()).trim_end());
+        terminal::note(true, Self::readable(&e.render().to_string()).trim_end());
         std::process::exit(e.exit_code());
     }
-    fn in_words(text: &str) -> String {
-        [
-            (
-                "invalid digit found in string",
-                "a whole number is needed, such as 3",
-            ),
-            (
-                "cannot parse integer from empty string",
-                "a whole number is needed, such as 3",
-            ),
-            (
-                "number too large to fit in target type",
-                "a smaller number is needed",
-            ),
-            (
-                "number too small to fit in target type",
-                "a larger number is needed",
-            ),
-            ("invalid float literal", "a number is needed, such as 1.5"),
-            (
-                "cannot parse float from empty string",
-                "a number is needed, such as 1.5",
-            ),
-        ]
-        .iter()
-        .fold(text.to_owned(), |text, (said, wanted)| text.replace(said, wanted))
+    fn readable(text: &str) -> String {
+        let text = readable_range(text).unwrap_or_else(|| text.into());
+        let wanted = |text: String, (found, wanted): &(&str, &str)| text.replace(found, wanted);
+        WANTED.iter().fold(text, wanted)
     }
     /// The command line with its commands in groups, which clap has for options alone.
     fn grouped() -> Clap {
-        let cli = Cli::command();
+        let cli = brief(Cli::command());
         #[cfg(not(feature = "lab"))]
         let cli = cli.mut_subcommand("replay", |replay| replay.mut_arg("plot", |plot| plot.hide(true)));
         let line = |name: &&str| {
             let about = cli.find_subcommand(name)?.get_about()?;
-            Some(format!("  {name:<11} {about}\n"))
+            Some(format!("  {name:<9} {about}\n"))
         };
         let group = |(title, names): (&str, &[&str])| {
             let lines: String = names.iter().filter_map(line).collect();
@@ -154,40 +278,38 @@ fn is_process(about: &StyledStr) -> bool {
     about.to_string().starts_with("Process of ")
 }
 
-/// What to do.
+/// Commands.
 #[derive(Subcommand, Debug)]
 pub enum Command {
     /// Simulation and experiments.
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
-    /// Ask for boat and drone; write and check both configurations.
+    /// Ask for boat and drone; write, check both files.
     Init(init::InitArgs),
-    /// Print a configuration, to start from.
+    /// Print configurations, messages, completions.
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Run the estimator over a boat's recording; show how well it fits.
+    /// Run the estimator over a boat's recording.
     Estimate(estimate::EstimateArgs),
-    /// List the flights that this computer recorded, with outcomes.
+    /// List the flights recorded here, with outcomes.
     Flights(flights::FlightsArgs),
-    /// Compute a flight again: is every output bit-identical?
+    /// Compute a flight again: is it bit-identical?
     Replay(replay::ReplayArgs),
-    /// Show what runs: processes, topics, ages, drops, link and mission.
+    /// Show processes, topics, ages, link and mission.
     Status(status::StatusArgs),
-    /// Show what runs in a browser or in Foxglove: deck, drone, alarms.
+    /// Show deck, drone and alarms in a browser.
     View(view::ViewCommand),
-    /// Be a node of ROS 2: poses, diagnostics, orders to land and abort.
+    /// Be a node of ROS 2: poses, diagnostics, orders.
     Ros2(ros2::Ros2Args),
-    /// List the messages on Zenoh and iceoryx2, and the fields of one.
-    Schema(schema::SchemaArgs),
-    /// Show deck, drone and alarms on the boat's Signal K server.
+    /// Show deck, drone and alarms on Signal K.
     #[command(name = "signalk")]
     SignalK(signalk::SignalKArgs),
-    /// All processes of the vessel's computer, as its service runs them.
+    /// All processes of the vessel's computer.
     Vessel(ServiceArgs),
-    /// All processes of the drone's computer, as its service runs them.
+    /// All processes of the drone's computer.
     Drone(ServiceArgs),
-    /// Command the drone to land, abort or hold, and show its answer.
+    /// Order the drone to land, abort or hold.
     #[command(name = "command")]
     Operate(command::CommandArgs),
     /// Process of the drone: the radio.
@@ -220,19 +342,17 @@ pub enum Command {
     /// Process of the drone: the ultraviolet camera's images, and the markers in them.
     #[command(hide = true)]
     Uvdar(CameraArgs),
-    /// Make certificates of vessel and drone; show when they expire.
+    /// Make and show certificates of vessel and drone.
     Keys(keys::KeysArgs),
-    /// Find what keeps this computer from flying, with the remedy.
+    /// Find what keeps this computer from flying.
     Check(check::CheckArgs),
-    /// List the deck's tags, and print them at true scale.
+    /// List the deck's tags; print them at true scale.
     Tag(tag::TagArgs),
-    /// Measure what the configuration of this vessel and this drone needs.
+    /// Measure what the files of vessel and drone need.
     Calibrate(calibrate::CalibrateArgs),
-    /// Print what completes these commands in a shell.
-    Completions {
-        /// Which shell.
-        shell: Shell,
-    },
+    /// Advice on a message of the mission.
+    #[command(hide = true)]
+    Explain(explain::ExplainArgs),
     /// Write manual pages for man(1) into a directory.
     #[command(hide = true)]
     Manual {
@@ -270,7 +390,6 @@ impl Command {
             Command::Status(a) => status::run(a),
             Command::View(a) => view::run(a),
             Command::Ros2(a) => ros2::run(a),
-            Command::Schema(a) => schema::run(a),
             Command::SignalK(a) => signalk::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),
@@ -289,22 +408,42 @@ impl Command {
             Command::Check(a) => check::run(a),
             Command::Tag(a) => tag::run(a),
             Command::Calibrate(a) => calibrate::run(a),
-            Command::Completions { shell } => {
-                let mut script = Vec::new();
-                clap_complete::generate(*shell, &mut Cli::command(), "alight", &mut script);
-                terminal::line(String::from_utf8_lossy(&script).trim_end());
-                Ok(Exit::Success)
-            }
+            Command::Explain(a) => explain::run(a),
             Command::Manual { directory } => {
                 let doing = format_args!("writing manual pages to {}", directory.display());
                 clap_mangen::generate_to(Cli::command(), directory).doing(doing)?;
+                let mut cli = Cli::command();
+                cli.build();
+                name_values(&cli, directory).doing(doing)?;
                 Ok(Exit::Success)
             }
         }
     }
 }
 
-/// Whose configuration.
+/// Adds to the synopsis of each manual page the values of its flags, which clap_mangen leaves out.
+fn name_values(command: &Clap, directory: &Path) -> std::io::Result<()> {
+    let name = command.get_display_name().unwrap_or(command.get_name());
+    let path = directory.join(format!("{name}.1"));
+    if path.exists() {
+        let mut page = fs::read_to_string(&path)?;
+        let valued = command.get_arguments().filter(|a| a.get_action().takes_values());
+        for arg in valued {
+            let (Some(long), Some(names)) = (arg.get_long(), arg.get_value_names()) else {
+                continue;
+            };
+            let flag = format!("[\\fB\\-\\-{}\\fR", long.replace('-', "\\-"));
+            let values = names.join(" ").replace('-', "\\-");
+            page = page.replace(&format!("{flag}]"), &format!("{flag} \\fI{values}\\fR]"));
+        }
+        fs::write(&path, page)?;
+    }
+    command
+        .get_subcommands()
+        .try_for_each(|c| name_values(c, directory))
+}
+
+/// Configurations, and what other programs and shells read of this one.
 #[derive(Subcommand, Debug)]
 pub enum ConfigCommand {
     /// The vessel's computer's, as it is shipped.
@@ -317,6 +456,13 @@ pub enum ConfigCommand {
     /// The process's of the simulation (`alight world`), with every default.
     #[cfg(feature = "lab")]
     World,
+    /// The messages on Zenoh and iceoryx2, and the fields of one.
+    Schema(schema::SchemaArgs),
+    /// A script that completes these commands in a shell.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
 }
 
 impl ConfigCommand {
@@ -328,6 +474,13 @@ impl ConfigCommand {
             ConfigCommand::Scenario => lab::scene::print_defaults(),
             #[cfg(feature = "lab")]
             ConfigCommand::World => lab::live::config::print_world(),
+            ConfigCommand::Schema(a) => schema::run(a),
+            ConfigCommand::Completions { shell } => {
+                let mut script = Vec::new();
+                clap_complete::generate(*shell, &mut Cli::command(), "alight", &mut script);
+                terminal::line(String::from_utf8_lossy(&script).trim_end());
+                Ok(Exit::Success)
+            }
         }
     }
 }
@@ -345,5 +498,70 @@ mod tests {
             let shown = usize::from(!command.is_hide_set());
             assert_eq!(grouped(command.get_name()), shown, "{}", command.get_name());
         }
+        let shown = GROUPS.iter().map(|(_, names)| names.len()).sum::<usize>();
+        assert_eq!(shown, 20);
+    }
+
+    /// Each command below `command` with its name.
+    fn all(command: &Clap, name: &str, found: &mut Vec<(String, Clap)>) {
+        for inner in command.get_subcommands().filter(|c| !c.is_hide_set()) {
+            let name = format!("{name} {}", inner.get_name());
+            found.push((name.clone(), inner.clone()));
+            all(inner, &name, found);
+        }
+    }
+
+    #[test]
+    fn help_within_40_lines() {
+        let (cli, mut commands) = (Cli::grouped(), Vec::new());
+        all(&cli, "alight", &mut commands);
+        let mut long = Vec::new();
+        for (name, command) in commands {
+            let text = command.term_width(80).render_help().to_string();
+            let wide = text.lines().any(|l| l.chars().count() > 80);
+            let lines = text.lines().count();
+            if wide || lines > 40 {
+                long.push(format!("{name}: {lines} lines"));
+            }
+        }
+        assert!(long.is_empty(), "{long:#?}");
+        let text = cli.term_width(60).render_help().to_string();
+        assert!(text.lines().all(|l| l.chars().count() <= 60), "{text}");
+    }
+
+    #[test]
+    fn former_names() {
+        let renewed = |line: &str| {
+            let now = renewed(line.split(' ').map(OsString::from).collect());
+            now.join(std::ffi::OsStr::new(" ")).into_string().unwrap()
+        };
+        for (before, now) in [
+            ("alight trials --sea calm", "alight trial --trials=20 --sea calm"),
+            ("alight trials --trials 3", "alight trial --trials 3"),
+            ("alight help storm", "alight help study storm"),
+            ("alight response", "alight study rao"),
+            (
+                "alight link --config x --supervised",
+                "alight rehearse link --config x --supervised",
+            ),
+            ("alight schema estimate", "alight config schema estimate"),
+            ("alight study link", "alight study link"),
+        ] {
+            assert_eq!(renewed(before), now);
+        }
+    }
+
+    #[test]
+    fn readable_ranges() {
+        let of = |range: &str| {
+            format!("error: invalid value '6' for '--sea-state <1..5>': 6 is not in {range}\n\nMore")
+        };
+        let text = readable_range(&of("1..=5")).unwrap();
+        assert!(
+            text.contains("<1..5>': sea state must be 1 to 5\n\nMore"),
+            "{text}"
+        );
+        let text = readable_range(&of("1..9223372036854775807")).unwrap();
+        assert!(text.contains("must be 1 or more"), "{text}");
     }
 }

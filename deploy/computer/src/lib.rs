@@ -1,5 +1,5 @@
-//! The processes of a vessel's and of a drone's computer, in layers, each of which uses only those before it: [`exit`] and
-//! [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`]; [`subject`],
+//! The processes of a vessel's and of a drone's computer, in layers, each of which uses only those before it: [`exit`],
+//! [`quantity`] and [`terminal`]; [`config`]; [`certificates`] and [`io`]; [`record`]; [`process`], [`vessel`] and [`drone`]; [`subject`],
 //! [`situation`] and [`playback`].
 
 pub mod certificates;
@@ -9,6 +9,7 @@ pub mod exit;
 pub mod io;
 pub mod playback;
 pub mod process;
+pub mod quantity;
 pub mod record;
 pub mod situation;
 pub mod subject;

@@ -13,8 +13,8 @@ use crate::process::instance::is_running;
 
 /// Where the packages put the configuration.
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
-/// The name of `alight land`'s processes.
-const LAND: &str = "land";
+/// Default name of a simulated landing's processes.
+pub const SIMULATED: &str = "sim";
 
 /// Which computer this is.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,7 +119,7 @@ pub fn commanded_drone(
     if instance.is_none() && installed.exists() {
         return Ok(config::load(installed)?);
     }
-    let name = instance.unwrap_or(LAND);
+    let name = instance.unwrap_or(SIMULATED);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
         // An order to a wrong number is none; an abort is tried.
@@ -150,7 +150,7 @@ pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result
 /// Whose processes are meant.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Subject {
-    /// Name of the set of processes [default: the configuration's; without one: land]
+    /// Name of the set of processes [default: the configuration's; without one: sim]
     #[arg(long)]
     pub instance: Option<String>,
     /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
@@ -166,7 +166,7 @@ impl Subject {
         match (&fixed.instance, &fixed.config) {
             (Some(name), _) => Computer::of_instance(name),
             (None, Some(path)) => Computer::read(path),
-            (None, None) => Computer::of_instance(LAND),
+            (None, None) => Computer::of_instance(SIMULATED),
         }
     }
     /// Whose orders are passed on: as [`commanded_drone`], what is installed comes before a simulated landing.
@@ -191,10 +191,10 @@ impl Subject {
         if self.instance.is_some() || self.config.is_some() {
             return Ok(self.clone());
         }
-        let lands = is_running(&Instance::new(LAND)?);
+        let lands = is_running(&Instance::new(SIMULATED)?);
         let config = if lands { None } else { Computer::shipped() };
         Ok(Subject {
-            instance: config.is_none().then(|| LAND.into()),
+            instance: config.is_none().then(|| SIMULATED.into()),
             config,
         })
     }

@@ -1,20 +1,48 @@
 //! Flags of what is flown in the simulated world.
 
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use alight_computer::process::args::ViewArgs;
+use alight_computer::process::args::{ViewArgs, mcap_file};
+use alight_computer::quantity::{duration_s, speed_mps};
 use alight_computer::terminal::Form;
 use alight_shared::msg::State;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel;
+use alight_sim::physics::vessel::response::HULLS;
 use alight_uav::planner::PlannerKind;
-use clap::{Args, ValueEnum};
+use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
+use clap::{Arg, Args, Command, ValueEnum};
 
 use super::study::definition;
+
+/// Reader of a value of any form for which help, manual pages and completions offer names.
+#[derive(Clone)]
+pub struct Offering<P>(P, Vec<PossibleValue>);
+
+/// `reader` of a value for which `names` are offered.
+pub fn offering<P>(reader: P, names: impl IntoIterator<Item: Into<PossibleValue>>) -> Offering<P> {
+    Offering(reader, names.into_iter().map(Into::into).collect())
+}
+
+impl<P: TypedValueParser> TypedValueParser for Offering<P> {
+    type Value = P::Value;
+    fn parse_ref(
+        &self,
+        command: &Command,
+        arg: Option<&Arg>,
+        value: &OsStr,
+    ) -> Result<P::Value, clap::Error> {
+        self.0.parse_ref(command, arg, value)
+    }
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(self.1.iter().cloned()))
+    }
+}
 
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -154,6 +182,14 @@ fn on_off(text: &str) -> Result<bool, String> {
     }
 }
 
+/// Names of seas; others are written as amplitude and period, or as wave systems.
+const SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-rough"];
+
+/// Reader of a sea.
+pub fn sea() -> impl TypedValueParser<Value = SeaArg> {
+    offering(SeaArg::from_str, SEAS)
+}
+
 /// A mean wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WindArg {
@@ -169,8 +205,9 @@ impl FromStr for WindArg {
         if text == "auto" {
             return Ok(WindArg::Auto);
         }
-        let speed = text.parse().map_err(|_| "give a speed in m/s, or auto")?;
-        Ok(WindArg::Mean(speed))
+        speed_mps(text)
+            .map(WindArg::Mean)
+            .map_err(|e| format!("{e}; or auto"))
     }
 }
 
@@ -186,19 +223,19 @@ impl fmt::Display for WindArg {
 /// The scene of a trial.
 #[derive(Args, Debug, Clone)]
 pub struct SceneArgs {
-    /// calm, slight, moderate, rough, very-rough, AMPLITUDE_M,PERIOD_S, or wave systems by
-    /// significant height (m), peak period (s) and direction from the mean (deg):
-    /// jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
-    #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true)]
+    /// Sea by name, AMPLITUDE_M,PERIOD_S, or wave systems by significant height (m), peak period (s)
+    /// and direction from the mean (deg): jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
+    #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true, value_parser = sea())]
     pub sea: Option<SeaArg>,
     /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its
     /// class; period of Pierson and Moskowitz)
     #[arg(long, value_name = "1..5", conflicts_with = "sea",
           value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_state: Option<u8>,
-    /// Hull that the sea moves by its response table, in the place of the simulated one: twin-5m,
-    /// mono-5m, work-12m or a CSV with a .toml of the same name beside it
-    #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion")]
+    /// Hull that the sea moves by its response table, in the place of the simulated one: a name or a
+    /// CSV with a .toml of the same name
+    #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
+          value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
     /// Planner that flies [default: what the configuration says, alight]
     #[arg(long, value_enum)]
@@ -206,28 +243,30 @@ pub struct SceneArgs {
     /// Autopilot whose character the simulated one has [default: what the scenario says, px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<Autopilot>,
-    /// What the vessel does [default: drift]
+    /// Course of the vessel [default: drift]
     #[arg(long, value_enum)]
     pub vessel: Option<Course>,
-    /// Vessel's speed on a course under way, m/s [default: 2]
-    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    /// Vessel's speed on a course under way, m/s, or with a unit: 5kn [default: 2]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true, value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// Mean wind with gusts, m/s; auto: the wind that raises such a sea, along its waves [default: 0]
-    #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true)]
+    /// Mean wind with gusts, m/s, or with a unit: 15kn; auto: the wind that raises such a sea, along its waves
+    /// [default: 0]
+    #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true,
+          value_parser = offering(WindArg::from_str, ["auto"]))]
     pub wind: Option<WindArg>,
     /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around what the nodes know, and
     /// start the autopilot with another hover thrust [default: on with --hull]
-    #[arg(long, value_name = "on|off", value_parser = on_off)]
+    #[arg(long, value_name = "on|off", value_parser = offering(on_off, ["on", "off"]))]
     pub draws: Option<bool>,
-    /// An outage of the radio begins when the mission first enters this phase: get-altitude, approach,
-    /// tracking, tracking-stable, descent or flare [default: never]
-    #[arg(long, alias = "radio-lost", value_name = "PHASE")]
+    /// An outage of the radio begins when the mission first enters this phase [default: never]
+    #[arg(long, alias = "radio-lost", value_name = "PHASE",
+          value_parser = offering(OutageAt::from_str, PHASES.map(|p| p.0)))]
     pub outage_at: Option<OutageAt>,
-    /// The outage lasts this long, s [default: for good]
-    #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
+    /// The outage lasts this long, s, or with a unit: 5min [default: for good]
+    #[arg(long, alias = "radio-back", value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
     pub outage_duration: Option<f64>,
-    /// Watch a landed drone for so long: the outcome tells where it stands then, s
-    #[arg(long, value_name = "S")]
+    /// Watch a landed drone for so long, s: the outcome has its place then
+    #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub stay: Option<f64>,
     /// Descend at a random moment, however likely it succeeds: compares predicted probability with what happens
     #[arg(long)]
@@ -241,6 +280,9 @@ pub struct SceneArgs {
     /// Configuration of the drone's side (TOML; `alight config drone`)
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
+    /// Keys of the method (TOML; `alight config drone --tuning` prints them), which no file of a flight sets
+    #[arg(long, value_name = "FILE")]
+    pub tuning: Option<PathBuf>,
     /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
     /// any of heave_m, heading_deg, surge_m, sway_m; without --sea the water moves with its heave
     #[arg(long, value_name = "FILE.csv")]
@@ -251,8 +293,8 @@ pub struct SceneArgs {
     /// Factor on the recording's speed [default: 1]
     #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
     pub motion_speed: Option<f64>,
-    /// Where in the recording the trial begins, s [default: 0]
-    #[arg(long, value_name = "S", requires = "deck_motion")]
+    /// The trial begins at this time of the recording, s [default: 0]
+    #[arg(long, value_name = "TIME", requires = "deck_motion", value_parser = duration_s)]
     pub motion_start: Option<f64>,
     /// Render the belly camera's images and find the tag in them, in the place of its measurement model
     #[arg(long, alias = "pixels")]
@@ -277,6 +319,7 @@ impl SceneArgs {
             ("scenario", path(&self.scenario)),
             ("vessel-config", path(&self.vessel_config)),
             ("drone-config", path(&self.drone_config)),
+            ("tuning", path(&self.tuning)),
             ("sea", self.sea.as_ref().map(|s| s.text.clone())),
             ("sea-state", text(self.sea_state.as_ref())),
             ("hull", self.hull.clone()),
@@ -304,54 +347,41 @@ impl SceneArgs {
     }
 }
 
-/// One landing.
+/// One landing, or many.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for no viewer,\n\
-and ends when it is over, or 10 s later while somebody still looks on."
+    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for\n\
+no viewer, and ends when it is over, or 10 s later while a viewer is connected."
 )]
 pub struct TrialArgs {
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Seed of sea, noise and start: the same seed, the same bits
-    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    /// Seed of sea, noise and start, of many landings the first: the same seed, the same bits
+    #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
+    /// Fly so many landings, and print the success rate with its interval
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+          conflicts_with_all = ["plot", "record", "view"])]
+    pub trials: Option<u32>,
+    /// Threads of --trials [default: all cores]
+    #[arg(long, value_name = "N", requires = "trials", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Spread the starts of --trials over the recording: trial i begins at motion-start + i * this, s
+    #[arg(long, value_name = "TIME", requires = "trials", requires = "deck_motion", value_parser = duration_s)]
+    pub motion_stride: Option<f64>,
+    /// Write one line per landing of --trials (CSV) to this file, too
+    #[arg(long, value_name = "FILE.csv", requires = "trials")]
+    pub rows: Option<PathBuf>,
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
-    #[arg(long, value_name = "FILE.mcap")]
+    #[arg(long, value_name = "FILE.mcap", value_parser = mcap_file)]
     pub record: Option<PathBuf>,
     /// Whether and where people look on.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// Output format.
-    #[command(flatten)]
-    pub form: Form,
-}
-
-/// Many landings.
-#[derive(Args, Debug)]
-pub struct TrialsArgs {
-    /// The scene.
-    #[command(flatten)]
-    pub scene: SceneArgs,
-    /// How many
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub trials: u32,
-    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
-    #[arg(long, default_value_t = 1)]
-    pub seed0: u64,
-    /// Threads [default: all cores]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub jobs: Option<u16>,
-    /// Spread the start over the recording: trial i begins at motion-start + i * this, s
-    #[arg(long, value_name = "S", requires = "deck_motion")]
-    pub motion_stride: Option<f64>,
-    /// Write one line per trial (CSV) to this file, too
-    #[arg(long, value_name = "FILE.csv")]
-    pub rows: Option<PathBuf>,
     /// Output format.
     #[command(flatten)]
     pub form: Form,
@@ -381,44 +411,51 @@ impl FromStr for Shard {
 
 /// A study.
 #[derive(Args, Debug)]
-#[command(after_help = definition::help())]
 pub struct StudyArgs {
-    /// What to measure: a study below, or a file of your own (see docs/commands.md)
-    #[arg(value_name = "STUDY|FILE.toml")]
-    pub name: String,
+    /// A study, or a file of your own (docs/commands.md)
+    #[arg(value_name = "STUDY|FILE.toml",
+          value_parser = offering(StringValueParser::new(), definition::offered()))]
+    pub name: Option<String>,
     /// Directories of shards, for merge
     pub dirs: Vec<PathBuf>,
     /// The scene, where the study leaves it open.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Planners to compare, separated by commas [default: the study's, else the configured one]
-    #[arg(long, value_enum, value_delimiter = ',')]
+    /// Planners to compare [default: the study's]
+    ///
+    /// A study without planners flies the configured one.
+    #[arg(long, value_name = "NAME,..", value_enum, value_delimiter = ',')]
     pub planners: Vec<Planner>,
     /// Trials per row
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,
     /// First seed
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed0: u64,
     /// Threads [default: all cores]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write rows.csv, summary.md, summary.json, report.html and, where the study has curves, curves.svg there; a study
-    /// that was cut off goes on where it stopped
+    /// Write rows and report there, or go on from there
+    ///
+    /// A study that was cut off goes on where it stopped. The files are rows.csv, summary.md, summary.json, report.html
+    /// and, where the study has curves, curves.svg.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Fly only part I of N of the trials, for several machines
+    /// Fly only part I of N, for several machines
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
     /// Fly only this row, counted from 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub row: Option<u32>,
-    /// Fly nothing; print a command for each row and each so many seeds, a line each, for a scheduler such as HyperQueue
+    /// Print commands of so many seeds, for a scheduler
+    ///
+    /// It flies nothing. A line is a command of one row, as HyperQueue takes it.
     #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
-    /// Fly a row no further once its landing rate is known to so many percent up and down (Wilson's 95 % interval, looked at
-    /// every 20 trials; --trials at most)
+    /// End a row once its rate is known to so many %
+    ///
+    /// That is up and down. The interval is Wilson's of 95 %, computed every 20 trials; a row has --trials at most.
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
     pub within: Option<u8>,
     /// Output format.
@@ -428,14 +465,14 @@ pub struct StudyArgs {
 
 /// A wind of an envelope, m/s: with the vessel's own way within what a scenario takes.
 fn wind_speed(text: &str) -> Result<f64, String> {
-    let speed = text.parse().ok().filter(|v| (0.5..=20.0).contains(v));
+    let speed = speed_mps(text).ok().filter(|v| (0.5..=20.0).contains(v));
     speed.ok_or_else(|| format!("`{text}` is no wind to fly in: give 0.5 to 20 m/s"))
 }
 
 /// An envelope.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "Start with:\n  alight envelope --quick --hull mono-5m --drone-config drone.toml --out envelope\n\n\
+    after_help = "Start with:\n  alight study envelope --quick --hull mono-5m --drone-config drone.toml\n\n\
 The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, --speed; the drone is --drone-config."
 )]
 pub struct EnvelopeArgs {
@@ -445,28 +482,30 @@ pub struct EnvelopeArgs {
     /// A coarse grid of few landings: some ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
-    /// Relative winds, m/s, separated by commas [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
+    /// Relative winds, m/s, or with a unit: 10kn [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
     /// Directions all round that it comes from [default: 12; with --quick 8]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
     pub directions: Option<u16>,
-    /// Sea states (WMO code table 3700), separated by commas [default: 1,2,3,4; with --quick 2,3,4]
+    /// Sea states (WMO code table 3700) [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
     /// Landings per cell [default: as many as show --rate, 35 for 90 %; with --quick 5]
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
     /// Part of the landings, %, that must succeed up to the limit, by the lower end of the 95 % interval
     #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
     pub rate: u8,
     /// First seed
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed0: u64,
     /// Threads [default: all cores]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Write envelope.svg, envelope.html, envelope.json and rows.csv there; a run that was cut off goes on where it stopped
+    /// Write drawing, page and rows there; a run that was cut off goes on where it stopped
+    ///
+    /// The files are envelope.svg, envelope.html, envelope.json and rows.csv.
     #[arg(long, value_name = "DIR", default_value = "envelope")]
     pub out: PathBuf,
     /// Output format.

@@ -17,7 +17,7 @@ use plotters::prelude::*;
 use crate::report::document::Chart;
 
 /// Colours of lines and groups, in their order; the first two are drone and deck. The first six are those of Okabe and Ito, in the
-/// order of the Python module's figures.
+/// order of the Python module's plots.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),

@@ -15,12 +15,12 @@ pub mod study;
 pub mod trial;
 pub mod trials;
 
-use clap::Subcommand;
+use clap::{Args, Subcommand};
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::playback::StartViewer;
-use args::{EnvelopeArgs, RaoArgs, StudyArgs, TrialArgs, TrialsArgs};
-use live::args::{LandArgs, LandsArgs, WorldArgs};
+use args::{EnvelopeArgs, RaoArgs, SceneArgs, StudyArgs, TrialArgs};
+use live::args::{LandArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
 use live::rehearse::args::RehearseArgs;
@@ -30,34 +30,70 @@ use storm::StormArgs;
 /// Commands of the laboratory.
 #[derive(Subcommand, Debug)]
 pub enum LabCommand {
-    /// Fly one landing in the simulated world and print the outcome.
-    Trial(TrialArgs),
-    /// Fly many landings and print the success rate with its interval.
-    Trials(TrialsArgs),
-    /// Fly landings with several faults each; print what broke a rule.
-    Storm(StormArgs),
-    /// Estimate how often a landing is unsafe, by splitting.
-    Rare(Box<RareArgs>),
+    /// Fly one landing or many, faster than real time.
+    Trial(Box<TrialArgs>),
     /// Measure one thing over many seeds.
-    Study(StudyArgs),
-    /// Draw in which relative wind and sea a drone lands on a boat.
-    Envelope(EnvelopeArgs),
-    /// Print the simulated vessel's response to waves (RAO).
-    #[command(alias = "response")]
-    Rao(RaoArgs),
-    /// Land once in real time: all processes, on simulated vehicles.
+    Study(Box<StudiesArgs>),
+    /// Land once in real time on simulated vehicles.
     Land(Box<LandArgs>),
     /// Rehearse an installation on simulated vehicles.
-    Rehearse(Box<RehearseArgs>),
-    /// The former name of `land --trials N`.
+    Rehearse(Box<RehearsalArgs>),
+    /// Flags of the scene of trial, study and land: boat, drone, sea and wind.
     #[command(hide = true)]
-    Lands(LandsArgs),
+    Scene(Box<SceneArgs>),
     /// A process of vessel or drone with what a bench puts between it and its messages.
     #[command(hide = true)]
     Attach(AttachArgs),
     #[command(hide = true)]
     /// Process of the simulation: both vehicles, in real time.
     World(WorldArgs),
+}
+
+/// A study of its name, or one with flags of its own.
+#[derive(Args, Debug)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    arg_required_else_help = true,
+    after_help = "`alight help study` describes the studies. A flag that an axis or every row sets keeps only\n\
+the matching rows, or overrides them; others hold for all."
+)]
+pub struct StudiesArgs {
+    /// A study of its name.
+    #[command(flatten)]
+    pub study: StudyArgs,
+    /// One with flags of its own.
+    #[command(subcommand)]
+    pub other: Option<OtherStudy>,
+}
+
+/// Studies with flags of their own.
+#[derive(Subcommand, Debug)]
+pub enum OtherStudy {
+    /// Fly landings with several faults each; print what broke a rule.
+    Storm(StormArgs),
+    /// Draw in which relative wind and sea a drone lands on a boat.
+    Envelope(Box<EnvelopeArgs>),
+    /// Estimate how often a landing is unsafe, by splitting.
+    Rare(Box<RareArgs>),
+    /// Print the simulated vessel's response to waves (RAO).
+    Rao(RaoArgs),
+}
+
+/// A rehearsal, or a part of its equipment.
+#[derive(Args, Debug)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct RehearsalArgs {
+    /// The rehearsal.
+    #[command(flatten)]
+    pub rehearsal: RehearseArgs,
+    /// A part of its equipment.
+    #[command(subcommand)]
+    pub part: Option<RehearsalPart>,
+}
+
+/// Equipment of a rehearsal, alone.
+#[derive(Subcommand, Debug)]
+pub enum RehearsalPart {
     /// Emulate a bad link between two network namespaces (needs root).
     Link(LinkArgs),
 }
@@ -66,22 +102,30 @@ impl LabCommand {
     /// Runs it to its end; `viewer` shows a flight that is computed.
     pub fn run(&self, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
         match self {
-            LabCommand::Trial(a) => trial::run(a, viewer),
-            LabCommand::Trials(a) => trials::run(a),
-            LabCommand::Storm(a) => storm::run(a),
-            LabCommand::Rare(a) => rare::run(a),
-            LabCommand::Study(a) => study::run(a),
-            LabCommand::Envelope(a) => study::envelope::run(a),
-            LabCommand::Rao(a) => study::rao(a),
-            LabCommand::Land(a) => match a.trials {
-                Some(trials) => live::pairs::run(a, trials),
-                None => live::land::run(a),
+            LabCommand::Trial(a) => match a.trials {
+                Some(count) => trials::run(a, count),
+                None => trial::run(a, viewer),
             },
-            LabCommand::Rehearse(a) => live::rehearse::run(a),
+            LabCommand::Study(a) => match &a.other {
+                Some(OtherStudy::Storm(a)) => storm::run(a),
+                Some(OtherStudy::Envelope(a)) => study::envelope::run(a),
+                Some(OtherStudy::Rare(a)) => rare::run(a),
+                Some(OtherStudy::Rao(a)) => study::rao(a),
+                None => study::run(&a.study),
+            },
+            LabCommand::Land(a) if a.trials.is_some() => Err(CliError(
+                "land flies one landing in real time; many: alight trial --trials N, or alight study".into(),
+            )),
+            LabCommand::Land(a) => live::land::run(a),
+            LabCommand::Rehearse(a) => match &a.part {
+                Some(RehearsalPart::Link(a)) => live::emulator::run(a),
+                None => live::rehearse::run(&a.rehearsal),
+            },
+            LabCommand::Scene(_) => Err(CliError(
+                "the flags of a scene belong to trial, study and land; alight help scene prints them".into(),
+            )),
             LabCommand::Attach(a) => live::attach::run(a),
-            LabCommand::Lands(a) => live::pairs::run_lands(a),
             LabCommand::World(a) => live::world::run(a),
-            LabCommand::Link(a) => live::emulator::run(a),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `alight rare`: how often a landing is unsafe where that is rare, by splitting.
+//! `alight study rare`: how often a landing is unsafe where that is rare, by splitting.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -12,12 +12,12 @@ use indicatif::ProgressBar;
 use super::args::SceneArgs;
 use super::scene::Scene;
 
-/// Arguments of `alight rare`.
+/// Arguments of `alight study rare`.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Keeps the quarter of a population of landings that came nearest to a limit, moves their random\n\
   numbers, and so on until landings beyond a limit are no longer rare.\n\n  \
-  alight rare --sea moderate --wind 10 --population 60 --runs 4\n\n\
+  alight study rare --sea moderate --wind 10 --population 60 --runs 4\n\n\
 Exit codes: 0 estimated, 1 interrupted, 2 bad input."
 )]
 pub struct RareArgs {

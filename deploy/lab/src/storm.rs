@@ -1,10 +1,11 @@
-//! `alight storm`: flights with several drawn faults each, what must hold in every tick, and the shortest list of what
+//! `alight study storm`: flights with several drawn faults each, what must hold in every tick, and the shortest list of what
 //! broke it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::quantity::seconds;
 use alight_computer::terminal::{self, Form, note};
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Rule, Violation};
@@ -23,20 +24,20 @@ const MAX_LIST_BYTES: u64 = 1 << 20;
 /// Seeds between two looks at the clock, per worker.
 const BATCH: u32 = 8;
 
-/// Arguments of `alight storm`.
+/// Arguments of `alight study storm`.
 #[derive(Args, Debug)]
 #[command(
     after_help = "A violation prints the shortest list that still breaks the rule, as a file for --list.\n\
-  alight storm --trials 100 --faults 4\n  alight storm --for 480 --save violations\n  \
-  alight storm --list violations/17.toml\n\n\
+  alight study storm --trials 100 --faults 4\n  alight study storm --for 8min --save violations\n  \
+  alight study storm --list violations/17.toml\n\n\
 Exit codes: 0 every rule held, 1 one was broken, 2 bad input."
 )]
 pub struct StormArgs {
     /// Storms to fly.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     trials: u32,
-    /// Fly as many as fit into so many seconds instead.
-    #[arg(long = "for", value_name = "S", conflicts_with = "trials", value_parser = clap::value_parser!(u32).range(1..=604_800))]
+    /// Fly as many as fit into this time instead, s.
+    #[arg(long = "for", value_name = "TIME", conflicts_with = "trials", value_parser = seconds(1..=604_800))]
     seconds: Option<u32>,
     /// First seed.
     #[arg(long, value_name = "SEED", default_value_t = 1)]
@@ -235,7 +236,7 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     }
     Err(CliError::because(
         format!("reading the list {}", path.display()),
-        "real processes fly landings; fly it by `alight storm --list`",
+        "real processes fly landings; fly it by `alight study storm --list`",
     ))
 }
 
@@ -276,7 +277,7 @@ fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
         Some(directory) => {
             let path = directory.join(format!("{seed}.toml"));
             std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
-            format!("  replay: alight storm --list {}", path.display())
+            format!("  replay: alight study storm --list {}", path.display())
         }
         None => text.lines().map(|line| format!("  {line}\n")).collect(),
     };

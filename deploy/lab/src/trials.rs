@@ -1,4 +1,4 @@
-//! `alight trials`: many landings, spread over the cores.
+//! `alight trial --trials N`: many landings, spread over the cores.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use alight_transport::wake::end_requested;
 use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
-use super::args::TrialsArgs;
+use super::args::TrialArgs;
 use super::outcome_table;
 use super::scene::{Scene, stopwatch};
 
@@ -59,20 +59,20 @@ pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) 
 pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
         CliError(format!(
-            "--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"
+            "the seed {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"
         ))
     })?;
     Ok((seed0..end).collect())
 }
 
-/// Flies and sums up.
-pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
+/// Flies `count` landings and sums up.
+pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     // The first question puts the handler in place: a signal from here on ends the study with what was flown.
     if end_requested() {
         return Ok(Exit::Failed);
     }
-    let seeds = seeds(args.seed0, args.trials)?;
+    let seeds = seeds(args.seed, count)?;
     let rows = args.rows.as_deref().map(rows_writer).transpose()?;
     let motion = scene.scenario.deck_motion.as_ref();
     let facts = motion.map_or(Ok(None), |m| m.facts(0.0));
@@ -80,7 +80,7 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let recording_s = facts.map(|f| f.duration_s);
     let motion_start = |seed: u64| {
         let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
-        let start = motion.start_s + stride * (seed - args.seed0) as f64;
+        let start = motion.start_s + stride * (seed - args.seed) as f64;
         // Beyond its end it starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
     };

@@ -12,7 +12,7 @@ import unittest
 from source import alight
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
-PAGE = ROOT / "deploy/docs/python.md"
+PAGE = ROOT / "deploy/docs/recordings.md"
 NOTEBOOK = ROOT / "deploy/examples/python/landing.ipynb"
 
 

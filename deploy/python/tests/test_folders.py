@@ -29,7 +29,7 @@ class Trials(unittest.TestCase):
     def test_rate_is_the_programs(self):
         # A baseline in a sea beyond it: one of the two lands, and the program's exit code is 1.
         flown = alight.trials(2, seed0=1, planner="mpc-ne", sea="very-rough")
-        own = printed("trials", "--trials", "2", "--seed0", "1", "--planner", "mpc-ne", "--sea", "very-rough")
+        own = printed("trial", "--trials", "2", "--seed0", "1", "--planner", "mpc-ne", "--sea", "very-rough")
         self.assertEqual(flown.rate, own["successes"] / own["trials"])
         self.assertEqual(list(flown.interval), own["success_rate_95"])
         rows = records(flown.rows)

@@ -1,12 +1,12 @@
-//! The documents as a book: every page is in its table of contents, every link leads somewhere, every message that a
-//! person may meet is in the troubleshooting page.
+//! The documents as a book: every page is in its table of contents, every link leads to a file and a heading, and no
+//! page is too long.
 
 use std::path::{Path, PathBuf};
 
-use alight_shared::msg::ReasonCode;
-use serde::Deserialize;
-use serde::de::IntoDeserializer;
-use serde::de::value::Error;
+/// Bounds of all documents, so that there is no more to read than a reader reads.
+const MAX_PAGES: usize = 22;
+const MAX_WORDS: usize = 32_000;
+const MAX_PAGE_WORDS: usize = 2500;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -35,6 +35,33 @@ fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| rest.split(')').next())
 }
 
+/// Anchors of the headings, as GitHub and mdbook form them.
+fn anchors(text: &str) -> impl Iterator<Item = String> {
+    let headings = text.lines().filter(|l| l.starts_with('#'));
+    headings.map(|l| {
+        let title = l.trim_start_matches('#').trim().to_lowercase();
+        let kept = title
+            .chars()
+            .filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+        kept.map(|c| if c == ' ' { '-' } else { c }).collect::<String>()
+    })
+}
+
+#[test]
+fn book_size() {
+    let (mut pages, mut all) = (0, 0);
+    for page in files(&root(), &[".md"]) {
+        let words = read(&page).split_whitespace().count();
+        assert!(words <= MAX_PAGE_WORDS, "{}: {words} words", page.display());
+        pages += 1;
+        all += words;
+    }
+    assert!(
+        pages <= MAX_PAGES && all <= MAX_WORDS,
+        "{pages} pages, {all} words: shorten or merge pages"
+    );
+}
+
 #[test]
 fn book_contents() {
     let docs = root().join("deploy/docs");
@@ -50,13 +77,20 @@ fn book_contents() {
 fn book_relative_links() {
     for page in files(&root(), &[".md"]) {
         for link in links(&read(&page)).filter(|l| !l.contains("://")) {
-            let path = link.split(['#', ' ']).next().unwrap_or_default();
-            let target = page.parent().unwrap().join(path);
+            let (path, anchor) = link.split_once('#').unwrap_or((link, ""));
+            let target = if path.is_empty() {
+                page.clone()
+            } else {
+                page.parent().unwrap().join(path)
+            };
             assert!(target.exists(), "{}: {link} leads nowhere", page.display());
+            let is_there = anchor.is_empty() || anchors(&read(&target)).any(|a| a == anchor);
+            assert!(is_there, "{}: {link} names no heading", page.display());
         }
     }
     // So do the pages that the program and its configurations name.
-    let named = ["src", "vessel", "drone"].map(|d| root().join("deploy").join(d));
+    let named = ["src", "computer/src", "people/src", "lab/src", "vessel", "drone"]
+        .map(|d| root().join("deploy").join(d));
     for source in named.iter().flat_map(|d| files(d, &[".rs", ".toml"])) {
         for rest in read(&source).split("docs/").skip(1) {
             let end = rest.find(|c: char| !(c.is_alphanumeric() || ".-_/".contains(c)));
@@ -64,37 +98,6 @@ fn book_relative_links() {
             let is_page = name.ends_with(".md") && name != ".md";
             let target = root().join("deploy/docs").join(name);
             assert!(!is_page || target.exists(), "{}: docs/{name}", source.display());
-        }
-    }
-}
-
-#[test]
-fn troubleshooting_reasons_and_topics() {
-    let page = read(&root().join("deploy/docs/troubleshooting.md"));
-    let code = |k: u32| ReasonCode::deserialize(IntoDeserializer::<Error>::into_deserializer(k)).ok();
-    let codes: Vec<ReasonCode> = (0..1000).map_while(code).collect();
-    assert!(codes.len() > 40, "{}", codes.len());
-    for code in codes {
-        assert!(
-            page.contains(&format!("`{code:?}`")),
-            "{code:?}: run deploy/scripts/troubleshooting"
-        );
-    }
-    let sources = ["deploy/people/src/tools/check", "deploy/people/src/status"]
-        .map(|d| files(&root().join(d), &[".rs"]));
-    for source in sources.concat() {
-        let text = read(&source);
-        // The tests' own are none, and what is always fine is no trouble.
-        let code = text.split("#[cfg(test)]").next().unwrap();
-        for rest in code.split("Topic(\"").skip(1) {
-            let (topic, rest) = rest.split_once('"').unwrap();
-            if rest.starts_with(").fine(") {
-                continue;
-            }
-            assert!(
-                page.contains(&format!("| {topic} |")),
-                "{topic}: run deploy/scripts/troubleshooting"
-            );
         }
     }
 }
@@ -142,13 +145,11 @@ fn stale_tables(page: &str, link: &str) -> Vec<String> {
 #[test]
 fn version_of_every_table_with_makers_firmware() {
     let link = link_version(&root());
-    for page in ["firmware.md", "sitl.md"] {
-        let wrong = stale_tables(&read(&root().join("deploy/docs").join(page)), &link);
-        assert!(
-            wrong.is_empty(),
-            "{page}: {wrong:#?}\nwrite below a table that was flown before: The link and the pilot have changed since: ..."
-        );
-    }
+    let wrong = stale_tables(&read(&root().join("deploy/docs/firmware.md")), &link);
+    assert!(
+        wrong.is_empty(),
+        "{wrong:#?}\nwrite below a table that was flown before: The link and the pilot have changed since: ..."
+    );
     let table = "| flown by | good |\n|---|---|\n| PX4 | 1 of 1 |";
     let flown = |link: &str| format!("<!-- flown: version 1234567, link {link} -->\n\n{table}\n\nNext.");
     assert!(stale_tables(&flown("aa"), "aa").is_empty());

@@ -19,7 +19,7 @@ fn bad_input_exit_code_2() {
         ("trial --sea nan,5".into(), "nan"),
         ("trial --seed -3".into(), "-3"),
         ("trial --seed 1.5".into(), "a whole number is needed"),
-        ("trials --trials 1e3".into(), "a whole number is needed"),
+        ("trial --trials 1e3".into(), "a whole number is needed"),
         ("keys vessel one".into(), "a whole number is needed"),
         ("trial --wind nan".into(), "NaN"),
         ("trial --wind 300".into(), "300"),
@@ -41,26 +41,114 @@ fn bad_input_exit_code_2() {
         ("land --ground-station nowhere".into(), "nowhere"),
         ("study nothing".into(), "table2"),
         (format!("study {bad_key}"), "title"),
-        ("envelope --winds 4,x".into(), "`x`"),
-        ("envelope --winds 40".into(), "`40`"),
-        ("envelope --sea-states 6".into(), "6"),
-        ("envelope --rate 100".into(), "50..=99"),
-        ("envelope --sea moderate".into(), "--sea-states"),
-        ("envelope --hull no-such-hull".into(), "no-such-hull"),
-        ("trials --trials 0".into(), "0"),
-        ("trials --jobs 0".into(), "0"),
+        ("study envelope --winds 4,x".into(), "`x`"),
+        ("study envelope --winds 40".into(), "`40`"),
         (
-            "trials --seed0 18446744073709551615 --trials 2".into(),
+            "study envelope --sea-states 6".into(),
+            "sea states must be 1 to 5",
+        ),
+        ("study envelope --rate 100".into(), "50 to 99"),
+        ("study envelope --sea moderate".into(), "--sea-states"),
+        ("study envelope --hull no-such-hull".into(), "no-such-hull"),
+        ("trial --trials 0".into(), "trials must be 1 to"),
+        ("trial --trials 2 --jobs 0".into(), "jobs must be 1 to"),
+        (
+            "trial --seed 18446744073709551615 --trials 2".into(),
             "18446744073709551615",
         ),
-        (format!("trials --rows {no_file}"), no_file),
+        (format!("trial --trials 2 --rows {no_file}"), no_file),
         (
-            "schema estimat".into(),
+            "config schema estimat".into(),
             "no topic estimat: there are estimate, wave",
         ),
-        ("ros2 --domain 233".into(), "0..=232"),
+        ("ros2 --domain 233".into(), "domain must be 0 to 232"),
         ("ros2 --instance none --namespace 1a".into(), "namespace"),
     ]);
+}
+
+#[test]
+fn wrong_input_with_the_remedy() {
+    let unclosed = file("unclosed.toml", "[sea\n");
+    assert_rejected(&[
+        ("trial --sae moderate".into(), "'--sea'"),
+        ("land --warm-pu 20".into(), "'--warm-up'"),
+        ("trial --wind 15mph".into(), "kn"),
+        ("trial --outage-duration 5miles --outage-at descent".into(), "min"),
+        ("trial --sea-state 6".into(), "sea state must be 1 to 5"),
+        ("view --listen 7450".into(), "ADDRESS:PORT is needed"),
+        ("trial --record landing.txt".into(), "ends in .mcap"),
+        ("land --record landing.txt".into(), "ends in .mcap"),
+        ("land --trials 3".into(), "alight trial --trials N"),
+        ("trial --rows rows.csv".into(), "--trials"),
+        ("trial --trials 2 --plot landing.svg".into(), "--plot"),
+        ("rehearse --warm-up 9s".into(), "from 10 to 600 s"),
+        ("study --trials 3".into(), "STUDY"),
+        ("scene".into(), "alight help scene"),
+        (format!("trial --scenario {unclosed}"), "1 | [sea\n  |     ^"),
+    ]);
+}
+
+#[test]
+fn former_names_with_the_new_one() {
+    for (before, now) in [
+        ("rao --csv", "study rao --csv"),
+        ("response", "study rao"),
+        ("schema estimate", "config schema estimate"),
+        ("completions bash", "config completions bash"),
+        ("trials --help", "trial --help"),
+    ] {
+        let [old, new] = [before, now].map(alight);
+        assert_eq!(
+            (old.status.code(), &old.stdout),
+            (Some(0), &new.stdout),
+            "{before}"
+        );
+        let name = now
+            .split(" --")
+            .next()
+            .unwrap()
+            .split(" estimate")
+            .next()
+            .unwrap();
+        let name = name.trim_end_matches(" bash");
+        assert!(
+            stderr(&old).contains(&format!("is now `alight {name}")),
+            "{}",
+            stderr(&old)
+        );
+        assert_eq!(stderr(&new), "");
+    }
+}
+
+#[test]
+fn flags_of_a_scene_shown_once() {
+    let scene = stdout(&alight("help scene"));
+    for flag in ["--sea-state", "--hull", "--motion-stride"] {
+        assert_eq!(scene.contains(flag), flag != "--motion-stride", "{scene}");
+    }
+    for command in ["trial", "land", "study", "study envelope", "study rare"] {
+        let text = stdout(&alight(format!("{command} --help")));
+        assert!(
+            !text.contains("--sea-state <") && text.contains("alight help scene"),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn completions_and_manual_pages_with_values() {
+    let script = stdout(&alight("config completions zsh"));
+    for value in ["very-rough", "twin-5m", "table2", "mpc-faa", "wifi-far"] {
+        assert!(script.contains(value), "{value}");
+    }
+    let pages = scratch("pages");
+    std::fs::create_dir_all(&pages).unwrap();
+    let o = alight(format!("manual {}", pages.display()));
+    assert!(o.status.success(), "{}", stderr(&o));
+    let page = std::fs::read_to_string(pages.join("alight-trial.1")).unwrap();
+    for text in [r"[\fB\-\-trials\fR \fIN\fR]", r"very\-rough"] {
+        assert!(page.contains(text), "{text}: {page}");
+    }
 }
 
 #[test]
@@ -105,7 +193,7 @@ fn trial_json_and_plot() {
 fn csv_of_rows() {
     let rows = scratch("kept.csv");
     let o = alight(format!(
-        "trials --trials 2 --seed0 40 --csv --rows {}",
+        "trial --trials 2 --seed 40 --csv --rows {}",
         rows.display()
     ));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
@@ -124,8 +212,8 @@ fn csv_of_rows() {
         .position(|h| h == "position_error_m.mean")
         .expect(&study);
     assert!(row[at].parse::<f64>().is_ok_and(|v| v < 1.0), "{study}");
-    assert!(stdout(&alight("rao --csv")).starts_with("wavelength_m,period_s,"));
-    assert_rejected(&[("rao --csv --json".into(), "--json")]);
+    assert!(stdout(&alight("study rao --csv")).starts_with("wavelength_m,period_s,"));
+    assert_rejected(&[("study rao --csv --json".into(), "--json")]);
 }
 
 #[test]
@@ -133,7 +221,7 @@ fn trials_with_one_or_two_jobs() {
     let digests = |jobs: &str, name: &str| {
         let rows = scratch(name);
         let o = alight(format!(
-            "trials --trials 3 --seed0 40 --jobs {jobs} --json --rows {}",
+            "trial --trials 3 --seed 40 --jobs {jobs} --json --rows {}",
             rows.display()
         ));
         assert!(o.status.code() != Some(2), "{}", stderr(&o));
@@ -161,7 +249,7 @@ fn printed_configurations() {
 #[test]
 fn interrupted_trials() {
     let child = Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args("trials --trials 100000 --jobs 1 --sea calm".split_whitespace())
+        .args("trial --trials 100000 --jobs 1 --sea calm".split_whitespace())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -218,7 +306,7 @@ fn init_writes_both_files_once() {
     assert_eq!(o.status.code(), Some(2), "{}", stdout(&o));
     assert!(stderr(&o).contains("the answers end before") && !dir.join("vessel.toml").exists());
     // All but the number of the vessel as it is shipped; its certificates are not made yet.
-    let o = init(&format!("7\n{}", "\n".repeat(13)));
+    let o = init(&format!("7\n{}", "\n".repeat(40)));
     assert_eq!(o.status.code(), Some(2), "{}", stderr(&o));
     let text = stdout(&o);
     assert!(
@@ -227,7 +315,9 @@ fn init_writes_both_files_once() {
     );
     let drone = std::fs::read_to_string(dir.join("drone.toml")).unwrap();
     assert!(
-        drone.contains("vessel_id = 7") && drone.contains("\"vessel-7\""),
+        drone.contains("vessel_id = 7")
+            && drone.contains("\"vessel-7\"")
+            && drone.contains("mode = \"shadow\""),
         "{drone}"
     );
     let o = init("");
@@ -253,7 +343,7 @@ fn command_without_an_installed_file() {
     assert_eq!(o.status.code(), Some(2));
     let text = stderr(&o);
     assert!(
-        text.contains("nothing runs under the name nothing-of-that-name"),
+        text.contains("no running drone computer found (instance \"nothing-of-that-name\")"),
         "{text}"
     );
 }
@@ -306,7 +396,7 @@ fn study_shards_and_resumption() {
 fn envelope_resumption_with_more_landings() {
     let out = scratch("envelope");
     let envelope = |trials: u32| {
-        let words = "envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
+        let words = "study envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
         let o = alight(format!("{words} {trials} --out {}", out.display()));
         assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         (json(&o), std::fs::read_to_string(out.join("rows.csv")).unwrap())
@@ -355,7 +445,7 @@ fn study_of_paired_planners() {
     // Rows of another configuration do not mix with these.
     let other = out.join("other.toml");
     std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
-    let o = study(&format!("--drone-config {}", other.display()));
+    let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
     // Nor do those of another study.

@@ -9,6 +9,7 @@ const LAYERS: [(&str, &[&str]); 2] = [
         "deploy/computer",
         &[
             "exit",
+            "quantity",
             "terminal",
             "table",
             "config",
@@ -23,7 +24,10 @@ const LAYERS: [(&str, &[&str]); 2] = [
             "playback",
         ],
     ),
-    ("deploy/people", &["status", "view", "ros2", "signalk", "tools"]),
+    (
+        "deploy/people",
+        &["explain", "status", "view", "ros2", "signalk", "tools"],
+    ),
 ];
 
 /// Every package of ours.

@@ -1,6 +1,5 @@
 //! The world in lock-step with the nodes, one landing in it, its judge, and its observers.
 
-pub mod age;
 pub mod bus;
 pub mod cameras;
 mod drone_computer;

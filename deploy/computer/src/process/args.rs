@@ -26,13 +26,26 @@ pub struct ProcessArgs {
     pub scheduling: Scheduling,
 }
 
+/// A recording to write, whose name has to end in .mcap.
+pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")) {
+        return Ok(path);
+    }
+    Err("recordings are MCAP: choose a name that ends in .mcap".into())
+}
+
 /// Whether and where people look on.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ViewArgs {
-    /// Serve a page that shows it, for a browser [default address: the configuration's, else 127.0.0.1:7450]
+    /// Serve a page for a browser [at 127.0.0.1:7450]
+    ///
+    /// The configuration may name another address; ADDRESS:PORT comes before both.
     #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true)]
     pub view: Option<Option<SocketAddr>>,
-    /// Serve the topics of a recording to Foxglove as well [default address: 127.0.0.1:8765]
+    /// Serve Foxglove, too [at 127.0.0.1:8765]
+    ///
+    /// It receives the topics of a recording.
     #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, require_equals = true, requires = "view")]
     pub foxglove: Option<Option<SocketAddr>>,
 }

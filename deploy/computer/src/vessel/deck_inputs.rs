@@ -19,7 +19,7 @@ const PERIOD: Duration = Duration::from_millis(500);
 /// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
 const MAX_READING_NS: i64 = 2_000_000_000;
 /// What to do about an input that cannot be read.
-pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/deck.md), or empty the key in \
+pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/operate.md), or empty the key in \
                           vessel.toml";
 /// The same of the switch by which the skipper agrees.
 pub const CONSENT_REMEDY: &str = "it counts as 0, and takes the helm back: let the user alight read the line or file \

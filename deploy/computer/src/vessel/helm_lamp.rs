@@ -16,7 +16,7 @@ use crate::io::digital_line::DigitalLine;
 const PERIOD: Duration = Duration::from_millis(500);
 /// What to do about a lamp that cannot be written.
 pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
-                          (docs/deck.md), or empty deck.helm_lamp in vessel.toml";
+                          (docs/operate.md), or empty deck.helm_lamp in vessel.toml";
 
 /// The lamp, while its thread drives it.
 pub struct HelmLamp {

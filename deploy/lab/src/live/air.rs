@@ -11,7 +11,7 @@ use alight_computer::process::supervisor::{Supervisor, arguments};
 use alight_shared::msg::State;
 use alight_shared::process::ProcessKind;
 use alight_sim::harness::storm::{Fault, Kind, Moment};
-use alight_sim::radio::{ChannelCounts, Congestion};
+use alight_sim::radio::ChannelCounts;
 use alight_transport::radio::TlsConfig;
 use alight_transport::statistics::Quantiles;
 use serde::{Deserialize, Serialize};
@@ -28,15 +28,6 @@ const PORT: u16 = 7447;
 
 /// Ages of the first five seconds, while clocks and session settle.
 const WARM_UP_AGES: usize = 50;
-
-/// How this computer's kernel answers a loss in a stream, for the lock-step model of it.
-pub fn congestion() -> Congestion {
-    let setting = std::fs::read_to_string("/proc/sys/net/ipv4/tcp_congestion_control");
-    match setting.as_deref().map(str::trim) {
-        Ok("bbr") => Congestion::Bbr,
-        Ok(_) | Err(_) => Congestion::Cubic,
-    }
-}
 
 /// The link as it is arranged before the processes start.
 pub struct RadioPath {

@@ -3,15 +3,17 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::args::{ProcessArgs, ViewArgs};
+use alight_computer::process::args::{ProcessArgs, ViewArgs, mcap_file};
+use alight_computer::quantity::duration_s;
+use alight_computer::subject::SIMULATED;
 use alight_computer::terminal::Form;
-use alight_sim::radio::Transport;
-use clap::{Args, Parser, ValueEnum};
+use clap::builder::StringValueParser;
+use clap::{Args, ValueEnum};
 
-use crate::args::{Autopilot, SceneArgs};
+use crate::args::{Autopilot, SceneArgs, offering};
 use crate::live::config::AutopilotKind;
 use crate::live::fault::FaultSpec;
+use crate::live::profile;
 
 /// One landing, live.
 #[derive(Args, Clone, Debug)]
@@ -22,64 +24,83 @@ pub struct LandArgs {
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Land with so many seeds, from --seed on, each beside the lock-step landing of the same seed
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000),
-        conflicts_with_all = ["plot", "record"])]
+    /// Answered with what flies many landings.
+    #[arg(long, hide = true)]
     pub trials: Option<u32>,
-    /// How many of the trials at a time, each with processes of its own
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
-    pub jobs: u16,
-    /// The vessel's estimator runs this long before the landing is commanded, s [default: the
-    /// scenario's, 60]
-    #[arg(long, value_name = "S")]
+    /// Time before the order to land, s [default: 60]
+    ///
+    /// The vessel's estimator runs in it. The default is the scenario's.
+    #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub warm_up: Option<f64>,
-    /// Impair the radio: scenario, clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s,
-    /// narrow, or a TOML file
-    #[arg(long, value_name = "PROFILE", default_value = "scenario")]
+    /// Impair the radio: scenario, a profile, or a TOML file
+    ///
+    /// Profiles: clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s, narrow.
+    #[arg(long, value_name = "PROFILE", default_value = "scenario", hide_possible_values = true,
+          value_parser = offering(StringValueParser::new(), profile::names()))]
     pub link: String,
-    /// Impair it by a link emulator between two network namespaces (needs root) or inside the
-    /// processes; auto: the emulator for a --link other than scenario, where it is permitted
-    #[arg(long, value_enum, default_value_t = Emulate::Auto)]
+    /// Use network namespaces for it (root)
+    ///
+    /// Between namespaces a link emulator impairs the radio, else the processes do. auto: the emulator for a --link other
+    /// than scenario, where it is permitted.
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t = Emulate::Auto)]
     pub emulate: Emulate,
-    /// Transport of the radio: quic (with certificates on both sides), udp or tcp
-    #[arg(long, default_value = "quic", value_parser = ["quic", "udp", "tcp"])]
+    /// Transport of the radio
+    ///
+    /// quic has certificates on both sides.
+    #[arg(long, value_name = "NAME", default_value = "quic", value_parser = ["quic", "udp", "tcp"])]
     pub transport: String,
-    /// For quic: directory of `alight keys` with vessel and drone of these numbers [default: made for
-    /// this landing alone]
+    /// Directory of `alight keys`, for quic
+    ///
+    /// It has vessel and drone of these numbers. Without it certificates are made for this landing alone.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
-    /// Name of this set of processes; several may run side by side
-    #[arg(long, default_value = "land")]
+    /// Name of this set of processes
+    ///
+    /// Several may run at the same time.
+    #[arg(long, value_name = "NAME", default_value = SIMULATED)]
     pub instance: String,
-    /// The firmware of --autopilot itself flies: it is started beside, and flown from the pad by a person (see
-    /// docs/firmware.md)
+    /// The firmware itself flies (docs/firmware.md)
+    ///
+    /// It is that of --autopilot. The pilot starts it, and flies it from the pad.
     #[arg(long, requires = "autopilot")]
     pub external: bool,
-    /// Where that firmware's MAVLink is [default: udpin://127.0.0.1:14540 for PX4,
-    /// tcpout://127.0.0.1:5760 for ArduPilot]
+    /// MAVLink of that firmware [default: the usual]
+    ///
+    /// The usual one is udpin://127.0.0.1:14540 of PX4 and tcpout://127.0.0.1:5760 of ArduPilot.
     #[arg(long, value_name = "URL", requires = "external")]
     pub connect: Option<String>,
-    /// Its plant's motors, sensors and port (TOML, keys of [firmware])
+    /// Motors, sensors and port of its plant (TOML)
+    ///
+    /// The keys are those of [firmware].
     #[arg(long, value_name = "FILE", requires = "external")]
     pub firmware: Option<PathBuf>,
-    /// A ground station listens there, UDP, at another link of the simulated autopilot, such as 127.0.0.1:14550
-    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["external", "trials"])]
+    /// A ground station, such as 127.0.0.1:14550
+    ///
+    /// It listens there to UDP, at another link of the simulated autopilot.
+    #[arg(long, value_name = "UDP", conflicts_with = "external")]
     pub ground_station: Option<SocketAddr>,
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
-    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
-    #[arg(long, value_name = "FILE.mcap")]
+    /// Record to MCAP (Foxglove, `alight replay`)
+    ///
+    /// Lichtblick and Rerun read it, too.
+    #[arg(long, value_name = "FILE.mcap", value_parser = mcap_file)]
     pub record: Option<PathBuf>,
-    /// Every process records its steps in this directory, a flight for `alight replay`
+    /// Record every process for `alight replay`
+    ///
+    /// The steps of all are a flight.
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
-    /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact:
-    /// KIND:PHASE|contact, such as planner-killed:descent
+    /// Kill or freeze a process: KIND:PHASE|contact
+    ///
+    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, such as planner-killed:descent.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
-    /// Fly this list of faults (TOML, as `alight storm --list`) on real processes: its scene, seed and faults
-    #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "trials", "seed", "SceneArgs"])]
+    /// Fly a list of faults of `alight study storm`
+    ///
+    /// Scene, seed and faults are the list's (TOML, as for `alight study storm --list`).
+    #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "seed", "SceneArgs"])]
     pub faults: Option<PathBuf>,
     /// Whether and where people look on.
     #[command(flatten)]
@@ -103,51 +124,6 @@ impl LandArgs {
     }
 }
 
-/// The flags of `alight land` alone.
-#[derive(Parser)]
-struct LandFlags {
-    #[command(flatten)]
-    args: LandArgs,
-}
-
-/// Reads `flags` as those of `alight land`.
-pub fn land_flags(flags: &[String]) -> Result<LandArgs, CliError> {
-    let words = core::iter::once("alight land").chain(flags.iter().map(String::as_str));
-    LandFlags::try_parse_from(words)
-        .map(|f| f.args)
-        .doing("the flags of `alight land`")
-}
-
-/// The former name of `alight land --trials N`.
-// A comment would show in the help of a name that is gone.
-#[allow(missing_docs)]
-#[derive(Args, Debug)]
-pub struct LandsArgs {
-    #[arg(long, default_value_t = 20)]
-    pub trials: u32,
-    #[arg(long, default_value_t = 1)]
-    pub seed0: u64,
-    #[arg(long, default_value_t = 1)]
-    pub jobs: u16,
-    #[arg(long, default_value = "lands")]
-    pub instance: String,
-    #[command(flatten)]
-    pub form: Form,
-    #[arg(last = true)]
-    pub land: Vec<String>,
-}
-
-impl LandArgs {
-    /// The transport of the radio, as lock-step models it.
-    pub fn transport(&self) -> Transport {
-        match self.transport.as_str() {
-            "tcp" => Transport::Tcp,
-            "quic" => Transport::Quic,
-            _ => Transport::Udp,
-        }
-    }
-}
-
 /// Where the radio is impaired.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Emulate {
@@ -164,8 +140,7 @@ pub enum Emulate {
 #[command(
     after_help = "`alight config world` prints its file: the drone's set of processes, which has\n\
 to run, the addresses of vessel and autopilot, seed, firmware and scenario.\n\
-Vessel and drone fly in it with the same epoch_ns in [clock] of theirs.\n\
-`alight land` keeps its own in alight-land/world.toml among temporary files."
+`alight land` keeps its own in alight-sim/world.toml among temporary files."
 )]
 pub struct WorldArgs {
     /// What every process has

@@ -1,4 +1,4 @@
-//! `alight link`: a layer-3 link with the faults of a profile between two network namespaces.
+//! `alight rehearse link`: a layer-3 link with the faults of a profile between two network namespaces.
 //!
 //! Every IP packet that the vessel's side sends into its TUN device comes out of the drone's when
 //! the profile lets it, and the other way round. The fates of the packets are those of
@@ -17,9 +17,11 @@ use alight_sim::radio::{ChannelCounts, Direction};
 use alight_transport::clock::steady_ns;
 use alight_transport::wake::end_requested;
 use clap::Args;
+use clap::builder::StringValueParser;
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
 
+use crate::args::offering;
 use crate::live::config::LinkImpairment;
 use crate::live::impairment::Impaired;
 use crate::live::namespaces::{ADDRESSES, Namespaces};
@@ -35,8 +37,8 @@ const REPORT_PERIOD_NS: i64 = 1_000_000_000;
 /// A link between two namespaces of this computer.
 #[derive(Args, Debug)]
 pub struct LinkArgs {
-    /// clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s, narrow, or a TOML file
-    #[arg(long, default_value = "clean")]
+    /// Profile, or a TOML file
+    #[arg(long, default_value = "clean", value_parser = offering(StringValueParser::new(), profile::names()))]
     pub profile: String,
     /// Seed of losses and delays
     #[arg(long, default_value_t = 1)]

@@ -18,7 +18,7 @@ const ORDERS: [(Kind, CommandKind); 3] = [
 ];
 
 /// Where the others are flown.
-const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight storm --list` or `alight trial`";
+const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 
 /// An order that is given when the mission has been in a state for so long.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,13 +17,18 @@ const PROFILES: [(&str, &str); 7] = [
     ("narrow", include_str!("../../../links/narrow.toml")),
 ];
 
+/// Names of the profiles.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    PROFILES.iter().map(|(name, _)| *name)
+}
+
 /// The profile called `name`, or the one in the TOML file of that name.
 pub fn load(name: &str) -> Result<RadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
         return Ok(config::parse(text, name)?);
     }
     if !Path::new(name).exists() {
-        let known: Vec<&str> = PROFILES.iter().map(|(n, _)| *n).collect();
+        let known: Vec<&str> = names().collect();
         return Err(CliError(format!(
             "the link {name}: neither a profile ({}) nor a file; choose one of them",
             known.join(", ")

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
+use clap::builder::PossibleValue;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -160,18 +161,18 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     Ok(definition)
 }
 
-/// The studies with what they measure, for `--help`.
-pub fn help() -> String {
-    let line = |(name, text): &(&str, &str)| {
+/// Studies of the program with what they measure.
+pub fn offered() -> Vec<PossibleValue> {
+    let shipped = SHIPPED.iter().map(|(name, text)| {
         let title = parse(text, name).map(|d| d.title).unwrap_or_default();
-        format!("  {name:<10} {title}\n")
-    };
-    let shipped: String = SHIPPED.iter().map(line).collect();
-    format!(
-        "Studies:\n{shipped}  camera     The camera node on rendered images, beside its measurement model\n  \
-         merge      Join the rows of shards: study merge --out ALL shard-1 shard-2\n\n\
-         A flag that an axis or every row sets leaves the scenes that agree with it, or takes their place; others hold for all."
-    )
+        PossibleValue::new(*name).help(title)
+    });
+    let camera = "The camera node on rendered images, and its measurement model";
+    let merge = "Join the rows of shards: study merge --out ALL shard-1 shard-2";
+    let others = [("camera", camera), ("merge", merge)];
+    shipped
+        .chain(others.map(|(name, help)| PossibleValue::new(name).help(help)))
+        .collect()
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! `alight study` and `alight rao`: one thing measured over many seeds.
+//! `alight study` and `alight study rao`: one thing measured over many seeds.
 
 mod camera;
 pub mod definition;
@@ -20,10 +20,13 @@ use super::args::{RaoArgs, StudyArgs};
 
 /// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
-    if !args.dirs.is_empty() && args.name != "merge" {
+    let Some(name) = args.name.as_deref() else {
+        return Err(CliError("STUDY is missing: alight help study names them".into()));
+    };
+    if !args.dirs.is_empty() && name != "merge" {
         return Err(CliError("directories are given to `study merge` only".into()));
     }
-    match args.name.as_str() {
+    match name {
         name if args.tasks.is_some() => print_tasks(args, name)?,
         "camera" => camera::run(args)?,
         "merge" => merge(args)?,

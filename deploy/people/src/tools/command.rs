@@ -13,6 +13,7 @@ use alight_computer::config::VesselComputer;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::local_command::{LocalCommand, answer};
+use alight_computer::quantity::{SECOND, WrittenTime, speed_mps};
 use alight_computer::subject::{commanded_drone, commanded_vessel};
 use alight_computer::terminal;
 use alight_computer::vessel::crew::OrderOnItsWay;
@@ -35,6 +36,9 @@ const STATUS_NS: i64 = 3_000_000_000;
 /// Without `--for` course and speed are kept for so long, s.
 const STEADY_S: u32 = 60;
 
+/// `--for` in seconds is at most this.
+const MAX_LASTING_S: u32 = 3600;
+
 /// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Order {
@@ -50,9 +54,9 @@ pub enum Order {
     Ready,
     /// Keep a place next to the vessel for a while (--height, --ahead, --right, --for).
     Station,
-    /// Say how the mission stands; commands nothing.
+    /// Show the mission's state; commands nothing.
     Status,
-    /// Where a silent vessel is: latitude and longitude, deg.
+    /// Place of a silent vessel: latitude and longitude, deg.
     DeckAt,
     /// On the vessel: close the deck or open it.
     Deck,
@@ -90,69 +94,81 @@ impl CommandArgs {
             }
         })
     }
+    /// Time of `--for` in whole multiples of `unit`, which a plain number counts, or `usual`.
+    fn lasting(&self, unit: (&str, f64), limit: u32, usual: u32) -> Result<u32, CliError> {
+        let given = self.lasting.map_or(Ok(usual), |t| t.whole(unit, &(0..=limit)));
+        given.map_err(|e| CliError::because("--for", e))
+    }
 }
 
 /// A command.
 #[derive(Args, Debug)]
-#[command(
-    after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
-From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
-A simulated landing: alight command abort --instance land\n\
-Next to the vessel: alight command station --height 20 --right -30 --for 15\n\
-Where a silent vessel is: alight command deck-at 59.3456 18.1234 --error 10\n\
-On the vessel: sudo -u alight alight command deck closed\n  \
-sudo -u alight alight command deck open --drone 2   (which is not above it)\n  \
-sudo -u alight alight command steady --for 60\n  \
-sudo -u alight alight command helm yes            (the computer may steer what it asks)\n\
-Exit codes: 0 the mission or the vessel took it, 1 it rejects it or did not take it in time, 2 bad input or no
-mission answers."
-)]
+#[command(after_help = "On the computer it is for, as the user that runs Alight:\n  \
+sudo -u alight alight command abort\n  \
+sudo -u alight alight command deck open --drone 2\n\
+From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys DIR\n\
+A simulated landing: alight command abort --instance sim\n\
+Exit codes: 0 taken, 1 rejected or not taken in time, 2 bad input or no answer.")]
 pub struct CommandArgs {
-    /// What to command
+    /// Order; `alight help command` explains each
     #[arg(value_enum)]
     pub order: Order,
-    /// With `deck`: closed, open or takeoff; with `helm`: yes, and the heading that was read, or no; with `deck-at`: latitude
-    /// and longitude, deg
+    /// deck: closed, open, takeoff; helm: yes [DEG], no; deck-at: latitude, longitude
+    ///
+    /// With `helm` the heading that was read may follow a yes. Places are in deg: alight command deck-at 59.3456 18.1234
+    /// --error 10.
     #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
     pub words: Vec<String>,
-    /// With `deck takeoff`: for each take-off of that drone until the deck is closed or one is stopped there,
-    /// not for two minutes
+    /// deck takeoff: each take-off until the deck is closed
+    ///
+    /// It clears each take-off of that drone until the deck is closed or one is stopped there, not those of two minutes.
     #[arg(long)]
     pub standing: bool,
-    /// With `steady` and `deck-at`: for so long, s [default: 60, 300]; with `steady` 0: nothing is stated any more; with
-    /// `station`: for so long, MINUTES [default: 10]
-    #[arg(long = "for", value_name = "TIME", value_parser = clap::value_parser!(u32).range(0..=3600))]
-    pub for_s: Option<u32>,
-    /// Where a station is
+    /// steady, deck-at: s [60, 300]; station: min [10]
+    ///
+    /// A unit may follow: 90s, 5min. With `steady` 0 no course is stated any more.
+    #[arg(long = "for", value_name = "TIME")]
+    pub lasting: Option<WrittenTime>,
+    /// Place of a station
     #[command(flatten)]
     pub station: station::StationArgs,
-    /// With `deck-at`: the vessel's course, deg from north, and its speed, m/s [default: it lies still]
+    /// deck-at: the vessel's course, deg from north
     #[arg(long, value_name = "DEG", requires = "speed")]
     pub course: Option<f64>,
-    /// See --course
-    #[arg(long, value_name = "M/S")]
+    /// deck-at: its speed, m/s [default: it lies still]
+    ///
+    /// A unit may follow: 5kn.
+    #[arg(long, value_name = "M/S", value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// With `deck-at`: standard deviation of the place, each axis, m, 1 to 1000
-    #[arg(long, value_name = "METRES", default_value_t = 10.0)]
+    /// deck-at: standard deviation of the place, m
+    ///
+    /// 1 to 1000 m, each axis.
+    #[arg(long, value_name = "M", default_value_t = 10.0)]
     pub error: f64,
-    /// Configuration of the drone's computer, with `deck`, `steady`, `turning` and `helm` of the vessel's (TOML) [default:
-    /// /etc/alight/drone.toml or /etc/alight/vessel.toml; without the drone's: of a landing that runs here]
+    /// Configuration of the computer that it is for (TOML)
+    ///
+    /// The vessel's for `deck`, `steady`, `turning` and `helm`, else the drone's [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml; without the drone's: of a landing that runs here].
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Name of the set of processes [default: the configuration's]
-    #[arg(long)]
+    /// Set of processes [default: the configuration's]
+    #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
-    /// From ashore: endpoint of the vessel, such as quic/192.168.7.1:7447
+    /// Ashore: the vessel, such as quic/192.168.7.1:7447
     #[arg(long, value_name = "ENDPOINT", requires = "keys")]
     pub vessel: Option<String>,
-    /// From ashore: directory with an operator's certificate, as `alight keys operator` makes it
+    /// Ashore: directory of an operator's certificate
+    ///
+    /// `alight keys operator` makes it.
     #[arg(long, value_name = "DIR", requires = "vessel")]
     pub keys: Option<PathBuf>,
-    /// From ashore: number of the vessel
+    /// Ashore: number of the vessel
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub vessel_id: u32,
-    /// Number of the drone: from ashore needed where the vessel receives several, and quicker where one; with `deck open` one
-    /// that somebody has seen to be neither on the deck nor above it
+    /// Drone; deck open: one that is clear of the deck
+    ///
+    /// From ashore it is needed where the vessel receives several drones, and quicker where it receives one. With `deck open`
+    /// the crew has checked that this drone is neither on the deck nor above it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub drone: Option<u32>,
     /// One JSON object instead of lines
@@ -181,7 +197,12 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         Order::Deck => return deck(args, crew_order(&args.words)?),
         Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
         Order::DeckAt => return beacon::run(args),
-        Order::Steady => return course(args, DeckOrder::Steady(args.for_s.unwrap_or(STEADY_S))),
+        Order::Steady => {
+            return course(
+                args,
+                DeckOrder::Steady(args.lasting(SECOND, MAX_LASTING_S, STEADY_S)?),
+            );
+        }
         Order::Turning => return course(args, DeckOrder::Turning),
         Order::Land
         | Order::Abort
@@ -275,7 +296,8 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
         return Err(CliError(format!(
-            "nothing runs under the name {name}: systemctl status {unit}, or {other}"
+            "no running {} computer found (instance \"{name}\"): systemctl status {unit}, or {other}",
+            unit.trim_start_matches("alight-")
         )));
     }
     Ok(Memory::join(&instance, "command")?)
@@ -426,7 +448,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     }
     let Some(mission) = newest else {
         return Err(CliError(format!(
-            "no mission answers under the name {name}: alight status --instance {name} shows what runs"
+            "no mission answers (instance \"{name}\"): alight status --instance {name} shows what runs"
         )));
     };
     let taken = command.taken(&mission) == Some(true);

@@ -35,7 +35,7 @@ ros2 run rmw_zenoh_cpp rmw_zenohd\n  \
 ros2 topic echo /alight/drone_1/odometry\n  \
 alight ros2 --orders; ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
 With --orders whoever reaches that router may order.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it. docs/ros2.md"
+It ends by Ctrl-C, and nothing in a flight waits for it. docs/view.md"
 )]
 pub struct Ros2Args {
     #[command(flatten)]

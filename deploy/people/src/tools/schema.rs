@@ -1,4 +1,4 @@
-//! `alight schema`: the messages on Zenoh and iceoryx2, for programs of others.
+//! `alight config schema`: the messages on Zenoh and iceoryx2, for programs of others.
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
@@ -79,7 +79,7 @@ fn list(topics: &[&Topic]) -> String {
     }
     format!(
         "{}\nMessage version {MESSAGE_VERSION}. Bytes: the most on the radio, the size in memory.\n\
-         After `stale s` a message counts as missing.\nFields of one: alight schema estimate. For programs: --json",
+         After `stale s` a message counts as missing.\nFields of one: alight config schema estimate. For programs: --json",
         table.text()
     )
 }

@@ -25,7 +25,7 @@ use crate::status::Status;
 sudo -u alight alight signalk --connect ws://venus.local:3000\n\
 Where the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
 It sends alight.* and notifications.alight.*; what it receives is no order.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it. docs/signalk.md")]
+It ends by Ctrl-C, and nothing in a flight waits for it. docs/view.md")]
 pub struct SignalKArgs {
     #[command(flatten)]
     subject: Subject,

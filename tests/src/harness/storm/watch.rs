@@ -1,4 +1,4 @@
-//! The rules that hold in every tick of a storm; `deploy/docs/storm.md` has them as a table, with what each fault excuses.
+//! The rules that hold in every tick of a storm; `CONTRIBUTING.md` has them as a table, with what each fault excuses.
 
 use core::fmt;
 

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
+use alight_computer::quantity::seconds;
 use alight_computer::terminal::Form;
 use alight_shared::msg::State;
 use alight_sim::harness::storm::{Kind, Moment};
 use clap::Args;
 
-use crate::args::{Autopilot, SeaArg};
+use crate::args::{Autopilot, SeaArg, sea};
 use crate::live::fault::FaultSpec;
 
 /// Every service as it is installed, against the simulated world.
@@ -16,46 +17,58 @@ use crate::live::fault::FaultSpec;
 alight rehearse --vessel-config vessel.toml --drone-config drone.toml\n\n\
 Exit codes: 0 every step is OK, 1 one is not, 2 bad input.")]
 pub struct RehearseArgs {
-    /// The vessel's file as an installer wrote it [default: as it is shipped]
+    /// The vessel's file [default: as it is shipped]
     #[arg(long, value_name = "FILE")]
     pub vessel_config: Option<PathBuf>,
-    /// The drone's [default: as it is shipped]
+    /// The drone's file [default: as it is shipped]
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
-    /// The program whose services are rehearsed, such as /usr/bin/alight of a package [default: this one]
+    /// Program to rehearse [default: this one]
+    ///
+    /// Its services run, such as those of a package's /usr/bin/alight.
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     pub seed: u64,
-    /// calm, slight, moderate, rough, very-rough, or as for `alight trial`
-    #[arg(long, default_value = "moderate")]
+    /// Sea, as of `alight trial`
+    #[arg(long, default_value = "moderate", hide_possible_values = true, value_parser = sea())]
     pub sea: SeaArg,
-    /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; of the vessel
-    /// the whole service is killed, and started again as systemd does: KIND:PHASE|contact, such as
-    /// vessel-restarted:tracking
+    /// Kill a process, or freeze it: KIND:PHASE|contact, such as vessel-restarted:tracking
+    ///
+    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; of the vessel the
+    /// whole service is killed, and started again as systemd does.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// The former name of `--fault vessel-restarted:tracking`
     #[arg(long, hide = true, value_parser = ["vessel"], conflicts_with = "fault")]
     pub restart: Option<String>,
-    /// Whose character the simulated autopilot has; with --autopilot-at the firmware that flies [default: px4]
-    #[arg(long, value_enum)]
+    /// Character of the simulated autopilot [default: px4]
+    ///
+    /// With --autopilot-at it is the firmware that flies.
+    #[arg(long, value_name = "NAME", value_enum)]
     pub autopilot: Option<Autopilot>,
-    /// A maker's firmware flies, started beside by a person: where its MAVLink is, such as udpin://127.0.0.1:14540
-    /// (deploy/docs/firmware.md)
+    /// A maker's firmware flies: its MAVLink, such as udpin://127.0.0.1:14540 (docs/firmware.md)
+    ///
+    /// The pilot starts it.
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,
-    /// Its plant's motors, sensors and port (TOML, keys of [firmware])
+    /// Motors, sensors and port of its plant (TOML)
+    ///
+    /// The keys are those of [firmware].
     #[arg(long, value_name = "FILE", requires = "autopilot_at")]
     pub firmware: Option<PathBuf>,
-    /// The landing is commanded so long after the vehicles are there, s [default: 40; 180 with --autopilot-at]
-    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u16).range(10..=600))]
-    pub warm_up: Option<u16>,
-    /// The landing has this long, s
-    #[arg(long, value_name = "S", default_value_t = 180, value_parser = clap::value_parser!(u16).range(30..=180))]
-    pub time_limit: u16,
-    /// Leave configurations and what the services wrote in this new directory
+    /// Time before the order to land, s [default: 40]
+    ///
+    /// It begins when the vehicles are there. With --autopilot-at the default is 180.
+    #[arg(long, value_name = "TIME", value_parser = seconds(10..=600))]
+    pub warm_up: Option<u32>,
+    /// Time of the landing at most, s
+    #[arg(long, value_name = "TIME", default_value_t = 180, value_parser = seconds(30..=180))]
+    pub time_limit: u32,
+    /// Leave the files in this new directory
+    ///
+    /// These are the configurations and what the services wrote.
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
     /// Output format.

@@ -1,4 +1,4 @@
-//! `alight envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
+//! `alight study envelope`: in which relative wind, from which direction, in which sea a drone lands on one boat, as the polar of
 //! her papers (what navies call ship-helicopter operating limits).
 
 mod grid;

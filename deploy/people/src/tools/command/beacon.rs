@@ -3,6 +3,7 @@
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::life::draw_boot;
+use alight_computer::quantity::SECOND;
 use alight_computer::subject::commanded_drone;
 use alight_computer::terminal;
 use alight_shared::msg::{
@@ -13,7 +14,7 @@ use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Publisher, Subscriber};
 use serde_json::json;
 
-use super::{CommandArgs, POLL_PERIOD, join};
+use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
 /// The predictor shows that it has taken it within so many looks, 2 s, and it is sent again after so many.
 const MAX_POLLS: u32 = 40;
@@ -66,7 +67,7 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
         velocity: velocity(args.speed, args.course)?,
         place_sd_m: args.error,
         velocity_sd_mps: args.speed.map_or(DRIFT_MPS, |v| STATED_SD_MPS + 0.1 * v.abs()),
-        lasts_s: f64::from(args.for_s.unwrap_or(LASTS_S)).clamp(1.0, MAX_BEACON_LASTS_S),
+        lasts_s: f64::from(args.lasting(SECOND, MAX_LASTING_S, LASTS_S)?).clamp(1.0, MAX_BEACON_LASTS_S),
     };
     beacon.check().map_err(|field| {
         CliError(format!(

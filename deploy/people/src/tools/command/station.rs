@@ -1,6 +1,7 @@
 //! `alight command station`: a place next to the vessel for a while.
 
 use alight_computer::exit::CliError;
+use alight_computer::quantity::MINUTE;
 use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 use clap::Args;
 
@@ -9,13 +10,19 @@ use super::{CommandArgs, Order};
 /// Where a station is.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StationArgs {
-    /// With `station`: above the deck's mean level, m [default: the height of the approach, its least]
+    /// station: above the deck, m [default: the approach's]
+    ///
+    /// The deck's mean level counts, and the height of the approach is the lowest.
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
     pub height: Option<u8>,
-    /// With `station`: ahead of the deck's centre, m, negative astern
+    /// station: ahead, m, negative astern
+    ///
+    /// It counts from the deck's centre.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
     pub ahead: Option<i8>,
-    /// With `station`: to starboard of it, m, negative to port [default without --ahead: 20]
+    /// station: to starboard, m [default: 20]
+    ///
+    /// Negative is to port. With --ahead the default is 0.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
     pub right: Option<i8>,
 }
@@ -28,7 +35,11 @@ fn metres() -> clap::builder::RangedI64ValueParser<i8> {
 /// The station that is ordered.
 pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     let given = &args.station;
-    let for_min = args.for_s.map(|min| u8::try_from(min).unwrap_or_default());
+    let given_min = args
+        .lasting
+        .map(|t| t.whole(MINUTE, &(1..=MAX_STATION_MIN.into())));
+    let given_min = given_min.transpose().map_err(|e| CliError::because("--for", e))?;
+    let for_min = given_min.map(|min| u8::try_from(min).unwrap_or_default());
     let station = Station::named([given.ahead, given.right], given.height, for_min);
     if station.is_sane() {
         return Ok(station);
@@ -72,6 +83,7 @@ mod tests {
         };
         assert_eq!(all("station"), Some((0, 0, 20, 10)));
         assert_eq!(all("station --ahead -30 --for 5"), Some((0, -30, 0, 5)));
+        assert_eq!(all("station --ahead -30 --for 300s"), Some((0, -30, 0, 5)));
         assert_eq!(all("station --height 25 --right -40"), Some((25, 0, -40, 10)));
         for wrong in [
             "station --right 61",
@@ -80,6 +92,7 @@ mod tests {
             "station --for 31",
             "station --for 0",
             "station --for 300",
+            "station --for 90s",
             "station --height NaN",
         ] {
             assert_eq!(all(wrong), None, "{wrong}");
