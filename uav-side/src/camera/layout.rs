@@ -33,7 +33,7 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
 /// Greatest height of the feet above the deck at which a tag has to be seen, m.
 const MAX_HEIGHT_M: f64 = 10.0;
 /// How far from the deck's centre and how much against it a drone may be that still has to see a tag, m, rad.
-/// Source: 99 of 100 landings are within 0.2 m on the least exact class of vessels (docs/equipment.md); decks rock by 8 deg.
+/// Source: 99 of 100 landings are within 0.2 m on the least exact class of vessels (docs/envelope.md); decks rock by 8 deg.
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
 /// Width in the image with which nine of ten images of a tag are decoded, px.

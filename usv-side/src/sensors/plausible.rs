@@ -16,7 +16,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 
 use self::agreement::{Agreement, Lengths};
 use self::heave::Heave;
-use self::verdict::{Doubt, Taken, ChannelState, WINDOW_S};
+use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 use super::{Measurement, Remark};
 
 /// Largest roll and pitch of a deck that is estimated, rad (75 deg): a boat beyond it has capsized.

@@ -14,6 +14,8 @@ use alight_shared::time::Time;
 use alight_shared::topics;
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
+use crate::explain::advice;
+
 use super::finding::{Finding, Topic};
 use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
@@ -34,7 +36,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
-        all.push(Topic("autopilot").stopping(found, "docs/troubleshooting.md names each reason"));
+        all.push(Topic("autopilot").stopping(found, advice(a.rejection.code)));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
@@ -58,7 +60,6 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
 /// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
 fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
     const TOPIC: Topic = Topic("mission");
-    const REMEDY: &str = "docs/troubleshooting.md names each reason";
     if s.seen.mission.is_old(s.now_ns) {
         let age = minutes(s.seen.mission.age_s(s.now_ns));
         let found = format!("no message from the mission for {age}");
@@ -67,12 +68,12 @@ fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
     let mut all = Vec::new();
     let entered = m.state.because(&m.entered);
     if m.state == State::GaveUp {
-        all.push(TOPIC.broken(entered, REMEDY));
+        all.push(TOPIC.broken(entered, advice(m.entered.code)));
     } else if m.was_entered_in_trouble() {
-        all.push(TOPIC.stopping(entered, REMEDY));
+        all.push(TOPIC.stopping(entered, advice(m.entered.code)));
     }
     if m.waits_in_trouble() {
-        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), REMEDY));
+        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), advice(m.waiting.code)));
     }
     all
 }

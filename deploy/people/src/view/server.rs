@@ -141,7 +141,7 @@ impl Server {
     /// Shows a picture to everybody who looks on.
     pub fn show(&self, picture: Picture) {
         let picture = Picture {
-            clock_s: (steady_ns() / 1_000_000) as f64 * 1e-3,
+            clock_s: (steady_ns() / 1_000_000) as f64 / 1e3,
             ..picture
         };
         // Its types are all of JSON's.

@@ -118,10 +118,11 @@ impl Watcher {
 
 impl Viewer for Watcher {
     fn linger(&self) {
-        self.server.show(self.board.picture(self.newest - self.offset));
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
-            pause(MAX_PAUSE);
+            // A page that receives nothing for a second shows no data, and not the result.
+            self.server.show(self.board.picture(self.newest - self.offset));
+            pause(4 * MAX_PAUSE);
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use alight_shared::time::{Time, VesselClock};
 
-use super::verdict::{Doubt, Taken, ChannelState};
+use super::verdict::{ChannelState, Doubt, Taken};
 
 /// Fraction of a window's intervals that disagree before the rate is left out. The rate of a sensor that is late by a tenth
 /// of the motion's period disagrees in half of them.

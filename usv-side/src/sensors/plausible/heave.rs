@@ -8,7 +8,7 @@
 
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::verdict::{Doubt, Taken, ChannelState, WINDOW_S};
+use super::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
 
 /// Largest heave of a hull, m: half of the height of the highest waves that were measured (29 m, RRS Discovery 2000,
 /// Holliday and others 2006).

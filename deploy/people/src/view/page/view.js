@@ -788,7 +788,8 @@ function connection() {
   document.body.classList.toggle("dead", dead);
   document.body.classList.toggle("late", !dead && late > LATE_S);
   if (!Number.isFinite(silence)) {
-    text("connection", "no connection yet");
+    // A trial is computed before it is shown: until then its server has no picture.
+    text("connection", source && source.readyState === EventSource.OPEN ? "connected, no picture yet" : "no connection yet");
   } else if (dead) {
     text("connection", `NO DATA for ${ago(silence)}: what is below is old`);
     sound(["NO DATA"]);

@@ -1,0 +1,235 @@
+//! `alight explain`: advice on the messages of the mission, by code or text.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
+
+use alight_computer::exit::{CliError, Exit};
+use alight_computer::terminal;
+use alight_shared::msg::{DECK_CLOSED, Reason, ReasonCode};
+use clap::Args;
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error;
+
+/// Width of a terminal.
+const WIDTH: usize = 80;
+/// Messages that are shown where several match equally well.
+const MAX_SHOWN: usize = 5;
+
+/// Message to explain.
+#[derive(Args, Debug)]
+pub struct ExplainArgs {
+    /// Code of a reason or text of a message, such as: deck not seen yet [default: all messages]
+    #[arg(value_name = "CODE|MESSAGE")]
+    pub message: Vec<String>,
+}
+
+/// Content of `explain.toml`.
+#[derive(Default, Deserialize)]
+struct Explanations {
+    reason: BTreeMap<String, String>,
+    message: BTreeMap<String, String>,
+}
+
+static EXPLANATIONS: LazyLock<Explanations> =
+    LazyLock::new(|| toml::from_str(include_str!("explain.toml")).unwrap_or_default());
+
+/// A message, with `…` for each figure, and its advice.
+#[derive(Debug, PartialEq)]
+struct Explained {
+    code: String,
+    text: String,
+    advice: &'static str,
+}
+
+/// Advice on a reason; empty where there is nothing to do.
+pub fn advice(code: ReasonCode) -> &'static str {
+    EXPLANATIONS
+        .reason
+        .get(&format!("{code:?}"))
+        .map_or("", String::as_str)
+}
+
+/// Prints the messages that match, with their advice.
+pub fn run(args: &ExplainArgs) -> Result<Exit, CliError> {
+    let all = all();
+    let query = args.message.join(" ");
+    let shown: Vec<&Explained> = if query.is_empty() {
+        all.iter().collect()
+    } else {
+        matching(&all, &query)
+    };
+    if shown.is_empty() {
+        return Err(CliError(format!(
+            "no message like: {query}; alight explain alone lists all messages"
+        )));
+    }
+    for explained in shown {
+        terminal::line(lines(explained));
+    }
+    Ok(Exit::Success)
+}
+
+/// The reason's code with this number; none beyond the last.
+fn code(number: u32) -> Option<ReasonCode> {
+    ReasonCode::deserialize(IntoDeserializer::<Error>::into_deserializer(number)).ok()
+}
+
+fn all() -> Vec<Explained> {
+    let reasons = (0..).map_while(code).flat_map(|code| {
+        texts(code).into_iter().map(move |text| Explained {
+            code: format!("{code:?}"),
+            text,
+            advice: advice(code),
+        })
+    });
+    let messages = EXPLANATIONS.message.iter().map(|(text, advice)| Explained {
+        code: String::new(),
+        text: pattern(text),
+        advice,
+    });
+    reasons.chain(messages).collect()
+}
+
+/// Texts of a reason: they depend on its figures.
+fn texts(code: ReasonCode) -> Vec<String> {
+    let mut all: Vec<String> = Vec::new();
+    let values = [0.0, 1.0, 99.0, f64::from(DECK_CLOSED), f64::INFINITY];
+    let limits = (0..60).map(f64::from);
+    for limit in limits {
+        for value in values {
+            let text = Reason::new(code, value, limit).to_string();
+            let is_finite = !tokens(&text).contains("inf") && !tokens(&text).contains("nan");
+            let text = pattern(&text);
+            if !text.is_empty() && is_finite && !all.contains(&text) {
+                all.push(text);
+            }
+        }
+    }
+    all
+}
+
+/// A text with `…` for each figure that is not part of a name.
+fn pattern(text: &str) -> String {
+    let mut out = String::new();
+    for c in text.chars() {
+        let in_name = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');
+        let in_figure = out.ends_with('…');
+        if c.is_ascii_digit() && !in_name {
+            if !in_figure {
+                out.push('…');
+            }
+        } else if !(c == '.' && in_figure) {
+            out.push(c);
+        }
+    }
+    out
+}
+
+/// Tokens of letters in a text, in lower case.
+fn tokens(text: &str) -> BTreeSet<String> {
+    let all = text.split(|c: char| !c.is_alphabetic());
+    all.map(str::to_lowercase).collect()
+}
+/// Those that carry the meaning: longer than articles and prepositions.
+fn content(text: &str) -> BTreeSet<String> {
+    tokens(text).into_iter().filter(|w| w.len() > 3).collect()
+}
+
+/// The message with this code, or those with the most tokens of a text, the shortest first.
+fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
+    let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
+    let by_code: Vec<&Explained> = by_code.collect();
+    if !by_code.is_empty() {
+        return by_code;
+    }
+    let wanted = content(query);
+    let common = |e: &Explained| content(&e.text).intersection(&wanted).count();
+    let most = all.iter().map(common).max().unwrap_or_default();
+    // Fewer than two thirds of the tokens are a chance match.
+    if most == 0 || 3 * most < 2 * wanted.len() {
+        return Vec::new();
+    }
+    let mut best: Vec<&Explained> = all.iter().filter(|e| common(e) == most).collect();
+    best.sort_by_key(|e| e.text.len());
+    best.truncate(MAX_SHOWN);
+    best
+}
+
+/// A message and, below it, its advice.
+fn lines(explained: &Explained) -> String {
+    let advice = if explained.advice.is_empty() {
+        "Nothing to do."
+    } else {
+        explained.advice
+    };
+    format!("{}\n{}", wrapped(&explained.text, 0), wrapped(advice, 2))
+}
+
+/// A text in lines that fit, each indented.
+fn wrapped(text: &str, indent: usize) -> String {
+    let mut out = " ".repeat(indent);
+    let mut used = indent;
+    for part in text.split_whitespace() {
+        let width = part.chars().count();
+        if used > indent && used + 1 + width > WIDTH {
+            out += &format!("\n{:indent$}", "");
+            used = indent;
+        } else if used > indent {
+            out.push(' ');
+            used += 1;
+        }
+        out += part;
+        used += width;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_on_every_reason() {
+        let codes: BTreeSet<String> = (0..).map_while(code).map(|c| format!("{c:?}")).collect();
+        let explained: BTreeSet<String> = EXPLANATIONS.reason.keys().cloned().collect();
+        assert!(codes.len() > 40, "{}", codes.len());
+        assert_eq!(codes, explained, "explain.toml has to list each reason once");
+    }
+
+    #[test]
+    fn messages_by_their_text_and_code() {
+        let all = all();
+        let found = |query: &str| matching(&all, query).first().map(|e| e.code.clone());
+        assert_eq!(found("waits: deck not seen yet"), Some("NoVision".into()));
+        assert_eq!(found("novision"), Some("NoVision".into()));
+        assert_eq!(
+            found("deck forecast 150.00 s old (limit 0.30)"),
+            Some("ForecastStale".into())
+        );
+        assert_eq!(
+            found("the deck is closed: by its crew"),
+            Some("DeckReserved".into())
+        );
+        assert_eq!(found("COM_OF_LOSS_T is 1 s"), Some("AutopilotParameter".into()));
+        for unknown in ["weather tomorrow", "NO-GO", "not at home on the deck after noon"] {
+            assert_eq!(found(unknown), None, "{unknown}");
+        }
+        assert_eq!(found("not at rest on the deck after 180 s"), Some(String::new()));
+    }
+
+    #[test]
+    fn lines_of_every_message_within_a_terminal() {
+        for line in all().iter().map(lines).collect::<Vec<_>>().join("\n").lines() {
+            assert!(line.chars().count() <= WIDTH, "{line}");
+        }
+    }
+
+    #[test]
+    fn pattern_of_a_text_with_figures() {
+        assert_eq!(
+            pattern("11.37 m off (limit 1.50), EK3_SRC1 -0.2"),
+            "… m off (limit …), EK3_SRC1 -…"
+        );
+    }
+}
