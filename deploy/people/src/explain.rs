@@ -1,5 +1,6 @@
 //! `alight explain`: advice on the messages of the mission, by code or text.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
@@ -136,7 +137,7 @@ fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// The message with this code, or those with the most tokens of a text, the shortest first.
+/// The message with this code, or those with the most content of a text, the nearest and shortest first.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();
@@ -151,7 +152,9 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
         return Vec::new();
     }
     let mut best: Vec<&Explained> = all.iter().filter(|e| common(e) == most).collect();
-    best.sort_by_key(|e| e.text.len());
+    let typed = tokens(query);
+    let common = |e: &Explained| tokens(&e.text).intersection(&typed).count();
+    best.sort_by_key(|e| (Reverse(common(e)), e.text.len()));
     best.truncate(MAX_SHOWN);
     best
 }
@@ -226,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn pattern_of_a_text_with_figures() {
+    fn pattern_of_a_text_with_numbers() {
         assert_eq!(
             pattern("11.37 m off (limit 1.50), EK3_SRC1 -0.2"),
             "… m off (limit …), EK3_SRC1 -…"
