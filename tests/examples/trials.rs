@@ -1,7 +1,7 @@
 //! Landings in lock-step without the program around them: no zenoh, no iceoryx2, no tokio to build.
 //!
 //! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line for each landing, and how many
-//! landed. SEA is what `alight trial --sea` takes (`moderate`, `jonswap:1,5`). `alight trials` flies the same, with tables.
+//! landed. SEA is what `alight trial --sea` takes (`moderate`, `jonswap:1,5`). `alight trial --trials N` flies the same, with tables.
 
 use std::process::ExitCode;
 

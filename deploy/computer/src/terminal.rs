@@ -178,6 +178,22 @@ fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
     Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
 }
 
+/// Columns of a text for people.
+pub const WIDTH: usize = 80;
+
+/// Adds words to a text, a space before each; where the next one does not fit, it begins an indented line.
+pub fn wrap(text: &mut String, indent: usize, words: &str) {
+    for word in words.split_whitespace() {
+        let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
+        if used > indent && used + 1 + word.chars().count() > WIDTH {
+            *text += &format!("\n{:indent$}", "");
+        } else if !text.is_empty() {
+            text.push(' ');
+        }
+        text.push_str(word);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,15 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
 use alight_computer::exit::{CliError, Exit};
-use alight_computer::terminal;
+use alight_computer::terminal::{self, wrap};
 use alight_shared::msg::{DECK_CLOSED, Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::Error;
 
-/// Width of a terminal.
-const WIDTH: usize = 80;
 /// Messages that are shown where several match equally well.
 const MAX_SHOWN: usize = 5;
 
@@ -166,25 +164,10 @@ fn lines(explained: &Explained) -> String {
     } else {
         explained.advice
     };
-    format!("{}\n{}", wrapped(&explained.text, 0), wrapped(advice, 2))
-}
-
-/// A text in lines that fit, each indented.
-fn wrapped(text: &str, indent: usize) -> String {
-    let mut out = " ".repeat(indent);
-    let mut used = indent;
-    for part in text.split_whitespace() {
-        let width = part.chars().count();
-        if used > indent && used + 1 + width > WIDTH {
-            out += &format!("\n{:indent$}", "");
-            used = indent;
-        } else if used > indent {
-            out.push(' ');
-            used += 1;
-        }
-        out += part;
-        used += width;
-    }
+    let mut out = String::new();
+    wrap(&mut out, 0, &explained.text);
+    out += "\n ";
+    wrap(&mut out, 2, advice);
     out
 }
 
@@ -224,7 +207,7 @@ mod tests {
     #[test]
     fn lines_of_every_message_within_a_terminal() {
         for line in all().iter().map(lines).collect::<Vec<_>>().join("\n").lines() {
-            assert!(line.chars().count() <= WIDTH, "{line}");
+            assert!(line.chars().count() <= terminal::WIDTH, "{line}");
         }
     }
 

@@ -23,7 +23,7 @@ class Trials:
     """Many landings of one scene.
 
     rows      an outcome a landing, as `Run.outcome` has it, by seed: a pandas DataFrame, without pandas a list of dicts
-    summary   the JSON of `alight trials --json`
+    summary   the JSON of `alight trial --trials N --json`
     rate      part of the landings that succeeded, 0 to 1
     interval  Wilson's 95 % interval of the rate
     """
@@ -81,7 +81,7 @@ class Envelope:
 
     @staticmethod
     def of(value: Dict[str, Any]) -> "Envelope":
-        """From the JSON of `alight envelope --json`."""
+        """From the JSON of `alight study envelope --json`."""
         return Envelope(value["hull"], value["cells"], value["rate"], value.get("too_few"), value["grid"])
 
     def limit(self, sea_state: int, from_deg: float) -> Optional[float]:
@@ -97,9 +97,9 @@ class Envelope:
 
 
 def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials:
-    """Flies `n` landings of seeds that follow each other: `alight trials --trials N`.
+    """Flies `n` landings of seeds that follow each other: `alight trial --trials N`.
 
-    Flags are those of `alight trials --help`, as in `alight.trial`: `trials(100, sea="moderate", seed0=10000)`.
+    Flags are those of `alight trial --help`, as in `alight.trial`: `trials(100, sea="moderate", seed0=10000)`.
     `rows=FILE.csv` keeps the rows there, too, after those that are in it. `timeout_s` (s) is ten
     minutes and one more for each landing, unless given.
     """
@@ -107,7 +107,7 @@ def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials
     timeout_s = 60.0 * n + 600.0 if timeout_s is None else timeout_s
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         path = os.path.join(directory, "rows.csv")
-        value = _program.run(["trials"], {"trials": n, **flags, "rows": path}, timeout_s).value
+        value = _program.run(["trial"], {"trials": n, **flags, "rows": path}, timeout_s).value
         rows = _by_seed(_rows(path))
         if kept is not None:
             _append(path, os.fspath(kept))
@@ -132,15 +132,15 @@ def study(name, *directories: str, timeout_s: float = DAY_S, **flags: Any) -> St
 
 
 def envelope(*, timeout_s: float = DAY_S, **flags: Any) -> Envelope:
-    """In which relative wind and sea a drone lands on a boat: `alight envelope`.
+    """In which relative wind and sea a drone lands on a boat: `alight study envelope`.
 
-    Flags are those of `alight envelope --help`: `envelope(quick=True, hull="mono-5m", winds=[4, 8])`. With `out="DIR"`
+    Flags are those of `alight study envelope --help`: `envelope(quick=True, hull="mono-5m", winds=[4, 8])`. With `out="DIR"`
     page and rows stay there, and a run that was cut off goes on where it stopped. `timeout_s` is the longest time, s, a
     day unless given.
     """
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         out = os.fspath(flags.pop("out", None) or os.path.join(directory, "envelope"))
-        _program.run(["envelope"], {**flags, "out": out}, timeout_s)
+        _program.run(["study", "envelope"], {**flags, "out": out}, timeout_s)
         return Envelope.read(out)
 
 

@@ -1,5 +1,5 @@
 //! Storms: several faults in one flight. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
-//! so that a change which breaks a rule often is seen at once (`alight storm` flies thousands).
+//! so that a change which breaks a rule often is seen at once (`alight study storm` flies thousands).
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Ending, Rule};
@@ -14,7 +14,7 @@ fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
 }
 
 /// A contact up to this is no storm's, m/s: over ArduCopter 2 of 60 landings without a fault meet the deck at 1.0 to 1.1 m/s,
-/// and `alight trials` counts them.
+/// and `alight trial --trials N` counts them.
 const HARD_MPS: f64 = 2.0;
 
 /// The rule that it broke, with what it was.

@@ -4,6 +4,7 @@ use core::fmt;
 
 use alight_computer::exit::Exit;
 use alight_computer::table::Colour;
+use alight_computer::terminal::wrap;
 use serde::Serialize;
 
 /// How bad.
@@ -71,7 +72,7 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// In the lines of `alight check`, of at most [`WIDTH`] columns where no single word is longer.
+    /// In the lines of `alight check`, of at most [`alight_computer::terminal::WIDTH`] columns where no single word is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
             Level::Fine => "fine",
@@ -79,31 +80,17 @@ impl Finding {
             Level::Broken => "BROKEN",
         };
         let mut text = format!("{mark:<8} {:<14}", self.topic);
-        wrap(&mut text, &self.found);
+        wrap(&mut text, INDENT, &self.found);
         if !self.remedy.is_empty() {
             text += &format!("\n{:INDENT$}->", "");
-            wrap(&mut text, &self.remedy);
+            wrap(&mut text, INDENT, &self.remedy);
         }
         text
     }
 }
 
-/// Columns of a finding's lines, and those before its text.
-const WIDTH: usize = 80;
+/// Columns before a finding's text.
 const INDENT: usize = 24;
-
-/// Adds words, a space before each; where the next one does not fit, it begins a line below the first.
-fn wrap(text: &mut String, words: &str) {
-    for word in words.split_whitespace() {
-        let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
-        if used > INDENT && used + 1 + word.chars().count() > WIDTH {
-            *text += &format!("\n{:INDENT$}{word}", "");
-        } else {
-            text.push(' ');
-            text.push_str(word);
-        }
-    }
-}
 
 /// What is looked at, as it is named in a finding.
 #[derive(Clone, Copy)]
@@ -149,7 +136,12 @@ mod tests {
         let found =
             "reading /etc/alight/keys/authority.pem (alight keys makes it): No such file or directory";
         let lines = Topic("certificate").broken(found, "word ".repeat(40)).lines();
-        assert!(lines.lines().all(|l| l.chars().count() <= WIDTH), "{lines}");
+        assert!(
+            lines
+                .lines()
+                .all(|l| l.chars().count() <= alight_computer::terminal::WIDTH),
+            "{lines}"
+        );
         assert!(
             lines.lines().skip(1).all(|l| l.starts_with(&" ".repeat(INDENT))),
             "{lines}"
