@@ -71,7 +71,7 @@ pub struct ClockOffset {
     median_s: f64,
 }
 
-/// What a time stamp may be off by its own resolution, s.
+/// Error of a time stamp by its own resolution, s.
 const CLOCK_RESOLUTION_S: f64 = 1e-7;
 
 impl ClockOffset {
@@ -88,7 +88,7 @@ impl ClockOffset {
         }
     }
 
-    /// Forgets everything (the vessel's computer started anew).
+    /// Forgets everything (the vessel's computer started again).
     pub fn reset(&mut self) {
         self.samples.clear();
         self.one_way.clear();
@@ -96,7 +96,7 @@ impl ClockOffset {
         self.combined = None;
     }
 
-    /// Steps of the offset seen since the start.
+    /// Steps of the offset since the start.
     pub fn steps(&self) -> u32 {
         self.steps
     }
@@ -183,11 +183,11 @@ impl ClockOffset {
     pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
         let b = self.widened(self.combined.as_ref()?, now);
         let offset_s = self.median_s.clamp(b.low, b.high);
-        let (half, beside) = (0.5 * (b.high - b.low), offset_s - 0.5 * (b.low + b.high));
+        let (half, off_middle) = (0.5 * (b.high - b.low), offset_s - 0.5 * (b.low + b.high));
         Some(Offset {
             offset_s,
-            sd_s: (half / 3f64.sqrt()).hypot(beside).max(self.config.min_sd_s),
-            max_error_s: half + beside.abs(),
+            sd_s: (half / 3f64.sqrt()).hypot(off_middle).max(self.config.min_sd_s),
+            max_error_s: half + off_middle.abs(),
         })
     }
 
@@ -251,7 +251,7 @@ impl ClockOffset {
         self.median_s = self.median();
     }
 
-    /// Of the exchanges with the shorter round trips, s.
+    /// Error of the exchanges with the shorter round trips, s.
     fn median(&self) -> f64 {
         let mut sorted: Vec<Bounds> = self.samples.iter().copied().collect();
         sorted.sort_by(|a, b| (a.high - a.low).total_cmp(&(b.high - b.low)));

@@ -35,7 +35,7 @@ config! {
         /// Exchanges older than this are forgotten, s.
         /// Chosen: 60 exchanges; at 50 ppm the oldest is 1.5 ms worse than when it was made.
         pub window_s: f64 = 30.0, in 2.0..=600.0;
-        /// Greatest drift of one clock against the other, s/s.
+        /// Maximum drift of one clock against the other, s/s.
         /// Source: Quartz oscillators with temperature: 20 ppm typical, 50 ppm allowed.
         pub max_drift: f64 = 50e-6, in 0.0..=1e-3;
         /// An offset that moved by more than this in both directions of travel is a step, s.

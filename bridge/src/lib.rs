@@ -2,7 +2,7 @@
 //!
 //! Pure: packets in, messages on the drone's clock out; the sockets belong to the process around
 //! it. Read [`node`] first: [`node::Bridge`]'s `step` is the whole way of a packet. [`order`]
-//! is the order of messages, `status` what the vessel is told of the drone, [`clock`] finds the offset of the two clocks, [`link`] keeps the
+//! is the order of messages, `status` the drone's status for the vessel, [`clock`] finds the offset of the two clocks, [`link`] keeps the
 //! statistics.
 
 pub mod clock;

@@ -62,7 +62,7 @@ impl LinkStatistics {
         self.out_of_order.push_back(arrival);
     }
 
-    /// The vessel started anew: ages and latencies on its old clock mean nothing.
+    /// The vessel started again: ages and latencies on its old clock mean nothing.
     pub fn reset(&mut self) {
         self.arrivals.clear();
         self.out_of_order.clear();

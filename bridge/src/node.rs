@@ -46,14 +46,14 @@ impl PacketKind {
     const COUNT: usize = PacketKind::Command as usize + 1;
 }
 
-/// What came over the radio.
+/// A message of the radio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
-    /// Its topic.
+    /// The topic.
     pub kind: PacketKind,
     /// On whose key it came.
     pub sender: Sender,
-    /// Its content, as [`wire::encode`] makes it.
+    /// The content, as [`wire::encode`] makes it.
     pub bytes: Vec<u8>,
 }
 
@@ -72,18 +72,18 @@ pub struct BridgeIn {
     pub autopilot: Option<AutopilotState>,
 }
 
-/// What was admitted, on the drone's clock: the newest of each kind.
+/// Admitted messages on the drone's clock: the newest of each kind.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeOut {
     /// The vessel's state.
     pub estimate: Option<VesselEstimate<DroneClock>>,
-    /// Its wave model.
+    /// The wave model.
     pub wave: Option<WaveModel<DroneClock>>,
-    /// Its own prediction.
+    /// The vessel's own prediction.
     pub prediction: Option<VesselPrediction<DroneClock>>,
     /// Whose its deck is.
     pub deck: Option<DeckGrant<DroneClock>>,
-    /// What stands around it.
+    /// Keep-out volumes and approach of the vessel.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
@@ -91,12 +91,12 @@ pub struct BridgeOut {
     pub link: Option<LinkState>,
     /// A question for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
-    /// What the drone does, for the vessel, at its own rate.
+    /// The drone's status for the vessel, at its own rate.
     pub status: Option<DroneStatus>,
 }
 
 wiring! {
-    /// What the bridge writes, and what it reads for the drone's status beside the radio.
+    /// Messages that the bridge writes, and those that it reads for the drone's status in addition to the radio's.
     BridgePorts of Bridge: BridgeIn => BridgeOut {
         reads {
             newest mission: MissionState,
@@ -154,7 +154,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// A bridge that has received nothing yet; `boot` is drawn anew at each start.
+    /// A bridge that has received nothing yet; `boot` is drawn at each start.
     pub fn new(config: &BridgeConfig, boot: u32) -> Self {
         Bridge {
             config: config.clone(),
@@ -174,7 +174,7 @@ impl Bridge {
             status: StatusReport::default(),
         }
     }
-    /// A landed drone's motors are off so long after its touchdown, s: later the vessel is told that it is still armed.
+    /// A landed drone's motors are off so long after its touchdown, s: later its status reports that it is still armed.
     #[must_use]
     pub fn disarmed_within(mut self, disarm_s: f64) -> Self {
         self.status.disarm_s = disarm_s;
@@ -280,7 +280,7 @@ impl Bridge {
         let header = message.header();
         check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         message.check().map_err(|_| RejectionReason::OutOfRange)?;
-        let restart = match self.boots.hear(arrival, header.boot) {
+        let restart = match self.boots.observe(arrival, header.boot) {
             Boot::Current => false,
             Boot::First => true,
             Boot::Second => return Err(RejectionReason::SecondSender),
@@ -330,10 +330,10 @@ impl Bridge {
 
     fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
         self.boots.adopt(now, boot);
-        self.begin_anew();
+        self.begin_again();
     }
 
-    fn begin_anew(&mut self) {
+    fn begin_again(&mut self) {
         self.orders = Default::default();
         self.newest = None;
         self.link.reset();
@@ -348,7 +348,7 @@ impl Bridge {
         check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         let asked = m.requested_at;
         let request = self.open.iter_mut().find(|r| r.at == asked);
-        match self.boots.hear(t4, header.boot) {
+        match self.boots.observe(t4, header.boot) {
             // An answer to an open request is fresh by proof: only the running computer can give it.
             meaning @ (Boot::Current | Boot::First | Boot::Next) => {
                 let Some(request) = request.filter(|r| !r.answered) else {
@@ -363,7 +363,7 @@ impl Bridge {
                 }
             }
             Boot::Other if request.is_some() && self.boots.returns(t4, header.boot, asked) => {
-                self.begin_anew();
+                self.begin_again();
                 self.clock.reset();
             }
             // The request stays open for the one that is listened to.

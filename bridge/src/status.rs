@@ -1,4 +1,4 @@
-//! What the vessel is told of its drone: put together of what each of the drone's processes has reported, twice a second.
+//! The drone's status for the vessel: put together from the reports of the drone's processes, twice a second.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{
@@ -37,7 +37,7 @@ impl Default for StatusReport {
 }
 
 impl StatusReport {
-    /// The status, when it is due. Until the mission decides, the vessel knows better than a state that nobody is in: it would
+    /// The status, when it is due. Until the mission decides, the vessel knows better than a state that is not real: it would
     /// free the deck.
     pub(crate) fn step(
         &mut self,

@@ -87,13 +87,13 @@ fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) 
     }
     (b, f64::from(seconds))
 }
-fn settled(there: f64, back: f64, seconds: u32) -> (Bridge, f64) {
+fn converged(there: f64, back: f64, seconds: u32) -> (Bridge, f64) {
     exchanged(seconds, |_| (there, back))
 }
 
 #[test]
 fn bridge_estimate_on_the_drone_clock() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let m = estimate(1, 0, vessel(now - 0.04));
     let e = admitted(&mut b, now, &m).unwrap();
     assert!(
@@ -107,7 +107,7 @@ fn bridge_estimate_on_the_drone_clock() {
 
 #[test]
 fn bridge_wave_model_and_prediction() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let wave = WaveModel::<VesselClock> {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
@@ -158,7 +158,7 @@ fn bridge_abort_old_or_without_clock_offset() {
         let out = step(b, now, vec![packet(now, PacketKind::Command, m)]);
         out.commands.first().map(|c| c.header.at.secs())
     };
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let given = now - 20.0;
     for k in 0..4 {
         let passed = at(&mut b, now + 0.5 * f64::from(k), &abort(k, vessel(given))).unwrap();
@@ -170,7 +170,7 @@ fn bridge_abort_old_or_without_clock_offset() {
 
 #[test]
 fn bridge_rejection_reasons() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let good = estimate(1, 10, vessel(now - 0.05));
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
         let mut m = estimate(1, 11, vessel(now - 0.02));
@@ -228,10 +228,10 @@ fn bridge_rejection_reasons() {
 
 #[test]
 fn bridge_restarted_vessel() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
-    // A computer that is received still was not started anew.
+    // A computer that is received still was not started again.
     assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
     let now = now + 0.6;
     assert!(admitted(&mut b, now, &estimate(2, 17, vessel(now - 0.05))).is_some());
@@ -241,9 +241,9 @@ fn bridge_restarted_vessel() {
     assert_eq!(b.second_sender(drone(now)), None);
 }
 
-/// Two computers speak as vessel 1 for so long, s: the holder (boot 1) but in `outage`, s since the start, and another
+/// Two computers speak as vessel 1 for so long, s: the current computer (boot 1) but in `outage`, s since the start, and another
 /// (boot 2) from 0.2 s on, which answers in a tenth of the time and has the later clock. Boots whose estimates passed.
-fn beside_a_second_computer(
+fn next_to_a_second_computer(
     b: &mut Bridge,
     start: f64,
     seconds: f64,
@@ -284,9 +284,9 @@ fn beside_a_second_computer(
 
 #[test]
 fn second_computer_with_the_vessels_identity() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     let before = b.offset(drone(now)).unwrap().offset_s;
-    let passed = beside_a_second_computer(&mut b, now, 20.0, 100.0..100.0);
+    let passed = next_to_a_second_computer(&mut b, now, 20.0, 100.0..100.0);
     assert!(passed.len() > 500 && passed.iter().all(|(_, boot)| *boot == 1));
     let after = b.offset(drone(now + 20.0)).unwrap().offset_s;
     assert!((after - before).abs() < 0.01, "{before} {after}");
@@ -296,23 +296,23 @@ fn second_computer_with_the_vessels_identity() {
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
-    // Nor while the holder's radio is out for as long as any descent lasts.
-    let (mut b, now) = settled(0.05, 0.05, 5);
-    let passed = beside_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
+    // Nor while the current computer's radio is out for as long as any descent lasts.
+    let (mut b, now) = converged(0.05, 0.05, 5);
+    let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));
     assert!(passed.iter().any(|(t, _)| *t > 45.0));
     // Once it is gone for good, the other has the identity.
-    let (mut b, now) = settled(0.05, 0.05, 5);
-    let passed = beside_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
+    let (mut b, now) = converged(0.05, 0.05, 5);
+    let passed = next_to_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
     let first = passed.iter().find(|(_, boot)| *boot == 2).unwrap().0;
     assert!((61.0..62.0).contains(&first), "{first}");
 }
 
 #[test]
-fn second_computer_first_heard_in_an_outage() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
-    // It is taken for the vessel started anew, until the holder answers.
-    let passed = beside_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
+fn second_computer_first_received_in_an_outage() {
+    let (mut b, now) = converged(0.05, 0.05, 5);
+    // It is taken for the vessel's next start, until the current computer answers.
+    let passed = next_to_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
     assert!(passed.iter().any(|(_, boot)| *boot == 2));
     assert!(
         passed.iter().all(|(t, boot)| *t < 4.0 || *boot == 1),
@@ -323,7 +323,7 @@ fn second_computer_first_heard_in_an_outage() {
 
 #[test]
 fn abort_through_a_second_computer() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     let order = |kind, sequence| OperatorCommand::<VesselClock> {
         header: Header::new(1, 1, 2, sequence, vessel(now)),
@@ -345,7 +345,7 @@ fn abort_through_a_second_computer() {
 
 #[test]
 fn bridge_restarted_vessel_with_earlier_clock() {
-    let (mut b, now) = settled(0.05, 0.05, 5);
+    let (mut b, now) = converged(0.05, 0.05, 5);
     // Given a vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
@@ -371,7 +371,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
 
 #[test]
 fn bridge_link_state_at_10_hz() {
-    let (mut b, start) = settled(0.05, 0.05, 5);
+    let (mut b, start) = converged(0.05, 0.05, 5);
     let mut links = Vec::new();
     for k in 0..300_u32 {
         let now = start + 0.01 * f64::from(k);
@@ -400,12 +400,12 @@ fn uniform(k: u32) -> f64 {
 #[test]
 fn clock_offset_sd_with_100_ms_asymmetry() {
     for (there, back) in [(0.05, 0.15), (0.15, 0.05), (0.01, 0.11), (0.11, 0.01), (0.0, 0.1)] {
-        let (b, now) = settled(there, back, 20);
+        let (b, now) = converged(there, back, 20);
         let o = b.offset(drone(now)).unwrap();
         let error = (o.offset_s - OFFSET).abs();
         assert!(
             error > 0.03,
-            "the asymmetry cannot be seen from time stamps: {error}"
+            "the asymmetry cannot be computed from time stamps: {error}"
         );
         assert!(error < 2.0 * o.sd_s, "{there} {back}: {error} against {}", o.sd_s);
     }
@@ -428,7 +428,7 @@ proptest! {
     fn bridge_random_bytes(
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
-        let (mut b, now) = settled(0.05, 0.05, 1);
+        let (mut b, now) = converged(0.05, 0.05, 1);
         let kind = [PacketKind::Estimate, PacketKind::Wave, PacketKind::Prediction, PacketKind::TimeReply][kind];
         let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet {
                 kind,
@@ -443,7 +443,7 @@ proptest! {
     fn bridge_damaged_estimates(
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
-        let (mut b, now) = settled(0.05, 0.05, 1);
+        let (mut b, now) = converged(0.05, 0.05, 1);
         let mut p = packet(now, PacketKind::Estimate, &estimate(1, 0, vessel(now - 0.05)));
         let n = p.value.bytes.len();
         if which == 0 {
@@ -460,7 +460,7 @@ proptest! {
 
     #[test]
     fn bridge_estimates_in_any_order(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
-        let (mut b, start) = settled(0.05, 0.05, 1);
+        let (mut b, start) = converged(0.05, 0.05, 1);
         let mut newest: Option<(u32, Time<DroneClock>)> = None;
         let (mut passed, mut sent) = (0, 0);
         for (k, seq) in order.iter().enumerate() {
@@ -504,7 +504,7 @@ proptest! {
     }
 }
 
-/// Of the newest of each, twice a second, and not before the mission decides.
+/// Made from the newest of each, twice a second, and not before the mission decides.
 #[test]
 fn status_of_the_drone() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9).disarmed_within(2.0);

@@ -49,7 +49,7 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// The commands that a person gives, by what they are for, in the order in which they are met.
+/// The commands of people, by their purpose, in the order in which they are met.
 const GROUPS: [(&str, &[&str]); 3] = [
     ("Simulate", &["trial", "study", "land", "rehearse"]),
     (
@@ -221,10 +221,14 @@ impl Cli {
         let matches = cli.clone().try_get_matches_from(&typed);
         matches
             .and_then(|m| Cli::from_arg_matches(&m))
-            .unwrap_or_else(|e| Self::reject(e, named(&cli, &typed)))
+            .unwrap_or_else(|e| Self::reject(e, named(&cli, &typed), &typed))
     }
-    /// Shows the error of `command`, where a value is wrong with what is wanted, and ends the process.
-    fn reject(mut e: clap::Error, command: &Clap) -> ! {
+    /// Shows the error of `command`, where a value is wrong with what is wanted, or help, and ends the process.
+    fn reject(mut e: clap::Error, command: &Clap, typed: &[OsString]) -> ! {
+        if let Some(help) = command::help(command, typed).filter(|_| e.kind() == ErrorKind::DisplayHelp) {
+            terminal::line(help.trim_end());
+            std::process::exit(0);
+        }
         if let Some(ContextValue::String(typed)) = e.get(ContextKind::InvalidArg)
             && e.kind() == ErrorKind::UnknownArgument
             && let Some(flag) = transposed(command, typed.trim_start_matches('-'))
@@ -361,7 +365,7 @@ pub enum Command {
     },
 }
 
-/// What a replay has of the laboratory.
+/// The laboratory's part in a replay.
 const LABORATORY: Laboratory<'static> = {
     #[cfg(feature = "lab")]
     let laboratory = Laboratory {

@@ -3,8 +3,8 @@
 //! A landed drone with stopped motors stays only while friction holds it against that slope. In steep short seas a
 //! light hull that the water does not carry sideways leaves the water: its deck tilts and falls as no sum of waves
 //! predicts, in groups 15 to 45 s apart. The vessel has watched its deck for longer than a drone that has just
-//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes. Above a vessel that says
-//! nothing the drone watches it itself.
+//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes. Above a vessel that
+//! publishes nothing the drone watches it itself.
 
 use std::collections::VecDeque;
 

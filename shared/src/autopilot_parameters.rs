@@ -6,7 +6,7 @@
 
 use core::fmt;
 
-/// What a parameter must be.
+/// Requirement on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
     /// Between these, both included; an infinite one is no limit.
@@ -19,7 +19,7 @@ pub enum Wanted {
     Bits(u32),
 }
 
-/// What a value of another kind means.
+/// Meaning of a value that does not fulfil it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
     /// No landing is permitted.
@@ -35,11 +35,11 @@ pub struct Parameter {
     pub name: &'static str,
     /// Unit, with a space before it, or nothing.
     pub unit: &'static str,
-    /// What it must be.
+    /// Requirement on the value.
     pub wanted: Wanted,
-    /// What follows when it is not.
+    /// Severity of another value.
     pub severity: Severity,
-    /// What happens when it is not.
+    /// Effect of another value.
     pub why: &'static str,
 }
 
@@ -72,7 +72,7 @@ pub const PX4: &[Parameter] = &[
         severity: Severity::Refuse,
         why: "without set-points it brakes the sink with no more than this",
     },
-    // Off is PX4's default, and on the ground the safer one; the set-points keep a least thrust instead.
+    // Off is PX4's default, and on the ground the safer one; the set-points keep a minimum thrust instead.
     Parameter {
         name: "MC_AIRMODE",
         unit: "",
@@ -288,7 +288,7 @@ impl Parameter {
             Wanted::Bits(bits) => (0.0..=1e9).contains(&value) && value as u32 & bits == bits,
         }
     }
-    /// What a person reads about this value of it.
+    /// Text about this value of the parameter.
     pub fn describe(&self, value: f64) -> impl fmt::Display + use<> {
         Described(*self, value)
     }
@@ -395,11 +395,11 @@ mod tests {
 
     #[test]
     fn parameters_that_stop_the_sink_above_the_deck() {
-        let least = |name: &str| match named(name).wanted {
+        let bounds = |name: &str| match named(name).wanted {
             Wanted::Within(low, high) => (low, high),
             other => panic!("{other:?}"),
         };
-        let ((_, timeout), (braking, _)) = (least("COM_OF_LOSS_T"), least("MPC_ACC_UP_MAX"));
+        let ((_, timeout), (braking, _)) = (bounds("COM_OF_LOSS_T"), bounds("MPC_ACC_UP_MAX"));
         let stop_m = 2.5 * timeout + 2.5 * 2.5 / (2.0 * braking);
         assert!(stop_m < 1.65, "{stop_m}");
     }

@@ -1,8 +1,8 @@
 //! The bus between the rows of a computer, and how a node is wired to it.
 //!
-//! A node's wiring is data beside the node, declared once by [`wiring!`]: the topics that it reads (the newest message, or all),
-//! those that it writes, those that wake it, and the checkpoint that outlives its process. What carries the topics is another
-//! crate's [`Bus`].
+//! A node's wiring is data next to the node, declared once by [`wiring!`]: the topics that it reads (the newest message,
+//! or all), those that it writes, those that wake it, and the checkpoint that outlives its process. What carries the
+//! topics is another crate's [`Bus`].
 
 use crate::node::Node;
 use crate::plain::Plain;
@@ -35,11 +35,11 @@ pub trait Reader<M> {
     fn newest(&mut self, now_ns: i64) -> Option<M>;
     /// All messages since the last reading, as many as the topic's buffer holds.
     fn all(&mut self, now_ns: i64) -> Vec<M>;
-    /// What was read and missed so far.
+    /// Counts of messages read and missed so far.
     fn state(&self, now_ns: i64) -> InputState;
 }
 
-/// Says that a topic brought a message.
+/// Signal that a topic brought a message.
 pub trait Wake {
     /// Whether one came since it was asked last.
     fn woke(&mut self) -> bool;
@@ -63,7 +63,7 @@ pub trait Writer<M> {
 
 /// A node whose wiring is declared.
 pub trait Wired: Node + Sized {
-    /// Its ports on a bus.
+    /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
 }
 
@@ -78,11 +78,11 @@ pub trait Ports<B: Bus>: Sized {
     fn join(bus: &B) -> Result<Self, B::Error>;
     /// Opens what wakes the node.
     fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error>;
-    /// What came since the last reading; `now_ns` is the computer's clock.
+    /// Reads what came since the last reading; `now_ns` is the computer's clock.
     fn read(&mut self, now_ns: i64) -> Self::In;
-    /// Writes an output, its checkpoint first; whether there was anything beside the checkpoint.
+    /// Writes an output, its checkpoint first; whether there was anything in addition to the checkpoint.
     fn write(&mut self, out: &Self::Out) -> bool;
-    /// What was read of each topic.
+    /// Counts of what was read on each topic.
     fn states(&self, now_ns: i64) -> Vec<InputState>;
     /// Messages that could not be sent.
     fn unsent(&self) -> u64;
@@ -125,7 +125,7 @@ pub const MAX_WAIT: Span = Span::from_millis(20);
 pub struct Row<N: Wired, B: Bus> {
     /// The node.
     pub node: N,
-    /// Its ports.
+    /// Ports of the node.
     pub ports: N::Ports<B>,
     wakes: Vec<B::Wake>,
     stepped: Option<Time<N::Clock>>,
@@ -167,7 +167,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
     }
 }
 
-/// What was read of one topic, by the messages' own numbers.
+/// Counts of what was read on one topic, by the messages' own numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Received {
     topic: &'static Topic,
@@ -203,7 +203,7 @@ impl Received {
         self.order = order;
         self.newest_ns = Some(at_ns);
     }
-    /// The same for a report; `now_ns` is the clock of the messages' stamps.
+    /// Counts for a report; `now_ns` is the clock of the messages' stamps.
     pub fn state(&self, now_ns: i64) -> InputState {
         let index = topics::ALL.iter().position(|t| t.name == self.topic.name);
         InputState {
@@ -276,8 +276,8 @@ pub use crate::computer;
 /// }
 /// ```
 ///
-/// What comes by an edge (packets, frames of a link) is left empty for who holds the edge. `edge` and `saves` may be left out; a
-/// field of the input that is named nowhere does not compile.
+/// Inputs that come by an edge (packets, frames of a link) are left empty for who holds the edge. `edge` and `saves` may
+/// be left out; a field of the input that is named nowhere does not compile.
 #[macro_export]
 macro_rules! wiring {
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {

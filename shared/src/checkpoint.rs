@@ -29,9 +29,9 @@ pub enum CheckpointRejection {
     OtherDrone,
     /// Too old, or from the future.
     Age,
-    /// A number in it is none that its writer writes.
+    /// A number in it is outside what its writer can write.
     Damaged,
-    /// Of another boot of the computer, whose clock was another, or of another vessel.
+    /// From another boot of the computer, whose clock was another, or from another vessel.
     OtherOwner,
 }
 
@@ -91,9 +91,9 @@ pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Resu
 pub trait Checkpoint: Message<Clock = DroneClock> + Copy + Default {
     /// An older one does not count.
     const MAX_AGE: Span;
-    /// Its place.
+    /// Place of the checkpoint among the kept ones.
     fn of(keeper: &Keeper) -> &Latest<Self>;
-    /// The same, to be changed.
+    /// Mutable place of the checkpoint among the kept ones.
     fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self>;
 }
 
@@ -103,7 +103,7 @@ macro_rules! kept {
         #[derive(Clone, Debug, Default)]
         pub struct Keeper { $($field: Latest<$checkpoint>,)* }
 
-        /// What the file holds of a [`Keeper`].
+        /// Part of a [`Keeper`] that the file holds.
         #[derive(Default, Serialize, Deserialize)]
         struct Checkpoints { $($field: Option<$checkpoint>,)* }
 
@@ -163,7 +163,7 @@ pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u
     wire::encode_record(&file)
 }
 
-/// What such a file holds, where it is whole, of this layout and this owner's.
+/// Content of such a file, where it is whole, of this layout and this owner's.
 pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
     let damaged = |_: WireError| CheckpointRejection::Damaged;
     let file: File = wire::decode_record(file).map_err(damaged)?;
@@ -185,7 +185,7 @@ impl Keeper {
         m.filter(|m| m.header().boot != 0)
             .is_some_and(|m| M::of_mut(self).offer(now, m))
     }
-    /// The newest; boot 0 where there is none.
+    /// The newest; boot 0 without one.
     pub fn newest<M: Checkpoint>(&self) -> M {
         M::of(self).get().copied().unwrap_or_default()
     }
@@ -193,7 +193,7 @@ impl Keeper {
     pub fn answer<M: Checkpoint>(&self, boot: u32) -> Option<M> {
         Some(self.newest()).filter(|m: &M| m.header().boot != boot)
     }
-    /// What of it outlives the computer's boot: what the flight is for.
+    /// Part that outlives the computer's boot: the purpose of the flight.
     pub fn lasting(&self) -> Keeper {
         let mut kept = Keeper::default();
         let mission = self.mission.get().and_then(MissionCheckpoint::lasting);
@@ -207,7 +207,7 @@ impl Keeper {
         self.predictor.get().is_none() && self.mission.get().is_none() && self.link.get().is_none()
     }
     /// The content of a file that outlives the keeper. The checkpoints' times are the computer's steady clock, which
-    /// begins anew when it boots: `computer_boot` names this boot.
+    /// begins again at each boot: `computer_boot` names this boot.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
         to_file(FILE_VERSION, computer_boot, &self.checkpoints())
     }
@@ -224,7 +224,7 @@ impl Keeper {
 }
 
 /// The supervisor's place on the bus: a [`Keeper`] that takes the newest checkpoint of each node and publishes it on the same topic,
-/// where a node that begins looks for one of another boot; while there is none it publishes that.
+/// where a node that begins looks for one of another boot; without one it publishes that.
 pub struct Republisher<B: Bus> {
     keeper: Keeper,
     predictor: Republished<B, PredictorCheckpoint>,
@@ -251,7 +251,7 @@ impl<B: Bus> Republisher<B> {
         ];
         new.contains(&true)
     }
-    /// The same, and publishes the newest of each.
+    /// Takes new checkpoints, and publishes the newest of each.
     pub fn poll(&mut self, now: Time<DroneClock>) -> bool {
         let new = self.take(now);
         self.predictor.own.send(&self.keeper.newest());
@@ -259,11 +259,11 @@ impl<B: Bus> Republisher<B> {
         self.link.own.send(&self.keeper.newest());
         new
     }
-    /// What it holds.
+    /// The checkpoints that it holds.
     pub const fn keeper(&self) -> &Keeper {
         &self.keeper
     }
-    /// The same, to be changed.
+    /// The checkpoints that it holds, mutable.
     pub const fn keeper_mut(&mut self) -> &mut Keeper {
         &mut self.keeper
     }
@@ -331,7 +331,7 @@ mod tests {
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
-    /// What the flight is for outlives a boot of the computer, at whatever time of its new clock, and is no fresh checkpoint.
+    /// The purpose of the flight outlives a boot of the computer, at any time of its new clock, and is no fresh checkpoint.
     #[test]
     fn keeper_after_a_reboot() {
         assert!(keeper().lasting().is_empty());

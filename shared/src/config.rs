@@ -38,7 +38,7 @@ pub enum ConfigError {
         key: String,
         /// The value found.
         value: String,
-        /// The range in words.
+        /// The permitted range, as text.
         allowed: String,
     },
 }
@@ -233,7 +233,7 @@ impl<'a> Keys<'a> {
             .enumerate()
             .try_for_each(|(i, v)| self.range(&format!("{key}[{i}]"), *v, low, high))
     }
-    /// Any other condition, in words.
+    /// Any other condition, with its text.
     pub fn require(
         &self,
         ok: bool,
@@ -344,9 +344,9 @@ mod tests {
             pub power_w: f64 = 100.0, in 0.0..=2000.0;
             /// Names of its switches.
             pub switches: Vec<String> = vec!["main".into()];
-            /// Its fan.
+            /// The box's fan.
             pub fan: Fan = Fan { speed_rpm: 700 }, table;
-            /// Its other fan.
+            /// The box's other fan.
             pub spare: Fan;
         }
         check |this, at| {
@@ -388,14 +388,14 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("# Its fan.\n[fan]\n# Speed, 1/min.\nspeed_rpm = 700\n"),
+            text.contains("# The box's fan.\n[fan]\n# Speed, 1/min.\nspeed_rpm = 700\n"),
             "{text}"
         );
         assert_eq!(parse::<Heater>(&text, "test").unwrap(), heater);
         let text = commented_keys(&heater, &|key| key.starts_with("spare")).unwrap();
         assert_eq!(
             text,
-            "\n# Its other fan.\n[spare]\n# Speed, 1/min.\nspeed_rpm = 900\n"
+            "\n# The box's other fan.\n[spare]\n# Speed, 1/min.\nspeed_rpm = 900\n"
         );
     }
 }

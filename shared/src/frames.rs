@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// A coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
-    /// Name for messages to a person.
+    /// Name for messages.
     const NAME: &'static str;
 }
 

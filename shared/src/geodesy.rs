@@ -49,7 +49,7 @@ impl Datum {
         self.latitude_deg.abs() <= 90.0 && self.longitude_deg.abs() <= 360.0 && self.height_m.abs() <= 1e4
     }
 
-    /// Where `other` is in the local frame that begins here, m: north and east in the tangent plane, by way of ECEF; down
+    /// Position of `other` in the local frame that begins here, m: north and east in the tangent plane, by way of ECEF; down
     /// by the heights above the ellipsoid. Autopilots and GNSS receivers reckon the height so: it does not fall with the
     /// square of the distance (2 m at 5 km) as in a tangent plane. Inverse of [`Datum::at`].
     pub fn to<F>(&self, other: &Datum) -> Vector<F> {
@@ -138,7 +138,7 @@ mod tests {
     use crate::frames::TrueNed;
     use proptest::prelude::*;
 
-    /// South, west, beside the date line on both of its sides, far north.
+    /// South, west, close to the date line on both of its sides, far north.
     const PLACES: [Datum; 5] = [
         Datum::new(-33.9, 18.4, 31.0),
         Datum::new(47.6, -122.4, -21.0),
@@ -245,8 +245,8 @@ mod tests {
             let theirs = ours.at(&Vector::<TrueNed>::new(distance * bearing.cos(), distance * bearing.sin(), 3.0));
             let ahead = theirs.at(&Vector::<TrueNed>::new(step * course.cos(), step * course.sin(), 0.0));
             let moved = ours.to::<TrueNed>(&ahead).0 - ours.to::<TrueNed>(&theirs).0;
-            let seen = course + ours.convergence_rad(&theirs);
-            let error = (moved.xy() - step * nalgebra::Vector2::new(seen.cos(), seen.sin())).norm();
+            let turned = course + ours.convergence_rad(&theirs);
+            let error = (moved.xy() - step * nalgebra::Vector2::new(turned.cos(), turned.sin())).norm();
             prop_assert!(error < 1e-4, "{error}");
         }
     }

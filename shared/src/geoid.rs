@@ -8,7 +8,7 @@
 
 use crate::geodesy::Datum;
 
-/// Least spread of receivers' tables, m: one of 5 by 5 degrees is off by 2.1 m (root of the mean square), and older models
+/// Minimum spread of receivers' tables, m: one of 5 by 5 degrees is off by 2.1 m (root of the mean square), and older models
 /// than EGM96 are about (6 m off in the example of one maker's manual). EGM96 itself is off by 0.5 m
 /// (NASA/TP-1998-206861, section 10), the sea's mean level from the geoid by 0.6 m.
 const TABLE_SD: f64 = 2.0;
@@ -60,7 +60,7 @@ fn coarse(latitude: f64, longitude: f64) -> f64 {
     (1.0 - u) * row(south) + u * row(south + COARSE_DEG)
 }
 
-/// The geoid along a path: worked out anew where the place has moved on.
+/// The geoid along a path: computed again where the place has moved on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalGeoid {
     last: Option<([f64; 2], Undulation)>,
@@ -107,7 +107,7 @@ mod tests {
         }
     }
 
-    /// What receivers themselves state (GGA, field 11): their own tables, within three of the stated spread.
+    /// Undulations that receivers themselves state (GGA, field 11): their own tables, within three of the stated spread.
     #[test]
     fn undulation_that_receivers_state() {
         for (latitude, longitude, stated) in [

@@ -21,13 +21,13 @@ config! {
         pub length_m: f64 = 2.5, in 0.5..=100.0;
         /// Width across the vessel, m.
         pub width_m: f64 = 1.7, in 0.5..=100.0;
-        /// Its fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag --suggest` lists for a deck of this
-        /// size.
+        /// The deck's fiducial tags, each with id, side_m and centre_m; empty: those that `alight tag --suggest` lists
+        /// for a deck of this size.
         pub tags: Tags = Tags::new();
         /// In their place one tag alone: side of its black square, m.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub tag_side_m: Option<f64> = None, in 0.02..=10.0;
-        /// Its centre from the deck's centre, m.
+        /// Centre of the tag from the deck's centre, m.
         pub tag_centre_m: [f64; 3] = [0.0, 0.0, 0.0], in -50.0..=50.0;
         /// Force with which the deck holds a drone that stands on it (net, magnets, suction, latch), down along the deck's
         /// normal, N, a quarter of it on each foot from its contact on; friction holds the more along the deck. 0: a plain
@@ -62,7 +62,7 @@ impl DeckGeometry {
             None => self.tags,
         }
     }
-    /// The same deck with these tags.
+    /// This deck with other tags.
     #[must_use]
     pub fn with_tags(self, tags: &Tags) -> DeckGeometry {
         DeckGeometry {
@@ -102,7 +102,7 @@ config! {
         pub arm_m: f64 = 0.325, in 0.05..=5.0;
         /// Ratio of rotor drag moment to thrust, m.
         pub moment_per_force_m: f64 = 0.016, in 1e-4..=1.0;
-        /// Greatest total thrust, N.
+        /// Maximum total thrust, N.
         pub max_thrust_n: f64 = 99.8;
         /// Fore-aft and sideways distance between the feet, m.
         pub feet_span_m: [f64; 2] = [0.40, 0.40], in 0.05..=5.0;

@@ -32,7 +32,7 @@ pub struct LineBuffer {
 }
 
 impl LineBuffer {
-    /// Of lines of at most `max` bytes.
+    /// A splitter for lines of at most `max` bytes.
     pub fn new(max: usize) -> Self {
         LineBuffer {
             line: Vec::new(),

@@ -62,7 +62,7 @@ impl Dialect for Known {
 /// Bytes that wait to be decoded, at most; what comes beyond is lost, as it is on a full wire.
 pub const MAX_WAITING: usize = 1 << 16;
 
-/// What is there to read; `WouldBlock` when nothing is.
+/// Bytes that are there to read; `WouldBlock` when nothing is.
 #[derive(Debug, Default)]
 struct Waiting(VecDeque<u8>);
 
@@ -89,17 +89,17 @@ pub struct RawFrame {
     pub component: u8,
     /// Number of the message.
     pub id: u32,
-    /// Its payload; MAVLink 2 leaves out zeros at the end.
+    /// Payload; MAVLink 2 leaves out zeros at the end.
     pub payload: Vec<u8>,
     version: MavlinkVersion,
 }
 
 impl RawFrame {
-    /// In the dialect's words; None when a value is not of the dialect.
+    /// The frame as a message of the dialect; None when a value is not of the dialect.
     pub fn message(&self) -> Option<dialect::MavMessage> {
         dialect::MavMessage::parse(self.version, self.id, &self.payload).ok()
     }
-    /// Its fields by place.
+    /// Fields by their place.
     pub fn fields(&self) -> Fields<'_> {
         Fields(&self.payload)
     }
@@ -116,7 +116,7 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
-    /// What counts whenever it was signed, by its number and payload.
+    /// Messages that count whenever they were signed, by number and payload.
     whenever: Option<fn(u32, Fields<'_>) -> bool>,
 }
 
@@ -137,15 +137,15 @@ impl Default for FrameReader {
 }
 
 impl FrameReader {
-    /// Of frames that are signed, where a key is set.
+    /// A reader of frames that are signed, where a key is set.
     pub fn signed(signing: Option<Signing>) -> FrameReader {
         FrameReader {
             signing,
             ..FrameReader::default()
         }
     }
-    /// The same, of which those messages are taken whenever they were signed: no clock stops them, nor does it that they may be sent
-    /// again by somebody else.
+    /// A reader of which those messages are taken whenever they were signed: no clock stops them, nor does it that they
+    /// may be sent again by somebody else.
     #[must_use]
     pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
         FrameReader {
@@ -200,7 +200,7 @@ impl FrameReader {
     pub fn waiting(&self) -> usize {
         self.reader.get_ref().0.len()
     }
-    /// Bytes lost because nobody read.
+    /// Number of bytes lost because they were not read in time.
     pub fn lost(&self) -> u64 {
         self.lost
     }

@@ -13,7 +13,7 @@ pub type Metrics = Seq<Metric, MAX_METRICS>;
 
 macro_rules! names {
     ($($metric:ident: $name:literal,)* ; $($newer:ident: $newer_name:literal,)*) => {
-        /// What a metric is of.
+        /// Subject of a metric.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
         #[repr(u8)]
         pub enum MetricName {
@@ -25,7 +25,7 @@ macro_rules! names {
             $(#[doc = $newer_name] $newer,)*
         }
         impl MetricName {
-            /// The name that a person reads.
+            /// The name in messages.
             pub fn text(self) -> String {
                 match self {
                     $(MetricName::$metric => $name.into(),)*
@@ -132,9 +132,9 @@ pub enum MetricValue {
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Metric {
-    /// What it is of.
+    /// Subject of the metric.
     pub name: MetricName,
-    /// Its value.
+    /// Value of the metric.
     pub value: MetricValue,
 }
 

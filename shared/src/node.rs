@@ -7,10 +7,10 @@ use crate::time::{Clock, Time};
 pub trait Node {
     /// The clock of the computer it runs on.
     type Clock: Clock;
-    /// What arrived since the last step. State streams are `Option` (the newest, if any arrived),
+    /// Input that arrived since the last step. State streams are `Option` (the newest, if any arrived),
     /// event streams are `Vec`.
     type In;
-    /// What it outputs.
+    /// Output of a step.
     type Out;
 
     /// Consumes what arrived, at the node's own time `now`. `now` never goes back.

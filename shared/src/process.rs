@@ -17,7 +17,7 @@ macro_rules! processes {
         pub enum ProcessKind { $($(#[$about])* $kind,)* }
 
         impl ProcessKind {
-            /// Its name.
+            /// Name of the process.
             pub const fn name(self) -> &'static str {
                 match self { $(ProcessKind::$kind => $name,)* }
             }
@@ -50,7 +50,7 @@ processes! {
     Camera: "camera";
     /// The ultraviolet camera's images.
     Uvdar: "uvdar";
-    /// What people look on with.
+    /// A viewer for people.
     View: "view";
 }
 
@@ -65,7 +65,7 @@ impl ProcessKind {
     }
 }
 
-/// What a process read on one topic.
+/// Counts of what a process read on one topic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct InputState {
@@ -75,7 +75,7 @@ pub struct InputState {
     pub received: u64,
     /// Messages missed by their sequence numbers.
     pub missed: u64,
-    /// Age of the newest, s; infinite when there is none.
+    /// Age of the newest, s; infinite without one.
     pub age_s: f64,
     /// Median age when it was read, s.
     pub read_age_p50_s: f64,
@@ -86,7 +86,7 @@ pub struct InputState {
 /// Keys on which one process speaks over the radio, at most.
 pub const MAX_FLOWS: usize = 9;
 
-/// What a process sent over the radio on one key.
+/// Counts of what a process sent over the radio on one key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RadioFlow {
@@ -98,15 +98,15 @@ pub struct RadioFlow {
     pub bytes_per_s: f32,
 }
 
-/// What a process reports about itself, twice a second.
+/// Report of a process about itself, twice a second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ProcessState {
     /// Which.
     pub kind: ProcessKind,
-    /// Its process id.
+    /// Process id.
     pub pid: u32,
-    /// Drawn anew at each start.
+    /// Random number of each start.
     pub boot: u32,
     /// The steady clock when this was written, ns.
     pub at_ns: i64,
@@ -124,13 +124,13 @@ pub struct ProcessState {
     pub step_p99_s: f64,
     /// Messages that it could not send.
     pub unsent: u64,
-    /// What it counts and measures beside.
+    /// Further counts and measurements of the process.
     #[serde(serialize_with = "metrics::serialize")]
     #[schemars(with = "Metrics")]
     pub metrics: Metrics,
-    /// What it reads.
+    /// State of each topic that it reads.
     pub inputs: Seq<InputState, MAX_INPUTS>,
-    /// What it sends over the radio.
+    /// State of each key that it sends over the radio.
     pub flows: Seq<RadioFlow, MAX_FLOWS>,
 }
 

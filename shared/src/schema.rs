@@ -68,7 +68,7 @@ pub fn of<T: JsonSchema>() -> Schema {
     inlined.into_generator().into_root_schema_for::<T>()
 }
 
-/// Puts comments on one line, and states units and frames beside them.
+/// Puts comments on one line, and adds units and frames to them.
 fn state(schema: &mut Schema) {
     if let Some(Value::String(text)) = schema.get_mut("description") {
         *text = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -125,7 +125,7 @@ fn unit(name: &str, comment: &str) -> Option<String> {
 
 type Object = serde_json::Map<String, Value>;
 
-/// How a value travels.
+/// Encoding of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind<'a> {
     /// A number of this `format`.
@@ -142,12 +142,12 @@ pub enum Kind<'a> {
     List(&'a Object, u64),
     /// These, in this order.
     Struct(Vec<(&'a str, &'a Object)>),
-    /// Of a layout that the schema does not give.
+    /// A layout that the schema does not give.
     Unknown,
 }
 
 impl<'a> Kind<'a> {
-    /// Of a schema; of an optional value that of the value.
+    /// Kind by a schema; of an optional value that of the value.
     pub fn of(schema: &'a Object) -> Kind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),
@@ -200,7 +200,7 @@ impl<'a> Kind<'a> {
             .collect();
         fields.map_or(Kind::Unknown, Kind::Struct)
     }
-    /// Of several: variants of an enumeration, or a value that may be absent.
+    /// Kind of a choice: variants of an enumeration, or a value that may be absent.
     fn choice(schema: &'a Object) -> Kind<'a> {
         let several = |key: &str| Some(schema.get(key)?.as_array()?.iter().filter_map(Value::as_object));
         if let Some(mut options) = several("anyOf") {
@@ -231,7 +231,7 @@ impl<'a> Kind<'a> {
             Kind::Bool | Kind::Text(_) | Kind::Enum(_) | Kind::Struct(_) | Kind::Unknown => false,
         }
     }
-    /// The same as a person reads it.
+    /// Name of the kind for documents.
     pub fn name(&self) -> String {
         match self {
             Kind::Number(format) => short(format).into(),
@@ -282,15 +282,15 @@ fn short(format: &str) -> &str {
 /// A field of a message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name, with those of what it is in: `modes[].pole`.
+    /// Name of the field, with those of what it is in: `modes[].pole`.
     pub path: String,
-    /// How it travels; `?` behind it: it may be absent.
+    /// Encoding; `?` behind it: it may be absent.
     pub kind: String,
-    /// Its units; empty: it has none.
+    /// Units; empty without any.
     pub unit: String,
-    /// Its frame, or the clock of a time; empty: it has none.
+    /// Frame, or the clock of a time; empty without either.
     pub frame: String,
-    /// What it is.
+    /// Description of the field.
     pub description: String,
 }
 

@@ -33,9 +33,9 @@ pub struct Step<'a> {
     pub boot: u32,
     /// The row's own time, ns.
     pub now_ns: i64,
-    /// What it consumed.
+    /// Input of the step.
     pub input: &'a dyn Recorded,
-    /// What it made of it.
+    /// Output of the step.
     pub output: &'a dyn Recorded,
 }
 

@@ -30,7 +30,7 @@ const WAIT_ABOVE_M: f64 = 3.0;
 const TILT_RAD: f64 = 0.2;
 
 config! {
-    /// What stands around the landing deck, and from where and whereto drones fly.
+    /// Obstacles around the landing deck, and directions from and to which drones fly.
     pub struct SurroundingsConfig {
         /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes, each by two
         /// opposite corners in the vessel's body frame, m.
@@ -75,7 +75,7 @@ impl SurroundingsConfig {
                 !(overlaps(0) && overlaps(1)),
                 &format!("keep_out_m[{i}]"),
                 format!("{:?}", self.keep_out_m[i]),
-                "half a metre or more beside the deck's outline",
+                "half a metre or more outside the deck's outline",
             )?;
         }
         if let (Some(deg), Some(u)) = (self.escape_deg, around.escape_direction()) {
@@ -90,7 +90,7 @@ impl SurroundingsConfig {
         Ok(())
     }
 
-    /// The same from the deck's centre.
+    /// These surroundings from the deck's centre.
     pub fn around(&self, deck: &DeckGeometry) -> Surroundings {
         let from = wrap_angle(self.approach_sector_deg[0].to_radians());
         Surroundings {
@@ -122,7 +122,7 @@ impl KeepOut {
             }
         }))
     }
-    /// How far the place `p` (deck frame, m) is beyond the box along each axis, m; negative inside.
+    /// Distance of the place `p` (deck frame, m) beyond the box along each axis, m; negative inside.
     pub fn beyond(&self, p: &Vector3<f64>) -> Vector3<f64> {
         Vector3::from_fn(|i, _| (f64::from(self.low[i]) - p[i]).max(p[i] - f64::from(self.high[i])))
     }
@@ -146,7 +146,7 @@ impl KeepOut {
     }
 }
 
-/// What stands around a deck, in the deck's axes from its centre.
+/// Obstacles around a deck, in the deck's axes from its centre.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Surroundings {
@@ -177,7 +177,7 @@ impl Surroundings {
     pub fn is_open(&self) -> bool {
         f64::from(self.sector[1]) > TAU - 1e-3
     }
-    /// Finite, corners in order, a sector that is none too wide.
+    /// Whether the numbers are finite, the corners in order and the sector at most a full turn.
     pub fn is_sound(&self) -> bool {
         let sound = |v: &KeepOut| {
             within(v.low.iter().chain(&v.high), 500.0) && v.low.iter().zip(&v.high).all(|(a, b)| a <= b)
@@ -191,12 +191,12 @@ impl Surroundings {
     pub fn reach_m(&self) -> f64 {
         self.keep_out.iter().map(KeepOut::reach_m).fold(0.0, f64::max)
     }
-    /// Least height above the deck's mean at which drones wait or come, m: over all volumes; 0 without any.
+    /// Minimum height above the deck's mean at which drones wait or come, m: over all volumes; 0 without any.
     pub fn wait_height_m(&self) -> f64 {
         let above = |v: &KeepOut| WAIT_ABOVE_M - f64::from(v.low[2]) + TILT_RAD * v.reach_m();
         self.keep_out.iter().map(above).fold(0.0, f64::max)
     }
-    /// How far a bearing relative to the bow is outside the approach sector narrowed by `margin` on both sides, rad:
+    /// Angle by which a bearing relative to the bow is outside the approach sector narrowed by `margin` on both sides, rad:
     /// positive when the nearest permitted bearing lies clockwise; 0 inside.
     pub fn outside_sector(&self, bearing: f64, margin: f64) -> f64 {
         if self.is_open() {

@@ -1,4 +1,4 @@
-//! The tags on a deck: several of one family, each with its number, size and place, seen as one body.
+//! The tags on a deck: several of one family, each with its number, size and place, measured as one body.
 
 use crate::config;
 use crate::msg::Seq;
@@ -14,11 +14,11 @@ config! {
     /// A tag of the AprilTag family 36h11, its upper edge forward.
     #[derive(Copy)]
     pub struct DeckTag {
-        /// Its number in the family.
+        /// Number of the tag in the family.
         pub id: u16 = 0, in 0.0..=586.0;
         /// Side of its black square, m.
         pub side_m: f64 = 1.0, in 0.02..=10.0;
-        /// Its centre from the deck's centre: forward, right, down, m.
+        /// Centre of the tag from the deck's centre: forward, right, down, m.
         pub centre_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
     }
 }
@@ -32,11 +32,11 @@ const SMALL_M: f64 = 0.09;
 /// of height) holds a circle of 0.165 m: a tag whose centre is within 0.101 m of that circle's centre is whole. Seven discs of
 /// that radius cover a disc of twice the radius, 0.2 m of landing error, with the ring at the square root of 3 of it.
 const RING_M: f64 = 0.173;
-/// Largest of the two tags that are seen from afar and of the two between, m: decoded from 16 m and from 5 m.
+/// Largest of the two tags that are detected from afar and of the two between, m: decoded from 16 m and from 5 m.
 const LARGE_M: [f64; 2] = [0.8, 0.25];
-/// The least of the first, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag instead, at most
+/// Minimum of the first, m: 20 px from the tracking height of 7 m. A shorter deck has room for one tag instead, at most
 /// the paper's metre and 0.7 of the deck, so that its margin is on the deck as well.
-const LEAST_M: f64 = 0.44;
+const MIN_LARGE_M: f64 = 0.44;
 const ALONE: (f64, f64) = (1.0, 0.7);
 
 /// The first of the numbers that are the tags' of the boat `vessel`: each boat has [`MAX_TAGS`] of its own among the family's, so
@@ -67,7 +67,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
         .min(width_m / MARGIN)
         .min(LARGE_M[0]);
     let middle = room(0.5 * width_m, inner[1]).min(LARGE_M[1]);
-    if large < LEAST_M {
+    if large < MIN_LARGE_M {
         let side_m = (ALONE.1 * length_m.min(width_m)).min(ALONE.0);
         return Seq::filled([DeckTag {
             side_m,
@@ -85,7 +85,7 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     ];
     let small = ring.map(|(sin, cos)| (SMALL_M, RING_M * cos, RING_M * sin));
     let all = far.into_iter().chain([(SMALL_M, 0.0, 0.0)]).chain(small);
-    // Beside a narrow deck's small tags there is no room for larger ones.
+    // Next to a narrow deck's small tags there is no room for larger ones.
     let useful = all.filter(|(side, ..)| *side >= SMALL_M);
     Seq::filled(useful.zip(0..).map(|((side, x, y), id)| DeckTag {
         id,

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// A clock that stamps instants.
 pub trait Clock: Copy + fmt::Debug + Default + Ord + Hash + 'static {
-    /// Name for messages to a person.
+    /// Name for messages.
     const NAME: &'static str;
 }
 

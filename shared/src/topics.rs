@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::time::{DroneClock, Span, VesselClock};
 use crate::{msg, schema};
 
-/// How a topic travels.
+/// Medium of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Medium {
     /// Between the computers, as bincode: `bytes` is the bound on the wire.
@@ -18,7 +18,7 @@ pub enum Medium {
 }
 
 impl Medium {
-    /// Its name for people and programs.
+    /// Name for people and programs.
     pub const fn name(self) -> &'static str {
         match self {
             Medium::Radio => "radio",
@@ -27,7 +27,7 @@ impl Medium {
     }
 }
 
-/// What the processes report about themselves; apart from the table, because no node reads it.
+/// Reports of the processes about themselves; apart from the table, because no node reads it.
 pub const PROCESS: Topic = Topic {
     name: "process/state",
     message: "ProcessState",
@@ -39,7 +39,7 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::process::ProcessState>,
 };
 
-/// The same of the vessel's process, which it broadcasts for its drones, under its own name.
+/// Reports of the vessel's process about itself, which it broadcasts for its drones, under its own name.
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "process",
     medium: Medium::Radio,
@@ -54,7 +54,7 @@ pub struct Topic {
     pub name: &'static str,
     /// Message type.
     pub message: &'static str,
-    /// How it travels.
+    /// Medium of the topic.
     pub medium: Medium,
     /// Nominal rate, Hz.
     pub rate_hz: f64,
@@ -124,7 +124,7 @@ topics! {
         WAVE: "wave", msg::WaveModel<VesselClock>, 5.0 Hz, 1200, 5000 ms;
         /// The vessel's own prediction.
         PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, 1.0 Hz, 1200, 3000 ms;
-        /// What stands around the vessel's deck; only where there is something.
+        /// Obstacles around the vessel's deck; only with any.
         SURROUNDINGS: "surroundings", msg::VesselSurroundings<VesselClock>, 1.0 Hz, 300, 3000 ms;
         /// The drone's question for the vessel's time.
         TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, 2.0 Hz, 64, 2000 ms;
@@ -136,7 +136,7 @@ topics! {
         OPERATOR: "command", msg::OperatorCommand<VesselClock>, 0.1 Hz, 64, 5000 ms;
         /// Statuses of drones as the vessel received them, for operators.
         DRONES: "drones", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
-        /// What became of an operator's command, for operators.
+        /// Progress of an operator's command, for operators.
         RECEIPTS: "receipts", msg::CommandReceipt, 2.0 Hz, 64, 2000 ms;
         /// The drone's status, for the vessel's deck.
         DRONE_STATUS: "status", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
@@ -158,7 +158,7 @@ topics! {
         BRIDGE_WAVE: "bridge/wave", msg::WaveModel<DroneClock>, 5.0 Hz, 5000 ms, 2 deep;
         /// The vessel's own prediction on the drone's clock.
         BRIDGE_PREDICTION: "bridge/prediction", msg::VesselPrediction<DroneClock>, 1.0 Hz, 3000 ms, 2 deep;
-        /// What stands around the vessel's deck, on the drone's clock.
+        /// Obstacles around the vessel's deck, on the drone's clock.
         BRIDGE_SURROUNDINGS: "bridge/surroundings", msg::VesselSurroundings<DroneClock>, 1.0 Hz, 3000 ms, 2 deep;
         /// Whose the vessel's deck is, on the drone's clock.
         BRIDGE_DECK: "bridge/deck", msg::DeckGrant<DroneClock>, 2.0 Hz, 2000 ms, 2 deep;
@@ -179,20 +179,20 @@ topics! {
         /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
         PREDICTOR_CHECKPOINT: "deck/checkpoint", msg::PredictorCheckpoint, 50.0 Hz, 2000 ms, 4 deep;
         /// The autopilot link's checkpoint. A link that was killed is back after 0.4 to 0.7 s on a busy computer. PX4 has left
-        /// OFFBOARD for its own hold by then, and comes back with the first set-points if nobody chose another mode; who did is seen
-        /// by the next report of the mode, half a second later at most, and until then no set-point is followed.
+        /// OFFBOARD for its own hold by then, and comes back with the first set-points if no other mode was chosen; that
+        /// shows in the next report of the mode, half a second later at most, and until then no set-point is followed.
         LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, 50.0 Hz, 1500 ms, 4 deep;
         /// Measurements of the vessel's sensors.
         SENSORS: "vessel/sensors", msg::SensorReadings, 100.0 Hz, 500 ms, 64 deep;
-        /// What became of the bytes of each of the vessel's real sensors.
+        /// Counts of the bytes of each of the vessel's real sensors.
         SOURCES: "vessel/sources", msg::SourceReport, 2.0 Hz, 3000 ms, 8 deep;
-        /// What the vessel's process knows.
+        /// State of the vessel's process.
         VESSEL: "vessel/status", msg::VesselStatus, 2.0 Hz, 3000 ms, 2 deep;
         /// An order of the vessel's crew.
         CREW: "vessel/crew", msg::CrewOrder, 0.1 Hz, 10000 ms, 16 deep;
-        /// What a ground station sets of the mission.
+        /// Settings of the mission by a ground station.
         SETTINGS: "operator/settings", msg::SettingsOrder, 0.1 Hz, 1000 ms, 2 deep;
-        /// The vessel's place by a beacon; each is good for as long as it says.
+        /// The vessel's place by a beacon; each is valid for as long as it states.
         BEACON: "deck/beacon", msg::DeckBeacon, 1.0 Hz, 10000 ms, 8 deep;
         /// The light in the belly camera's images.
         CAMERA_LIGHT: "camera/light", msg::CameraLight, 2.0 Hz, 2000 ms, 2 deep;
@@ -237,9 +237,9 @@ mod tests {
         taken
     }
     fn integer(bytes: &mut &[u8], n: usize) -> u64 {
-        let mut word = [0; 8];
-        word[..n].copy_from_slice(take(bytes, n));
-        u64::from_le_bytes(word)
+        let mut value = [0; 8];
+        value[..n].copy_from_slice(take(bytes, n));
+        u64::from_le_bytes(value)
     }
     /// Numbers by their path, read as somebody would who has the schema alone.
     fn read(
@@ -417,7 +417,7 @@ mod tests {
         );
     }
 
-    /// What is a number and has no unit: counts, numbers of computers, shares, probabilities, ratios.
+    /// Numbers without a unit: counts, numbers of computers, shares, probabilities, ratios.
     const WITHOUT_UNIT: [&str; 20] = [
         "boot",
         "sequence",
@@ -482,7 +482,7 @@ mod tests {
         );
     }
 
-    /// Every topic has a schema that says how each of its fields travels.
+    /// Every topic has a schema with the encoding of each of its fields.
     #[test]
     fn fields_of_every_topic() {
         for topic in ALL {

@@ -23,9 +23,9 @@ fn main() -> ExitCode {
 
 /// Whether all landed.
 fn run() -> Result<bool, String> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let [sea, seed0, trials] = words.as_slice() else {
-        return Err(format!("three words are needed: {USAGE}"));
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [sea, seed0, trials] = arguments.as_slice() else {
+        return Err(format!("three arguments are needed: {USAGE}"));
     };
     let number = |text: &str| {
         text.parse::<u32>()

@@ -1,5 +1,5 @@
 //! The drone's computer: its nodes in the order in which data flow. Read this first: each row is a process, wired by the
-//! `wiring!` beside its node, over shared memory on a drone and in lock-step in the simulated world.
+//! `wiring!` in its node's file, over shared memory on a drone and in lock-step in the simulated world.
 
 use alight_bridge::{Bridge, BridgeConfig};
 use alight_shared::bus::computer;
@@ -38,11 +38,11 @@ computer! {
         /// The set-points.
         pilot: Pilot => ProcessKind::Pilot,
     }
-    /// Its processes: there is no other list of them.
+    /// The drone's processes: there is no other list of them.
     PROCESSES: Process
 }
 
-/// What the nodes of a drone's computer are made of.
+/// Configurations of the nodes of a drone's computer.
 #[derive(Clone, Debug)]
 pub struct DroneNodes {
     /// The bridge.

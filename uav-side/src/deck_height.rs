@@ -23,7 +23,7 @@ impl MeanDeckHeight {
     pub(crate) fn forget(&mut self) {
         self.0 = None;
     }
-    /// Begins anew at `z` (m).
+    /// Restarts at `z` (m).
     pub(crate) fn begin(&mut self, at: Time<DroneClock>, z: f64) -> f64 {
         self.0 = Some((at, z));
         z

@@ -41,8 +41,8 @@ pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity
 
 /// `thrust` with its horizontal part cut so that it tilts at most `tilt` (rad) from the vertical
 /// and always points up.
-pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<f64> {
-    let up = (-thrust.z).max(least_up);
+pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f64> {
+    let up = (-thrust.z).max(min_up);
     let horizontal = thrust.x.hypot(thrust.y);
     let max = up * tilt.tan();
     let fraction = if horizontal > max { max / horizontal } else { 1.0 };

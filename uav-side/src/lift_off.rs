@@ -1,4 +1,4 @@
-//! How far a drone has risen from the deck that it stood on.
+//! Height that a drone has risen from the deck that it stood on.
 
 use alight_shared::time::{DroneClock, Time};
 

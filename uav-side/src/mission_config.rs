@@ -31,13 +31,13 @@ config! {
         /// Lowest height of any trajectory over the water, m.
         /// Chosen: above the highest waves of a sea of 1 m amplitude.
         pub minimum_altitude_m: f64 = 3.0, in 0.0..=50.0;
-        /// The same while descending near or over the deck, m.
+        /// Lowest height while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
-        /// The least by which a vessel has to be known for a landing to begin: "computer" (its broadcast is received), "beacon"
+        /// Weakest knowledge of a vessel that permits a landing to begin: "computer" (its broadcast is received), "beacon"
         /// (a beacon gives its place, and the drone looks for its tags there) or "tag" (the camera sees its tags from within 10 m of the deck's centre; what stands around the deck is not known then).
         pub least_vessel: VesselLevel = VesselLevel::Computer;
-        /// A beacon alone leads the drone no further than this from where it set out, m: nobody authenticates one.
+        /// A beacon alone leads the drone no further than this from where it set out, m: it is not authenticated.
         /// Chosen: a boat that its crew can see.
         pub beacon_max_way_m: f64 = 1000.0, in 50.0..=5000.0;
         /// Height over the deck from which a search sees its tags, and how far around the point below it sees them, m: of the
@@ -104,27 +104,27 @@ config! {
         pub max_attempts: u32 = 10;
         /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.
         pub battery_reserve: f64 = 0.2, in 0.0..=0.9;
-        /// Where it lands then, in this order: "deck" (while the deck is known, open and nobody else's, and half of the reserve
-        /// is left to wait for it; within limits wider by half), "home" (the autopilot's return mode), "here" (its land mode).
-        /// Without a place it climbs and holds. A descent that has begun is ended on the deck. After an abort or a hold it says
-        /// so first, and acts when a quarter of the reserve is gone; a second one declines the deck. An order that comes below
-        /// the reserve makes the deck the first place.
+        /// Places to land at then, in this order: "deck" (while the deck is known, open and not another drone's, and half
+        /// of the reserve is left to wait for it; within limits wider by half), "home" (the autopilot's return mode),
+        /// "here" (its land mode). Without a place it climbs and holds. A descent that has begun is ended on the deck.
+        /// After an abort or a hold it announces that first, and acts when a quarter of the reserve is gone; a second one
+        /// declines the deck. An order that comes below the reserve makes the deck the first place.
         /// Chosen: from above the deck no way home over open water.
         pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
         /// A charge below the reserve counts once no reading of this long was above, s.
         /// Chosen: full thrust, under which a voltage sags, lasts 2 s at most.
         pub battery_lasts_s: f64 = 5.0, in 0.0..=60.0;
-        /// Voltage below which for that long the battery is empty whatever its gauge says, V; 0: the gauge alone counts.
+        /// Voltage below which for that long the battery is empty whatever its gauge reads, V; 0: the gauge alone counts.
         pub battery_minimum_v: f64 = 0.0, in 0.0..=500.0;
         /// Capacity, by which the current gives the power, Ah; 0: the power is the rate at which the gauge falls.
         pub battery_capacity_ah: f64 = 0.0, in 0.0..=1e3;
-        /// What one attempt takes above the deck, from the arrival to the ground or back up, s.
+        /// Time of one attempt above the deck, from the arrival to the ground or back up, s.
         /// Source: tracking, descent and flare last 20 to 40 s in moderate seas.
         pub battery_attempt_s: f64 = 60.0, in 0.0..=600.0;
         /// Air speed on the way to the vessel, for what the way costs before its speed is measured, m/s.
         /// Source: The planner's horizontal speed.
         pub battery_air_speed_mps: f64 = 8.0, in 1.0..=30.0;
-        /// How far a landing goes: "shadow" (a person flies and lands; everything is computed and shown, nothing is
+        /// Extent of a landing: "shadow" (a pilot flies and lands; everything is computed and shown, nothing is
         /// commanded), "match" (follows the deck down to `lowest_clearance_m`, holds `match_s` and climbs) or "land".
         pub mode: LandingMode = LandingMode::Land;
         /// With `mode = "match"` the feet come no nearer to the deck, m.
@@ -185,7 +185,7 @@ config! {
 const MATCH_MARGIN_M: f64 = 0.5;
 
 impl MissionConfig {
-    /// What an operator may change of it.
+    /// Settings that an operator may change.
     pub fn settings(&self) -> MissionSettings {
         MissionSettings {
             mode: self.mode,
@@ -194,7 +194,7 @@ impl MissionConfig {
             lowest_clearance_m: self.lowest_clearance_m,
         }
     }
-    /// The same mission with other settings, where they are within the limits of the configuration.
+    /// This mission with other settings, where they are within the limits of the configuration.
     pub fn with(&self, settings: &MissionSettings) -> Result<MissionConfig, ConfigError> {
         let changed = MissionConfig {
             mode: settings.mode,
@@ -206,7 +206,7 @@ impl MissionConfig {
         changed.check(&Keys::ROOT)?;
         Ok(changed)
     }
-    /// What a second of waiting costs, as a probability.
+    /// Cost of a second of waiting, as a probability.
     pub fn waiting_cost_per_s(&self) -> f64 {
         self.waiting_cost_per_min / 60.0
     }

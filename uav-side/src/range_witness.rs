@@ -33,7 +33,7 @@ pub(crate) struct RangeWitness {
     /// The newest readings.
     newest: [Option<f64>; MEDIAN],
     next: usize,
-    /// Where the way that is watched begins: when, the way and the reading there.
+    /// Beginning of the watched way: its time, the way and the reading there.
     from: Option<(DroneTime, f64, f64)>,
     contradicts: bool,
 }

@@ -63,7 +63,7 @@ config! {
 }
 
 impl DroneSettings {
-    /// The deck's tags; one alone has the number that its detector's settings say.
+    /// The deck's tags; one alone has the number in its detector's settings.
     pub fn tags(&self) -> Tags {
         let id = self.deck.tag_side_m.map(|_| self.camera.tag.id);
         let numbered = |tag: &DeckTag| DeckTag {

@@ -28,7 +28,7 @@ const ABOVE_M: f64 = 0.35;
 /// Both witnesses have to be there within this time after the thrust was cut.
 pub(crate) const WITNESSED_WITHIN_S: f64 = 0.7;
 
-/// What the witnesses come to.
+/// Conclusion of the witnesses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Standing {
     /// Fewer than two speak for it.

@@ -1,4 +1,4 @@
-//! Passage of keep-out volumes: above their top, or beside them.
+//! Passage of keep-out volumes: above their top, or past a side.
 //!
 //! A volume is widened by the drone and what it errs by ([`Clear::margin_m`]) and turns and heaves with the predicted
 //! deck. In the deck's frame `q = R' (p - c)` with the deck's centre `c`; the face on which a drone passes is that
@@ -10,10 +10,10 @@ use alight_shared::msg::DeckStage;
 use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{Vector2, Vector3};
 
-/// A drone no further than this from above the deck's centre is over the vessel or beside it, m: the deck and what
+/// A drone no further than this from above the deck's centre is over the vessel or next to it, m: the deck and what
 /// stands on the vessel can reach it.
 pub(crate) const WITH_DECK_M: f64 = 10.0;
-/// What forecast and tracking err by near the deck, m: the planner's reset distance halved.
+/// Errors of forecast and tracking near the deck, m: the planner's reset distance halved.
 const MARGIN_M: f64 = 0.5;
 /// A drone goes round the vessel on points so far ahead, rad.
 const AHEAD_RAD: f64 = core::f64::consts::FRAC_PI_6;
@@ -60,7 +60,7 @@ pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
     deck.rotation().transpose() * (p - Vector3::from(deck.position))
 }
 
-/// Where a drone passes a volume.
+/// Face at which a drone passes a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Face {
     Top,
@@ -68,7 +68,7 @@ enum Face {
     Side(usize, f64),
 }
 
-/// How far this side of the volume is along its normal from the deck's centre, m.
+/// Distance of this side of the volume along its normal from the deck's centre, m.
 fn bound(volume: &KeepOut, axis: usize, sign: f64) -> f64 {
     f64::from(if sign > 0.0 {
         volume.high[axis]
@@ -113,7 +113,7 @@ impl Passage {
         }
     }
 
-    /// Greatest NED z (lowest height) at the place (x, y) over a volume that is passed above it, m; None beside it.
+    /// Maximum NED z (lowest height) at the place (x, y) over a volume that is passed above it, m; None outside its outline.
     ///
     /// The vertical through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` over the deck's centre; between the
     /// widened faces of all axes lies the part of it within the volume.
@@ -142,7 +142,7 @@ impl Passage {
         (from < to).then_some(deck.position[2] + from)
     }
 
-    /// The half-space beside a volume that is passed on a side: `n . p >= b`.
+    /// The half-space to the side of a volume that is passed on that side: `n . p >= b`.
     pub(crate) fn side(&self, deck: &DeckStage) -> Option<(Vector3<f64>, f64)> {
         let Face::Side(axis, sign) = self.face else {
             return None;
@@ -185,7 +185,7 @@ mod tests {
                 p.x += push * n.x;
                 p.y += push * n.y;
             }
-            // On the other side of a widened volume's underside, nobody is above it.
+            // On the other side of a widened volume's underside the drone is not above it.
             let beyond = volume.beyond(&in_deck(&after, &p));
             let widened = |v: f64| v >= 1.0 - 1e-5;
             prop_assert!(beyond.iter().any(|v| widened(*v)), "{passage:?} {beyond:?}");

@@ -34,7 +34,7 @@ use crew::CrewOrders;
 /// Advice counts for so long: it comes with each wave model, the slowest of which are a third of this apart.
 const ADVICE_FRESH: Span = Span::from_millis(30_000);
 
-/// What arrived since the last step.
+/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerIn {
     /// Measurements of the sensors' process.
@@ -58,7 +58,7 @@ pub struct ComputerIn {
 }
 
 impl ComputerIn {
-    /// What of it is the estimator's.
+    /// The estimator's part of the input.
     pub fn vessel(&self) -> VesselIn {
         VesselIn {
             time_requests: self.time_requests.clone(),
@@ -67,7 +67,7 @@ impl ComputerIn {
     }
 }
 
-/// What the vessel publishes, and what people are to know.
+/// Output of the vessel's process, with the events for the crew.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerOut {
     /// Estimate, models and time replies.
@@ -76,11 +76,11 @@ pub struct ComputerOut {
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones that their headers name.
     pub commands: Vec<OperatorCommand<VesselClock>>,
-    /// What became of operators' commands.
+    /// Progress of operators' commands.
     pub receipts: Vec<CommandReceipt>,
     /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
-    /// What happened in this step.
+    /// Events of this step.
     pub events: Vec<VesselEvent>,
     /// The lamp at the helm.
     pub lamp: Lamp,
@@ -101,7 +101,7 @@ pub enum Lamp {
 }
 
 wiring! {
-    /// What the vessel's process reads; what it publishes goes by radio and to people.
+    /// Topics that the vessel's process reads; its output goes by radio and to people.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
         reads { all sensors: SensorReadings, all crew: CrewOrder }
         edge { time_requests, statuses, commands, deck_inputs, helm, checkpoint, ends }
@@ -113,23 +113,23 @@ wiring! {
 computer! {
     /// The rows of the vessel's computer.
     VesselRows {
-        /// Its sensors: bytes to dated measurements.
+        /// The vessel's sensors: bytes to dated measurements.
         sensors: SensorNode => ProcessKind::Sensors,
         /// Estimator, deck arbiter, helm and broadcast.
         vessel: VesselComputer => ProcessKind::Vessel,
     }
-    /// Its processes: there is no other list of them.
+    /// The vessel's processes: there is no other list of them.
     PROCESSES: Process
 }
 
-/// What must not be forgotten when the process or the computer is started anew.
+/// State that has to survive a restart of the process or the computer.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VesselCheckpoint {
     /// Who has to do with the deck.
     pub deck: DeckCheckpoint,
     /// The commands that operators gave, for longer than their terminals repeat them.
     pub commands: Vec<GivenCommand>,
-    /// What was before the vessel was steered, while it is.
+    /// State before the vessel was steered, while it is.
     pub helm: Option<HelmCheckpoint>,
 }
 
@@ -219,7 +219,7 @@ impl VesselComputer {
         let reason = RejectionReason::Sender;
         self.rejected.of(reason) + self.node.rejected().of(reason)
     }
-    /// What must not be forgotten.
+    /// State that has to survive a restart.
     pub fn checkpoint(&self) -> VesselCheckpoint {
         VesselCheckpoint {
             deck: self.arbiter.checkpoint(),
@@ -289,7 +289,7 @@ impl VesselComputer {
         events.extend(changed.then_some(VesselEvent::Helm(out.status)));
         out.bytes
     }
-    /// What of a step's output the helm goes by.
+    /// Keeps the part of a step's output that the helm uses.
     fn observe_motion(&mut self, now: Time<VesselClock>, out: &VesselOut) {
         if let Some(e) = &out.estimate {
             let [heading_rad, rate_radps] = e.mean_heading.map(f64::from);
@@ -332,7 +332,7 @@ impl VesselComputer {
         }
     }
 
-    /// What has changed of the deck's owner and the drones' numbers.
+    /// Events on changes of the deck's owner and the drones' numbers.
     fn deck_events(
         &mut self,
         now: Time<VesselClock>,
@@ -447,166 +447,4 @@ fn turned(from: &CourseOutlook, now: &BoatMotion) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use alight_shared::msg::{CommandKind, Header, Reason, ReasonCode, State, TimeRequest};
-
-    fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
-        let message = DroneStatus {
-            header: Header::new(1, 3, boot, sequence, Time::EPOCH),
-            state,
-            entered: Reason::plain(ReasonCode::Operator),
-            battery: Some(0.5),
-            ..DroneStatus::default()
-        };
-        Arrival {
-            at: Time::EPOCH,
-            sender: Sender::Drone(3),
-            message,
-        }
-    }
-
-    /// The events of a step.
-    fn events(computer: &mut VesselComputer, t_s: f64, input: ComputerIn) -> Vec<String> {
-        let out = computer.step(Time::from_secs(t_s), &input);
-        out.events.iter().map(ToString::to_string).collect()
-    }
-
-    #[test]
-    fn vessel_computer_changes() {
-        let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
-        let mut received = |t_s, statuses| {
-            let input = ComputerIn {
-                statuses,
-                ..ComputerIn::default()
-            };
-            events(&mut computer, t_s, input)
-        };
-        let descends = received(5.0, vec![status(7, 1, State::Descent)]);
-        assert_eq!(descends.len(), 2, "{descends:?}");
-        assert!(descends[0].starts_with("drone 3: Descent") && descends[0].ends_with("(battery 50 %)"));
-        assert_eq!(descends[1], "the deck is reserved for drone 3");
-        assert!(received(5.5, vec![status(7, 2, State::Descent)]).is_empty());
-        let double = (1..4).flat_map(|k| {
-            let both = vec![status(8, k, State::Descent), status(7, 2 + k, State::Descent)];
-            received(5.5 + 0.5 * f64::from(k), both)
-        });
-        let double: Vec<_> = double.filter(|e| e.starts_with("two drones")).collect();
-        assert_eq!(double.len(), 1, "{double:?}");
-        assert!(double[0].contains("00000007 and 00000008"), "{double:?}");
-        let order = ComputerIn {
-            crew: vec![CrewOrder {
-                header: Header::new(1, 0, 77, 0, Time::from_secs(8.0)),
-                order: DeckOrder::Closed,
-            }],
-            ..ComputerIn::default()
-        };
-        assert_eq!(events(&mut computer, 8.0, order), ["crew order: deck closed"]);
-    }
-
-    #[test]
-    fn status_with_an_old_mission_state() {
-        let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
-        let mut received = |t_s: f64, status: Arrival<VesselClock, DroneStatus>| {
-            let input = ComputerIn {
-                statuses: vec![status],
-                ..ComputerIn::default()
-            };
-            computer.step(Time::from_secs(t_s), &input);
-            let now = Time::from_secs(t_s);
-            (
-                computer.arbiter().owner(),
-                computer.arbiter().unheard(now).count(),
-                computer.drones().received(),
-            )
-        };
-        assert_eq!(received(5.0, status(7, 1, State::Descent)), (Some(3), 0, 1));
-        // The mission's process hangs, and the bridge goes on: nobody knows what the drone does.
-        let mut last = None;
-        for k in 2..30 {
-            let mut old = status(7, k, State::Descent);
-            old.message.mission_age_s = 0.5 * k as f32;
-            last = Some(received(5.0 + 0.5 * f64::from(k), old));
-        }
-        assert_eq!(
-            last,
-            Some((Some(3), 1, 29)),
-            "people see it, the arbiter takes it for silent"
-        );
-    }
-
-    /// A drone with a sound certificate speaks for another, which lands.
-    #[test]
-    fn message_for_another_drone() {
-        let config = VesselNodeConfig::default();
-        let mut computer = VesselComputer::new(&config, &DeckConfig::default(), 1, 9);
-        let abort = OperatorCommand {
-            header: Header::new(1, 3, 5, 1, Time::EPOCH),
-            kind: CommandKind::Abort,
-        };
-        let command = |sender, message| Arrival {
-            at: Time::EPOCH,
-            sender,
-            message,
-        };
-        let landing = ComputerIn {
-            statuses: vec![status(7, 1, State::Descent)],
-            commands: vec![command(Sender::Operator(2), abort)],
-            ..ComputerIn::default()
-        };
-        let out = computer.step(Time::from_secs(5.0), &landing);
-        let [relayed] = out.commands[..] else {
-            panic!("{out:?}")
-        };
-
-        let mut acknowledged = status(7, 2, State::GaveUp);
-        acknowledged.message.abort = Some([relayed.header.boot, relayed.header.sequence]);
-        let mut left = status(8, 1, State::Idle);
-        left.message.deck_distance_m = Some(900.0);
-        let land = OperatorCommand {
-            kind: CommandKind::Land,
-            ..abort
-        };
-        let mut request = TimeRequest {
-            header: Header::new(1, 3, 7, 1, Time::EPOCH),
-            newest_at: Time::from_secs(1.0),
-            newest_boot: 9,
-        };
-        let mut requests = Vec::new();
-        for k in 0..20_u32 {
-            request.header.sequence = k;
-            requests.push(Arrival {
-                at: Time::from_secs(7.0),
-                sender: Sender::Drone(4),
-                message: request,
-            });
-        }
-        let forged = ComputerIn {
-            time_requests: requests,
-            statuses: [acknowledged, left]
-                .map(|s| Arrival {
-                    sender: Sender::Drone(4),
-                    ..s
-                })
-                .into(),
-            commands: vec![command(Sender::Drone(4), land)],
-            ..ComputerIn::default()
-        };
-        let out = computer.step(Time::from_secs(7.0), &forged);
-        assert!(
-            out.events.is_empty() && out.vessel.time_replies.is_empty(),
-            "{out:?}"
-        );
-        assert_eq!(computer.arbiter().owner(), Some(3));
-        assert_eq!(computer.relay().unacknowledged().collect::<Vec<_>>(), [3]);
-        assert_eq!(computer.node().rate_fraction(), 1.0);
-        assert_eq!(computer.on_other_keys(), 23);
-        // Itself it is believed.
-        let own = ComputerIn {
-            statuses: vec![acknowledged],
-            ..ComputerIn::default()
-        };
-        computer.step(Time::from_secs(7.1), &own);
-        assert_eq!(computer.relay().unacknowledged().count(), 0);
-    }
-}
+mod tests;

@@ -44,7 +44,7 @@ config! {
         /// Spread of the slow bias of the height, m.
         /// Source: 1 m with 300 s.
         pub height_bias_sd_m: f64 = 1.0, in 0.0..=100.0;
-        /// Its correlation time, s.
+        /// Correlation time of that error, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
         /// An older fix is rejected, s.
         /// Chosen: a late fix is compared with the state of its time, which is kept for 0.64 s; 1 Hz receivers at 4800
@@ -90,7 +90,7 @@ config! {
         pub model: VesselModelConfig;
         /// The landing deck.
         pub deck: DeckGeometry;
-        /// What stands around the deck, and from where and whereto drones fly.
+        /// Obstacles around the deck, and directions from and to which drones fly.
         pub surroundings: SurroundingsConfig;
         /// The inertial sensor.
         pub imu: ImuConfig;

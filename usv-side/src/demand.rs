@@ -1,8 +1,8 @@
-//! What the drones want of the vessel's helm: found by the deck arbiter, answered by the helm.
+//! Requests of the drones to the vessel's helm: found by the deck arbiter, answered by the helm.
 
 use serde::{Deserialize, Serialize};
 
-/// What the drones want of the helm.
+/// Request of the drones to the helm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Demand {
     /// Nothing.

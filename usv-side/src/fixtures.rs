@@ -4,7 +4,7 @@ use alight_shared::msg::GnssFix;
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use crate::sensors::{Decoder, Measurement, SourceMeasurement};
+use crate::sensors::{Measurement, SensorDecoder, SourceMeasurement};
 
 /// An NMEA sentence with its checksum and end of line.
 pub(crate) fn sentence(body: &str) -> String {
@@ -12,8 +12,12 @@ pub(crate) fn sentence(body: &str) -> String {
     format!("${body}*{sum:02X}\r\n")
 }
 
-/// What `decoder` makes of bytes that arrive in parts of `cut`, and the decoder then.
-pub(crate) fn decode<D: Decoder>(mut decoder: D, bytes: &[u8], cut: usize) -> (Vec<SourceMeasurement>, D) {
+/// Measurements by `decoder` from bytes that arrive in parts of `cut`, and the decoder then.
+pub(crate) fn decode<D: SensorDecoder>(
+    mut decoder: D,
+    bytes: &[u8],
+    cut: usize,
+) -> (Vec<SourceMeasurement>, D) {
     let mut out = Vec::new();
     bytes.chunks(cut).for_each(|part| decoder.push(part, &mut out));
     (out, decoder)
@@ -26,6 +30,15 @@ pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
         _ => None,
     };
     all.iter().filter_map(fix).collect()
+}
+
+/// The headings among all measurements, in whole radians.
+pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
+    let heading = |m: &SourceMeasurement| match m.measurement {
+        Measurement::Heading(h) => Some(h.heading.round()),
+        Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
+    };
+    all.iter().filter_map(heading).collect()
 }
 
 /// Up to `most` changed bytes, and where the bytes are cut off.

@@ -12,7 +12,7 @@ use crate::deck::MAX_DRONES;
 
 /// A drone may follow the former start of this computer for so long: ten times what it needs to take up a next start.
 const SETTLED: Span = Span::from_millis(5000);
-/// It asks twice a second; its last word counts for so long.
+/// It asks twice a second; its last status counts for so long.
 const FRESH: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
@@ -82,13 +82,13 @@ mod tests {
             followed.observe(1, &[Arrival { at, sender, message }]);
             followed.another(at, 9).map(|f| (f.drone, f.boot))
         };
-        // This computer was started anew: its drone names the former start for a while.
+        // This computer was restarted: its drone names the former start for a while.
         assert!((0..6).all(|k| asks(0.5 * f64::from(k), 3, 8).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 3, 9).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 4, 0).is_none()));
         let found = (40..60).find(|k| asks(0.5 * f64::from(*k), 4, 5) == Some((4, 5)));
         assert!(found.is_some_and(|k| (50..=51).contains(&k)), "{found:?}");
-        // Asked long ago, it says nothing any more.
+        // A request of long ago does not count any more.
         assert_eq!(asks(40.0, 3, 9), None);
     }
 }

@@ -7,7 +7,7 @@ const HEARTBEAT: u32 = 0;
 pub(crate) const AUTOPILOT: u8 = 1;
 /// `MAV_AUTOPILOT_INVALID`: a component that flies or steers nothing.
 const NO_AUTOPILOT: u8 = 8;
-/// `MAV_TYPE` of vehicles on or in the water, and of those that do not say.
+/// `MAV_TYPE` of vehicles on or in the water, and of those that do not state it.
 const GENERIC: u8 = 0;
 const ROVER: u8 = 10;
 const BOAT: u8 = 11;
@@ -17,10 +17,10 @@ const COMPUTER: u8 = 18;
 /// A sensor without heartbeats is taken for the vessel's after so many messages (every autopilot sends one a second).
 const SILENT_HEARTBEAT: u64 = 100;
 /// Most systems and components that are distinguished.
-const MAX_HEARD: usize = 16;
+const MAX_RECEIVED: usize = 16;
 
 /// A component that was received.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Received {
     system: u32,
     component: u8,
@@ -30,7 +30,7 @@ struct Received {
     left_out: u64,
 }
 
-/// What a component may be.
+/// Kind of a component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kin {
     Boat,
@@ -92,13 +92,11 @@ impl Systems {
         let at = self.received.iter().position(|h| (h.system, h.component) == id);
         let at = match at {
             Some(at) => at,
-            None if self.received.len() < MAX_HEARD => {
+            None if self.received.len() < MAX_RECEIVED => {
                 self.received.push(Received {
                     system: raw.system,
                     component: raw.component,
-                    kind: None,
-                    messages: 0,
-                    left_out: 0,
+                    ..Received::default()
                 });
                 self.received.len() - 1
             }
@@ -123,7 +121,7 @@ impl Systems {
             (_, Kin::Unknown) => received.messages > SILENT_HEARTBEAT,
             (Some(_), Kin::Other) | (None, Kin::Other) => false,
         };
-        // One that was taken without a heartbeat, and then says that it is something else, is given up.
+        // One that was taken without a heartbeat, and then reports another type, is given up.
         if self.own == Some(id) && !may_be {
             self.own = None;
         }
@@ -158,7 +156,7 @@ impl Systems {
             None => (
                 format!("no system on this link is known as the vessel's; left out: {others}"),
                 Some(
-                    "its heartbeat must say that it is a boat (MAV_TYPE); or name its number: system = N at this source",
+                    "its heartbeat must have the MAV_TYPE of a boat; or name its number: system = N at this source",
                 ),
             ),
         })

@@ -16,13 +16,13 @@ use crate::VesselNodeConfig;
 use crate::advice::{Advice, Advisor};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
-use crate::sensors::{Measurement, Repetition};
+use crate::sensors::{Measurement, RepeatedSamples};
 
 /// Most inputs of one kind in a step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
 /// A measurement may lie this far in the future of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Of several inertial (or attitude) sensors one is used until it has been silent for this long, s: the filter would
+/// Silence after which another of several inertial (or attitude) sensors is used, s: earlier the filter would
 /// take the samples of two for those of one sensor.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// An older attitude is rejected, s: it carries the filter, as an inertial sample does.
@@ -33,7 +33,7 @@ const MAX_IMU_AGE_S: f64 = 0.5;
 /// Time between two messages of what stands around the deck.
 const SURROUNDINGS_PERIOD: Span = Span::from_millis(1000);
 
-/// What arrived since the last step.
+/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselIn {
     /// Inertial samples.
@@ -48,7 +48,7 @@ pub struct VesselIn {
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
 }
 
-/// What the vessel publishes.
+/// Output of the vessel's node.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
     /// State estimate, when due.
@@ -57,7 +57,7 @@ pub struct VesselOut {
     pub wave: Option<WaveModel<VesselClock>>,
     /// Prediction, when due.
     pub prediction: Option<VesselPrediction<VesselClock>>,
-    /// What stands around the deck, when due; never where there is nothing.
+    /// Obstacles around the deck, when due; never without any.
     pub surroundings: Option<VesselSurroundings<VesselClock>>,
     /// Answers to the time requests of this step.
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
@@ -75,7 +75,7 @@ const ATTITUDE: usize = 3;
 pub struct SourceCounts {
     /// Given to the filter.
     pub taken: u64,
-    /// Of those, with a component that the filter's gate rejected; inertial samples count in pairs.
+    /// Measurements of those with a component that the filter's gate rejected; inertial samples count in pairs.
     pub gated: u64,
     /// Not newer than the last one of the source: out of order or repeated.
     pub out_of_order: u64,
@@ -94,8 +94,8 @@ pub struct SourceCounts {
 struct SourceState {
     newest: Option<Header<VesselClock>>,
     counts: SourceCounts,
-    /// Of an inertial sensor.
-    repetition: Repetition,
+    /// Repetition of an inertial sensor's samples.
+    repetition: RepeatedSamples,
 }
 
 impl SourceState {
@@ -155,7 +155,7 @@ pub struct VesselNode {
 }
 
 impl VesselNode {
-    /// A node without measurements. `boot` is drawn anew at each start.
+    /// A node without measurements. `boot` is a random number of each start.
     pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
         VesselNode {
             config: config.clone(),

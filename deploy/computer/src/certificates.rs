@@ -24,7 +24,7 @@ use crate::exit::{CliError, Doing};
 const AUTHORITY: &str = "Alight private authority";
 /// Whom a side trusts, in every directory.
 pub const AUTHORITY_FILE: &str = "authority.pem";
-/// The authority's own key, only beside the authority.
+/// The authority's own key, only next to the authority.
 pub const AUTHORITY_KEY: &str = "authority-key.pem";
 /// A side's own certificate.
 pub const CERTIFICATE_FILE: &str = "certificate.pem";
@@ -159,9 +159,9 @@ pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
 
 /// A certificate that was read.
 pub struct CertificateDetails {
-    /// What a person reads of it.
+    /// Parts of it for people.
     pub certificate: Certificate,
-    /// Its public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
+    /// The public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
     public_key: Vec<u8>,
     /// The identifier of its key, an authority's.
     key_id: Option<Vec<u8>>,
@@ -194,7 +194,7 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
                 .whole_seconds()
                 .div_euclid(86_400),
             in_future: validity.not_before.to_datetime() > now,
-            name: name.and_then(|n| n.as_str().ok()).unwrap_or("nobody").into(),
+            name: name.and_then(|n| n.as_str().ok()).unwrap_or("unnamed").into(),
         },
         public_key: certificate.public_key().raw.to_vec(),
         key_id,
@@ -207,7 +207,7 @@ pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
     KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
 }
 
-/// Whether `own` says that it was signed with the key of `authority`; None when one of them is silent.
+/// Whether `own` states that it was signed with the key of `authority`; None when one of them is silent.
 pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }

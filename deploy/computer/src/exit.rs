@@ -5,7 +5,7 @@ use std::fmt;
 use alight_shared::config::ConfigError;
 use alight_transport::TransportError;
 
-/// How a command ends.
+/// End of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     /// Exit code 0.
@@ -14,7 +14,7 @@ pub enum Exit {
     Failed,
     /// Exit code 2: a check found something that does not work.
     Broken,
-    /// Exit code 3: this computer did not keep up with real time, and what was seen counts for nothing.
+    /// Exit code 3: this computer did not keep up with real time, and the result is not valid.
     TooSlow,
 }
 
@@ -25,7 +25,7 @@ impl Exit {
     }
 }
 
-/// Bad input, or an output that cannot be written: exit code 2. The message says what to do.
+/// Bad input, or an output that cannot be written: exit code 2. The message names the remedy.
 #[derive(Debug)]
 pub struct CliError(pub String);
 
@@ -42,7 +42,7 @@ impl CliError {
     }
 }
 
-/// Says what was being done when something failed.
+/// Adds the action that failed to an error.
 pub trait Doing<T> {
     /// The error with what was being done.
     fn doing(self, what: impl fmt::Display) -> Result<T, CliError>;

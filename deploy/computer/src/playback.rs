@@ -46,11 +46,11 @@ pub trait Viewer: StepObserver {
 /// Deck and drone, where they are known.
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
-/// Starts the view of a flight that is computed, under a name; also gives the lines that say where it is served.
+/// Starts the view of a flight that is computed, under a name; also gives the lines with its addresses.
 pub type StartViewer<'a> =
     &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
 
-/// How one node's replay went.
+/// Result of one node's replay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeReplay {
     /// The node.
@@ -63,7 +63,7 @@ pub struct NodeReplay {
     pub differs_at_step: Option<u64>,
 }
 
-/// The law of a recorded planner that is none of the drone's, from what a recording has of it.
+/// The law of a recorded planner that the drone does not carry, from what a recording has of it.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
 /// The starts of a log that observers are shown: those of the nodes.
@@ -88,7 +88,7 @@ pub fn replay(
     let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
     let mut computed = Computed::default();
     log.steps(order, |at, t, step| {
-        // What a person looks at is thinned out on ticks; the node's own time is in the step.
+        // The topics for people are thinned out on ticks; the node's own time is in the step.
         let t = t + shift;
         let t = Time::from_nanos(t.nanos() - t.nanos().rem_euclid(TICK_NS));
         match &mut players[at] {
@@ -162,7 +162,7 @@ impl Player {
             note(
                 true,
                 format!(
-                    "{}: steps {first} to {last} are missing, and what follows is not computed again",
+                    "{}: steps {first} to {last} are missing: the steps after them are not computed again",
                     replayed.node
                 ),
             );
@@ -251,7 +251,7 @@ trait Replayed {
     ) -> Result<bool, WireError>;
 }
 
-/// How a node's step is shown.
+/// Display of a node's step.
 type Show<N> =
     for<'a> fn(Time<<N as Node>::Clock>, &'a <N as Node>::In, &'a <N as Node>::Out) -> NodeStep<'a>;
 

@@ -19,7 +19,7 @@ use crate::subject::Computer;
 /// Two periods of the processes' reports: who has not reported by then is silent, s.
 pub const OBSERVATION_S: f64 = 1.2;
 
-/// What a computer is to report once its processes run, by the configuration that is read here.
+/// Report of a computer once its processes run, by the configuration that is read here.
 pub fn configured(computer: &Computer) -> ComputerReport {
     match computer {
         Computer::Vessel(v) => Facts::vessel(v).report,
@@ -30,39 +30,39 @@ pub fn configured(computer: &Computer) -> ComputerReport {
 /// A real sensor: its bytes, and what the estimator made of its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SourceHealth {
-    /// Its name.
+    /// The name.
     pub name: String,
     /// Age of its newest measurement, s; None before the first.
     pub age_s: Option<f64>,
-    /// What became of its bytes.
+    /// Report on the bytes.
     #[serde(flatten)]
     pub report: SourceReport,
-    /// What the estimator made of it.
+    /// Use of the measurements by the estimator.
     #[serde(flatten)]
     pub uses: SourceUse,
 }
 
-/// What is known on one computer.
+/// Knowledge on one computer.
 #[derive(Clone, Debug, Default)]
 pub struct Situation {
-    /// What the computer has reported of itself, or is to report.
+    /// Report of the computer about itself, or the one that it will make.
     pub known: ComputerReport,
     /// The newest of each topic.
-    pub seen: Snapshot,
+    pub snapshot: Snapshot,
     /// The observer's clock, ns: the steady clock where processes run.
     pub now_ns: i64,
 }
 
 impl Situation {
     /// By what was received until `now_ns`.
-    pub fn of(seen: &Snapshot, now_ns: i64) -> Situation {
-        Situation::look(seen, &ComputerReport::default(), now_ns)
+    pub fn of(snapshot: &Snapshot, now_ns: i64) -> Situation {
+        Situation::look(snapshot, &ComputerReport::default(), now_ns)
     }
-    /// The same of a computer that is `configured` so, which counts until it has reported by what its processes run.
-    pub fn look(seen: &Snapshot, configured: &ComputerReport, now_ns: i64) -> Situation {
+    /// The situation of a computer that is `configured` so, which counts until it has reported by what its processes run.
+    pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> Situation {
         Situation {
-            known: seen.computer.unwrap_or(*configured),
-            seen: seen.clone(),
+            known: snapshot.computer.unwrap_or(*configured),
+            snapshot: snapshot.clone(),
             now_ns,
         }
     }
@@ -70,14 +70,14 @@ impl Situation {
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
-    /// What a vessel's computer has reported of itself, and what its process reports.
+    /// Report of a vessel's computer about itself, and that of its process.
     pub fn vessel(&self) -> Option<(&VesselReport, &VesselStatus)> {
-        let reported = self.seen.computer.as_ref()?;
-        Some((reported.vessel.as_ref()?, self.seen.vessel.as_ref()?))
+        let reported = self.snapshot.computer.as_ref()?;
+        Some((reported.vessel.as_ref()?, self.snapshot.vessel.as_ref()?))
     }
     /// The newest report of a process.
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
-        self.seen.processes.get(&kind)
+        self.snapshot.processes.get(&kind)
     }
     /// Whether that process reports.
     pub fn reports(&self, kind: ProcessKind) -> bool {
@@ -86,13 +86,13 @@ impl Situation {
     }
     /// Whether every process has had the time to report.
     pub fn has_waited(&self) -> bool {
-        self.since_s(self.seen.since_ns) >= OBSERVATION_S
+        self.since_s(self.snapshot.since_ns) >= OBSERVATION_S
     }
     /// Processes that do not report, and for how long (s), where they have.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {
         let missing = self.known.processes.iter().copied();
         let missing = missing.filter(|kind| self.has_waited() && self.process(*kind).is_none());
-        let ended = self.seen.processes.values().filter(|p| !self.reports(p.kind));
+        let ended = self.snapshot.processes.values().filter(|p| !self.reports(p.kind));
         missing
             .map(|kind| (kind, None))
             .chain(ended.map(|p| (p.kind, Some(self.since_s(p.at_ns)))))
@@ -100,15 +100,15 @@ impl Situation {
     }
     /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
     pub fn still_armed_s(&self) -> Option<f64> {
-        let (mission, autopilot) = (self.seen.mission.as_ref()?, self.seen.autopilot.as_ref()?);
+        let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
         let disarm_s = self.known.disarm_s;
         let disarm_s = disarm_s.unwrap_or_else(|| DisarmConfig::default().longest_s());
         still_armed_s(mission.header.at, mission, autopilot.armed, disarm_s)
     }
     /// Age of the vessel's newest estimate on the drone, s; infinite before the first, None without a bridge.
     pub fn link_age_s(&self) -> Option<f64> {
-        let age_s = self.seen.link.map(|l| l.age_s)?;
-        Some(age_s + self.seen.link.age_s(self.now_ns))
+        let age_s = self.snapshot.link.map(|l| l.age_s)?;
+        Some(age_s + self.snapshot.link.age_s(self.now_ns))
     }
     /// The vessel's real sensors.
     pub fn sources(&self) -> Vec<SourceHealth> {
@@ -127,7 +127,7 @@ impl Situation {
                 uses: *status.uses.get(number)?,
             })
         };
-        self.seen.sources.values().filter_map(source).collect()
+        self.snapshot.sources.values().filter_map(source).collect()
     }
     /// Peers that the vessel's process has rejected since its start, by reason.
     pub fn rejected(&self) -> Vec<(&'static str, u64)> {
@@ -155,7 +155,7 @@ impl Situation {
 
 impl Serialize for Situation {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let processes = || self.seen.processes.values();
+        let processes = || self.snapshot.processes.values();
         let metrics = |p: &ProcessState| -> Map<String, Value> {
             p.metrics.iter().map(|m| (m.key(), m.json())).collect()
         };
@@ -168,19 +168,19 @@ impl Serialize for Situation {
         });
         let more = match &self.known.vessel {
             Some(known) => json!({
-                "vessel": *self.seen.vessel,
+                "vessel": *self.snapshot.vessel,
                 "sources": self.sources(),
                 "certificate": known.certificate.read(),
                 "rejected": self.rejected(),
                 "rejected_last": self.rejected_last(),
             }),
             None => json!({
-                "mission": *self.seen.mission,
-                "autopilot": *self.seen.autopilot,
-                "link": *self.seen.link,
-                "deck": *self.seen.grant,
-                "wave": *self.seen.wave,
-                "response": self.seen.response,
+                "mission": *self.snapshot.mission,
+                "autopilot": *self.snapshot.autopilot,
+                "link": *self.snapshot.link,
+                "deck": *self.snapshot.grant,
+                "wave": *self.snapshot.wave,
+                "response": self.snapshot.response,
                 "still_armed_s": self.still_armed_s(),
             }),
         };
@@ -197,7 +197,7 @@ mod tests {
     use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
     use alight_shared::time::Time;
 
-    /// What runs is known by what it reports, without any file, and not by a configuration of today.
+    /// Processes that run are known by their reports, without any file, and not by a configuration of today.
     #[test]
     fn situation_by_topics_alone() {
         let reported = ComputerReport {
@@ -219,7 +219,7 @@ mod tests {
         };
         let mut measured = SourceReport::default();
         measured.status.newest_s = Some(39.5);
-        let mut seen = Snapshot {
+        let mut snapshot = Snapshot {
             vessel: VesselStatus::default().into(),
             sources: [(0, measured)].into(),
             ..Snapshot::default()
@@ -230,11 +230,11 @@ mod tests {
             ..ComputerReport::default()
         };
         let now_ns = 101_000_000_000;
-        let waits = Situation::look(&seen, &configured, now_ns);
+        let waits = Situation::look(&snapshot, &configured, now_ns);
         assert_eq!(waits.known.title.as_str(), "vessel 7");
         assert!(waits.vessel().is_none(), "it has not reported what it is");
-        seen.computer = reported.into();
-        let s = Situation::look(&seen, &configured, now_ns);
+        snapshot.computer = reported.into();
+        let s = Situation::look(&snapshot, &configured, now_ns);
         let all = serde_json::to_value(&s).unwrap();
         assert_eq!(s.known.title.as_str(), "vessel 8");
         assert_eq!(all["edited"], "vessel.toml was edited");

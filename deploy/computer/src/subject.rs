@@ -11,7 +11,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
-/// Where the packages put the configuration.
+/// Files of the packages' configuration.
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
 /// Default name of a simulated landing's processes.
 pub const SIMULATED: &str = "sim";
@@ -62,7 +62,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The same under the name of another set of processes, where one is given.
+    /// The subject under the name of another set of processes, where one is given.
     #[must_use]
     pub fn named(mut self, instance: Option<&str>) -> Computer {
         if let Some(name) = instance {
@@ -122,9 +122,9 @@ pub fn commanded_drone(
     let name = instance.unwrap_or(SIMULATED);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
-        // An order to a wrong number is none; an abort is tried.
+        // An order to a wrong number is not taken; an abort is tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
-            "the processes {name} have no configuration beside their memory: name it with --config"
+            "the processes {name} have no configuration in addition to their memory: name it with --config"
         ))),
         None => Ok(unconfigured(name)),
     }
@@ -160,7 +160,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Its configuration: of a landing of this computer before what is installed on it.
+    /// The configuration: of a landing of this computer before the one that is installed on it.
     pub fn computer(&self) -> Result<Computer, CliError> {
         let fixed = self.fixed()?;
         match (&fixed.instance, &fixed.config) {
@@ -181,12 +181,12 @@ impl Subject {
         }
         self.fixed()
     }
-    /// Its processes are those of a configuration that was read, not of one that is guessed.
+    /// Whether its processes are those of a configuration that was read, not of one that is guessed.
     pub fn is_configured(&self) -> bool {
         let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
         self.instance.as_ref().is_none_or(known)
     }
-    /// The same by its name or its file, whatever runs later.
+    /// The subject by its name or its file, whatever runs later.
     pub fn fixed(&self) -> Result<Subject, CliError> {
         if self.instance.is_some() || self.config.is_some() {
             return Ok(self.clone());

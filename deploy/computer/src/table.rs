@@ -188,11 +188,11 @@ pub fn escape(text: &str) -> String {
 /// A colour of standard output, by its number in ECMA-48.
 #[derive(Clone, Copy, Debug)]
 pub enum Colour {
-    /// What does not work.
+    /// For a fault.
     Red = 31,
-    /// What works.
+    /// For a success.
     Green = 32,
-    /// What works, but not as it should.
+    /// For a warning.
     Yellow = 33,
 }
 

@@ -1,4 +1,4 @@
-//! Lines for a person and for machines. A reader that went away (`| head`) ends the program
+//! Lines for people and for machines. A reader that went away (`| head`) ends the program
 //! quietly instead of with a panic.
 
 use std::collections::BTreeMap;
@@ -58,12 +58,12 @@ pub fn json(value: &impl Serialize) -> Result<(), CliError> {
     Ok(())
 }
 
-/// A line for a person: on standard error where the result stands alone on standard output.
+/// A line for people: on standard error where the result stands alone on standard output.
 pub fn note(alone: bool, text: impl Display) {
     if !alone {
         return line(text);
     }
-    // Nobody reads standard error: nothing is lost that the result does not hold.
+    // Standard error has no reader: nothing is lost that the result does not hold.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
@@ -173,7 +173,7 @@ fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     String::from_utf8(lines.into_inner().doing(doing)?).doing(doing)
 }
 
-/// The same without its last end of line, which whoever prints it adds; None without rows.
+/// CSV without its last end of line, which printing adds; None without rows.
 fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
     Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
 }
@@ -181,16 +181,16 @@ fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
 /// Columns of a text for people.
 pub const WIDTH: usize = 80;
 
-/// Adds words to a text, a space before each; where the next one does not fit, it begins an indented line.
-pub fn wrap(text: &mut String, indent: usize, words: &str) {
-    for word in words.split_whitespace() {
+/// Appends `more` to a text, a space before each of its pieces; a piece that does not fit begins an indented line.
+pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
+    for piece in more.split_whitespace() {
         let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
-        if used > indent && used + 1 + word.chars().count() > WIDTH {
+        if used > indent && used + 1 + piece.chars().count() > width {
             *text += &format!("\n{:indent$}", "");
         } else if !text.is_empty() {
             text.push(' ');
         }
-        text.push_str(word);
+        text.push_str(piece);
     }
 }
 

@@ -46,10 +46,10 @@ impl<P: TypedValueParser> TypedValueParser for Offering<P> {
 
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum Planner {
+pub enum PlannerArg {
     /// The paper's: attitude weights that grow near the deck (FAA).
     MpcFaa,
-    /// The same without FAA.
+    /// MPC without FAA.
     Mpc,
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
     Alight,
@@ -57,31 +57,31 @@ pub enum Planner {
     MpcNe,
 }
 
-impl Planner {
+impl PlannerArg {
     /// Lets it fly.
     pub fn select(self, nodes: &mut NodeConfigs) {
         nodes.baseline = None;
         match self {
-            Planner::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
-            Planner::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
-            Planner::Mpc => nodes.baseline = Some(Baseline::Mpc),
-            Planner::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
+            PlannerArg::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
+            PlannerArg::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
+            PlannerArg::Mpc => nodes.baseline = Some(Baseline::Mpc),
+            PlannerArg::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
         }
     }
 }
 
 /// Autopilots.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum Autopilot {
+pub enum AutopilotArg {
     /// PX4.
     Px4,
     /// ArduPilot's copter.
     Ardupilot,
 }
 
-/// What the vessel does.
+/// Motion of the vessel.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum Course {
+pub enum CourseArg {
     /// Engines off.
     Drift,
     /// A straight line at --speed.
@@ -100,17 +100,17 @@ pub enum Course {
     Anchored,
 }
 
-impl From<Course> for vessel::Course {
-    fn from(course: Course) -> Self {
+impl From<CourseArg> for vessel::Course {
+    fn from(course: CourseArg) -> Self {
         match course {
-            Course::Drift => vessel::Course::Drift,
-            Course::Straight => vessel::Course::Straight,
-            Course::Square => vessel::Course::Square,
-            Course::Zigzag => vessel::Course::Zigzag,
-            Course::Turn => vessel::Course::Turn,
-            Course::SpeedChange => vessel::Course::SpeedChange,
-            Course::StationKeeping => vessel::Course::StationKeeping,
-            Course::Anchored => vessel::Course::Anchored,
+            CourseArg::Drift => vessel::Course::Drift,
+            CourseArg::Straight => vessel::Course::Straight,
+            CourseArg::Square => vessel::Course::Square,
+            CourseArg::Zigzag => vessel::Course::Zigzag,
+            CourseArg::Turn => vessel::Course::Turn,
+            CourseArg::SpeedChange => vessel::Course::SpeedChange,
+            CourseArg::StationKeeping => vessel::Course::StationKeeping,
+            CourseArg::Anchored => vessel::Course::Anchored,
         }
     }
 }
@@ -159,7 +159,7 @@ impl fmt::Display for OutageAt {
 pub struct SeaArg {
     /// The text as given.
     pub text: String,
-    /// What it means.
+    /// The meaning.
     pub config: SeaConfig,
 }
 
@@ -237,15 +237,15 @@ pub struct SceneArgs {
     #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
           value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
-    /// Planner that flies [default: what the configuration says, alight]
+    /// Planner that flies [default: that of the configuration, alight]
     #[arg(long, value_enum)]
-    pub planner: Option<Planner>,
-    /// Autopilot whose character the simulated one has [default: what the scenario says, px4]
+    pub planner: Option<PlannerArg>,
+    /// Autopilot whose character the simulated one has [default: that of the scenario, px4]
     #[arg(long, value_enum)]
-    pub autopilot: Option<Autopilot>,
+    pub autopilot: Option<AutopilotArg>,
     /// Course of the vessel [default: drift]
     #[arg(long, value_enum)]
-    pub vessel: Option<Course>,
+    pub vessel: Option<CourseArg>,
     /// Vessel's speed on a course under way, m/s, or with a unit: 5kn [default: 2]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true, value_parser = speed_mps)]
     pub speed: Option<f64>,
@@ -392,7 +392,7 @@ pub struct TrialArgs {
 pub struct Shard {
     /// From 1 on.
     pub index: u64,
-    /// How many.
+    /// The number of them.
     pub count: u64,
 }
 
@@ -425,7 +425,7 @@ pub struct StudyArgs {
     ///
     /// A study without planners flies the configured one.
     #[arg(long, value_name = "NAME,..", value_enum, value_delimiter = ',')]
-    pub planners: Vec<Planner>,
+    pub planners: Vec<PlannerArg>,
     /// Trials per row
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,

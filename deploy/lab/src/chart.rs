@@ -55,7 +55,7 @@ struct Line {
     points: Vec<(f64, f64)>,
 }
 
-/// What a chart of lines has around them.
+/// Surroundings of a chart of lines.
 struct Axes<'a> {
     caption: &'a str,
     /// Meaning of the axes.
@@ -176,9 +176,9 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
 
 /// A curve: its name and a point for each place; none where nothing was measured.
 pub struct Curve {
-    /// Its name.
+    /// The name.
     pub name: String,
-    /// Its points.
+    /// The points.
     pub points: Vec<Option<f64>>,
 }
 
@@ -247,7 +247,7 @@ pub fn sheet(charts: &[Chart]) -> String {
 
 /// A line of [`dots`].
 pub struct Dot {
-    /// Its name.
+    /// The name.
     pub label: String,
     /// Number of the group that shares a colour.
     pub group: usize,
@@ -257,11 +257,11 @@ pub struct Dot {
     pub published: Option<f64>,
 }
 
-/// Means with intervals, a line each; the axis reaches `least` at least.
-pub fn dots(caption: &str, dots: &[Dot], least: f64) -> Result<Chart, CliError> {
+/// Means with intervals, a line each; the axis reaches `min_side` at least.
+pub fn dots(caption: &str, dots: &[Dot], min_side: f64) -> Result<Chart, CliError> {
     let mut svg = String::new();
     let size = (DOTS.0, DOTS.1 * dots.len() as u32 + 40);
-    draw_dots(dots, least, SVGBackend::with_string(&mut svg, size))
+    draw_dots(dots, min_side, SVGBackend::with_string(&mut svg, size))
         .doing(format_args!("drawing {caption}"))?;
     Ok(Chart {
         caption: caption.into(),
@@ -269,12 +269,12 @@ pub fn dots(caption: &str, dots: &[Dot], least: f64) -> Result<Chart, CliError> 
     })
 }
 
-fn draw_dots(dots: &[Dot], least: f64, backend: SVGBackend<'_>) -> Drawn {
+fn draw_dots(dots: &[Dot], min_side: f64, backend: SVGBackend<'_>) -> Drawn {
     let largest = dots
         .iter()
         .flat_map(|l| [l.measured.map(|(s, _)| s.p95), l.published])
         .flatten()
-        .fold(least, f64::max);
+        .fold(min_side, f64::max);
     let root = backend.into_drawing_area();
     let mut chart = ChartBuilder::on(&root)
         .margin(8)

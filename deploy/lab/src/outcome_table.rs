@@ -1,4 +1,4 @@
-//! Outcomes of trials for a person and as JSON.
+//! Outcomes of trials as text and as JSON.
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, verdict};
@@ -6,9 +6,12 @@ use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::studies::statistics::{Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
 
-/// The outcome of one trial.
-pub fn outcome(o: &Outcome) -> String {
-    let rows = [
+/// Name, value, digits and meaning of a metric of an outcome.
+type MetricRow = (&'static str, Option<f64>, usize, &'static str);
+
+/// Metrics of one trial; none where the landing did not come so far.
+fn metrics(o: &Outcome) -> [MetricRow; 13] {
+    [
         (
             "position error, m",
             o.position_error_m,
@@ -67,23 +70,28 @@ pub fn outcome(o: &Outcome) -> String {
             "warm-up of the vessel's estimator included",
         ),
         ("computed in, s", Some(o.wall_time_s), 2, ""),
-    ];
+    ]
+}
+
+/// The outcome of one trial; with `mode = "match"` the reason of a match that succeeded, which is no landing.
+pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
-    // What a refused landing has no figure of is left out.
-    for (name, value, digits, meaning) in rows.into_iter().filter(|row| row.1.is_some()) {
+    // A landing that did not begin has few of these metrics.
+    for (name, value, digits, meaning) in metrics(o).into_iter().filter(|row| row.1.is_some()) {
         table.row(cells![name, Cell::number(value, digits), meaning]);
     }
     let broken_off = matches!(o.outcome, Ending::GaveUp | Ending::Timeout) && o.unsafe_contacts == 0;
-    let name = if o.success || broken_off {
+    let name = if matched.is_some() {
+        "matched".to_owned()
+    } else if o.success || broken_off {
         o.outcome.name().to_owned()
     } else {
         format!("UNSAFE, {}", o.outcome.name())
     };
-    let plural = |n: u32, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     format!(
         "{}: {}\nseed {}, sea {}, planner {}, {}, {}\n{}",
-        verdict(&name, o.success),
-        o.reason,
+        verdict(&name, o.success || matched.is_some()),
+        matched.unwrap_or(&o.reason),
         o.seed,
         o.sea,
         o.planner,
@@ -93,7 +101,12 @@ pub fn outcome(o: &Outcome) -> String {
     )
 }
 
-/// Landings that were unsafe, and what can be said of their rate.
+/// A number of things, in the plural but for one.
+fn plural(n: u32, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// Landings that were unsafe, and the bound of their rate.
 pub fn unsafe_bound(unsafe_trials: usize, trials: usize) -> String {
     let rate = 100.0 * at_most_95(unsafe_trials, trials);
     format!("unsafe: {unsafe_trials} of {trials} landings; with 95 % confidence at most {rate:.1} %")
@@ -108,24 +121,24 @@ pub fn summary(s: &Summary) -> String {
         let name = core::iter::once(Cell::from(name));
         table.row(name.chain(columns.map(|v| Cell::number(v, 3))));
     }
-    let collisions = s
-        .keep_out_collisions
-        .map_or(String::new(), |n| format!(", {n} keep-out collisions"));
+    let collisions = s.keep_out_collisions.map_or(String::new(), |n| {
+        format!(", {}", plural(n, "keep-out collision"))
+    });
     format!(
-        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts{}\n{}\n{}",
+        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {}{}\n{}\n{}",
         s.successes,
         s.trials,
         100.0 * s.successes as f64 / s.trials.max(1) as f64,
         100.0 * lo,
         100.0 * hi,
-        s.unsafe_contacts,
+        plural(s.unsafe_contacts, "unsafe contact"),
         collisions,
         unsafe_bound(s.unsafe_trials, s.trials),
         table.text()
     )
 }
 
-/// How likely descents were thought to succeed, and how many did.
+/// Predicted likelihood of descents, and the fraction that landed.
 pub fn likelihood(s: &Summary) -> String {
     let mut table = Table::new(
         1..,

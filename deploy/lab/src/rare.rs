@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal::{self, Form};
-use alight_sim::studies::splitting::{End, Estimate, Run, land, split};
+use alight_sim::studies::splitting::{End, SplittingEstimate, SplittingRun, land, split};
 use alight_transport::wake::end_requested;
 use clap::Args;
 use indicatif::ProgressBar;
@@ -55,7 +55,7 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
         progress.tick();
         landed.map_err(Some)
     };
-    let mut runs: Vec<Run> = Vec::new();
+    let mut runs: Vec<SplittingRun> = Vec::new();
     let population = usize::from(args.population);
     for k in 0..u64::from(args.runs) {
         let run = split(population, args.seed0.wrapping_add(k), near);
@@ -66,7 +66,7 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
             Err(Some(error)) => return Err(error),
         }
     }
-    let Some(estimate) = Estimate::of(runs, population) else {
+    let Some(estimate) = SplittingEstimate::of(runs, population) else {
         return Ok(Exit::Failed);
     };
     if !args.form.print(&estimate, &estimate.runs)? {
@@ -75,7 +75,7 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-fn text(estimate: &Estimate) -> String {
+fn text(estimate: &SplittingEstimate) -> String {
     let [low, high] = estimate.interval.map(|p| percent(100.0 * p));
     let rate = if estimate.probability > 0.0 {
         let mean = percent(100.0 * estimate.probability);

@@ -1,4 +1,4 @@
-//! `alight replay --plot`: the last landing of a flight as the drone believed it, whose truth nobody recorded.
+//! `alight replay --plot`: the last landing of a flight by the drone's own estimate: its truth is not recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -114,7 +114,7 @@ impl StepObserver for BeliefPlot {
 
 impl Plot for BeliefPlot {
     fn write(&self) -> Result<(), CliError> {
-        let title = format!("Landing: {}, as the drone believed it", self.flight.display());
+        let title = format!("Landing: {}, by the drone's own estimate", self.flight.display());
         landing::write(&self.trace, &title, &self.path)
     }
 }

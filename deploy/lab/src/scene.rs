@@ -17,7 +17,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 use serde::de::DeserializeOwned;
 
-use crate::args::{Autopilot, SceneArgs, WindArg};
+use crate::args::{AutopilotArg, SceneArgs, WindArg};
 
 /// Prints the simulated world's configuration with every default.
 pub fn print_defaults() -> Result<Exit, CliError> {
@@ -27,7 +27,7 @@ pub fn print_defaults() -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// What is flown.
+/// The scene that is flown.
 pub struct Scene {
     /// The world.
     pub scenario: Scenario,
@@ -37,7 +37,7 @@ pub struct Scene {
     pub sea: String,
     /// The flags that lead to this scene, for a replay command.
     pub flags: String,
-    /// What a person should know of it.
+    /// Remarks on it for the operator.
     pub remarks: Vec<String>,
     /// The drone's crew reads winds and speeds in knots.
     pub knots: bool,
@@ -52,110 +52,24 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The same, with nothing printed.
+    /// The scene, with nothing printed.
     pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
         let mut remarks = Vec::new();
-        let mut sea = "moderate".to_string();
-        let mut scenario = Scenario::default();
-        if let Some(path) = &args.scenario {
-            sea = "scenario".into();
-            scenario = config::load(path)?;
-        }
+        let mut scenario: Scenario = match &args.scenario {
+            Some(path) => config::load(path)?,
+            None => Scenario::default(),
+        };
         let (mut nodes, knots) = configured(args, &mut remarks)?;
         if args.scenario.is_none() {
-            // The deck carries what the drone's file says.
+            // The deck carries what the drone's file states.
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
         }
-        let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
-        if args.drone_config.is_some() && flies != believed {
-            remarks.push(format!(
-                "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config is what it believes \
-                 ({} kg): set both alike, unless the difference is meant",
-                flies.mass_kg, believed.mass_kg
-            ));
-        }
-        if let Some(given) = &args.sea {
-            sea = given.text.clone();
-            scenario.sea = given.config.clone();
-        } else if let Some(state) = args.sea_state {
-            sea = format!("sea state {state}");
-            scenario.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
-        } else if args.hull.is_some() && args.scenario.is_none() {
-            sea = "jonswap:1,5".into();
-            scenario.sea = SeaConfig::jonswap(1.0, 5.0);
-        }
-        if let Some(hull) = &args.hull {
-            let installed = scenario.install_hull(&mut nodes, hull);
-            installed.map_err(|e| CliError::because("--hull", e))?;
-        }
-        if let Some(planner) = args.planner {
-            planner.select(&mut nodes);
-        }
-        if let Some(autopilot) = args.autopilot {
-            scenario.drone.autopilot.firmware = match autopilot {
-                Autopilot::Px4 => Firmware::Px4,
-                Autopilot::Ardupilot => Firmware::ArduCopter,
-            };
-        }
-        if let Some(course) = args.vessel {
-            scenario.vessel.course = course.into();
-        }
-        if let Some(speed) = args.speed {
-            if !scenario.vessel.course.is_under_way() {
-                return Err(CliError(format!(
-                    "--speed {speed}: the vessel is not under way and has no speed; name her course with --vessel \
-                     straight, square, zigzag, turn or speed-change"
-                )));
-            }
-            scenario.vessel.speed_mps = speed;
-        }
-        match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
-            true => scenario.differ_from_belief(&mut nodes),
-            false => scenario.draws.on = false,
-        }
-        match args.wind {
-            None => {}
-            Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
-            Some(WindArg::Auto) => scenario.raise_wind(),
-        }
-        if let Some(stay_s) = args.stay {
-            scenario.stay_s = stay_s;
-        }
-        scenario.begin_anyway |= args.begin_anyway;
-        if let Some(outage) = args.outage_at {
-            let lasts_s = args.outage_duration.unwrap_or(f64::INFINITY);
-            let lost = |state| Fault::new(Kind::RadioLost, Moment::In(state), 0.0, lasts_s);
-            scenario.faults.retain(|f| f.kind != Kind::RadioLost);
-            scenario.faults.extend(outage.0.map(lost));
-        }
-        if let Some(path) = &args.deck_motion {
-            let default = DeckMotionConfig::default();
-            scenario.deck_motion = Some(DeckMotionConfig {
-                file: path.into(),
-                scale: args.motion_scale.unwrap_or(default.scale),
-                speed: args.motion_speed.unwrap_or(default.speed),
-                start_s: args.motion_start.unwrap_or(default.start_s),
-                keep_mean: args.keep_mean || default.keep_mean,
-                ..default
-            });
-        }
-        let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
-        if let Some(motion) = &mut scenario.deck_motion
-            && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
-        {
-            let file = motion.file.display();
-            remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
-            let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
-            if facts.heave && !is_sea_given {
-                motion.water_follows = true;
-                scenario.sea = SeaConfig::paper(0.0, 5.0);
-                sea = "with the deck".into();
-            } else if facts.heave && args.deck_motion.is_some() {
-                remarks.push(format!(
-                    "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
-                     sink into the water; without --sea, --sea-state and --scenario the water follows"
-                ));
-            }
+        remarks.extend(airframe_remark(args, &scenario, &nodes));
+        let mut sea = set_sea(args, &mut scenario);
+        set_vehicles(args, &mut scenario, &mut nodes)?;
+        set_conditions(args, &mut scenario);
+        if set_deck_motion(args, &mut scenario, &mut remarks)? {
+            sea = "with the deck".into();
         }
         scenario.sensors.render.on |= args.render_camera;
         scenario.check(&Keys::ROOT)?;
@@ -193,6 +107,132 @@ impl Scene {
     }
 }
 
+/// A remark where the drone that flies is not the one that its file describes.
+fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -> Option<String> {
+    let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
+    (args.drone_config.is_some() && flies != believed).then(|| {
+        format!(
+            "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config gives \
+             ({} kg): set both alike, unless the difference is meant",
+            flies.mass_kg, believed.mass_kg
+        )
+    })
+}
+
+/// Sets the sea of the flags; returns the sea's name.
+fn set_sea(args: &SceneArgs, scenario: &mut Scenario) -> String {
+    if let Some(given) = &args.sea {
+        scenario.sea = given.config.clone();
+        return given.text.clone();
+    }
+    if let Some(state) = args.sea_state {
+        scenario.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
+        return format!("sea state {state}");
+    }
+    if args.scenario.is_some() {
+        return "scenario".into();
+    }
+    if args.hull.is_some() {
+        scenario.sea = SeaConfig::jonswap(1.0, 5.0);
+        return "jonswap:1,5".into();
+    }
+    "moderate".into()
+}
+
+/// Sets hull, planner, autopilot and course of the flags, and draws the differences from what the nodes assume.
+fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfigs) -> Result<(), CliError> {
+    if let Some(hull) = &args.hull {
+        let installed = scenario.install_hull(nodes, hull);
+        installed.map_err(|e| CliError::because("--hull", e))?;
+    }
+    if let Some(planner) = args.planner {
+        planner.select(nodes);
+    }
+    if let Some(autopilot) = args.autopilot {
+        scenario.drone.autopilot.firmware = match autopilot {
+            AutopilotArg::Px4 => Firmware::Px4,
+            AutopilotArg::Ardupilot => Firmware::ArduCopter,
+        };
+    }
+    if let Some(course) = args.vessel {
+        scenario.vessel.course = course.into();
+    }
+    if let Some(speed) = args.speed {
+        if !scenario.vessel.course.is_under_way() {
+            return Err(CliError(format!(
+                "--speed {speed}: the vessel is not under way and has no speed; name her course with --vessel \
+                 straight, square, zigzag, turn or speed-change"
+            )));
+        }
+        scenario.vessel.speed_mps = speed;
+    }
+    match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
+        true => scenario.differ_from_belief(nodes),
+        false => scenario.draws.on = false,
+    }
+    Ok(())
+}
+
+/// Sets wind, stay on the deck, and outage and start of the mission by the flags.
+fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
+    match args.wind {
+        None => {}
+        Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
+        Some(WindArg::Auto) => scenario.raise_wind(),
+    }
+    if let Some(stay_s) = args.stay {
+        scenario.stay_s = stay_s;
+    }
+    scenario.begin_anyway |= args.begin_anyway;
+    if let Some(outage) = args.outage_at {
+        let lasts_s = args.outage_duration.unwrap_or(f64::INFINITY);
+        let lost = |state| Fault::new(Kind::RadioLost, Moment::In(state), 0.0, lasts_s);
+        scenario.faults.retain(|f| f.kind != Kind::RadioLost);
+        scenario.faults.extend(outage.0.map(lost));
+    }
+}
+
+/// Sets the recorded motion of the deck, whose file is read; true where the water follows the deck.
+fn set_deck_motion(
+    args: &SceneArgs,
+    scenario: &mut Scenario,
+    remarks: &mut Vec<String>,
+) -> Result<bool, CliError> {
+    if let Some(path) = &args.deck_motion {
+        let default = DeckMotionConfig::default();
+        scenario.deck_motion = Some(DeckMotionConfig {
+            file: path.into(),
+            scale: args.motion_scale.unwrap_or(default.scale),
+            speed: args.motion_speed.unwrap_or(default.speed),
+            start_s: args.motion_start.unwrap_or(default.start_s),
+            keep_mean: args.keep_mean || default.keep_mean,
+            ..default
+        });
+    }
+    let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
+    let Some(motion) = &mut scenario.deck_motion else {
+        return Ok(false);
+    };
+    let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))? else {
+        return Ok(false);
+    };
+    let file = motion.file.display();
+    remarks.extend(facts.remarks.iter().map(|r| format!("{file}: {r}")));
+    let is_sea_given = args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some();
+    if facts.heave && !is_sea_given {
+        motion.water_follows = true;
+        scenario.sea = SeaConfig::paper(0.0, 5.0);
+        return Ok(true);
+    }
+    if facts.heave && args.deck_motion.is_some() {
+        remarks.push(format!(
+            "{file}: the deck heaves, and the water of the given sea does not follow it: the deck may \
+             sink into the water; without --sea, --sea-state and --scenario the water follows"
+        ));
+    }
+    Ok(false)
+}
+
 /// A flag as a shell reads it.
 fn written(name: &str, value: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
@@ -228,7 +268,7 @@ fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfig
     Ok((nodes, drone.view.knots))
 }
 
-/// The configuration of a computer, its defaults without a file. A hull's file is none, and the error says where it
+/// The configuration of a computer, its defaults without a file. A hull's file is not one, and the error names where it
 /// belongs.
 fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
     let Some(path) = file else {

@@ -69,7 +69,7 @@ struct Broken {
     shrunk: Storm,
 }
 
-/// The same as a row.
+/// A broken rule as a row.
 #[derive(Serialize)]
 struct BrokenRow<'a> {
     seed: u64,
@@ -160,7 +160,7 @@ fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// How often each kind began in each state, and how often a storm was aimed at that; which kinds began in which flights, and
+/// Counts of the begins of each kind in each state, and of the storms that were aimed at that; which kinds began in which flights, and
 /// faults in which states of them.
 #[derive(Default)]
 struct Coverage {
@@ -250,7 +250,23 @@ fn read(path: &Path) -> Result<Storm, CliError> {
         )));
     }
     let text = std::fs::read_to_string(path).doing(doing)?;
-    Storm::read(&text).doing(doing)
+    Storm::read(&text).map_err(|e| {
+        let error = e.to_string();
+        CliError(match missing(&error) {
+            Some(key) => format!("{doing}: the key `{key}` is missing; write it above the first [[fault]]"),
+            None => format!("{doing}: {error}"),
+        })
+    })
+}
+
+/// Key of the whole list that is missing by an error of the parser, which points at the first line for lack of an entry.
+fn missing(error: &str) -> Option<&str> {
+    let key = error.split_once("missing field `")?.1.split('`').next()?;
+    let whole = Storm::drawn(1, 0).text();
+    whole
+        .lines()
+        .any(|line| line.split(" = ").next() == Some(key))
+        .then_some(key)
 }
 
 /// Flies a list and shows what happens.
@@ -394,6 +410,22 @@ mod tests {
         let begun = [summary.kinds_in_flights_begun, summary.states_in_flights_begun];
         assert_eq!((begun, summary.pairs_begun), ([2, 2], 2));
         assert!(summary.states_in_flights > 60 && summary.kinds_in_flights == 9 * summary.kinds);
+    }
+
+    #[test]
+    fn list_without_a_key() {
+        let path = std::env::temp_dir().join(format!("alight-list-{}.toml", std::process::id()));
+        for (key, advice) in [("wind_mps", "above the first [[fault]]"), ("kind", "[[fault]]\n")] {
+            let text = Storm::drawn(1, 2).text();
+            let lines = text.lines().filter(|l| !l.starts_with(&format!("{key} = ")));
+            std::fs::write(&path, lines.collect::<Vec<_>>().join("\n")).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            assert!(
+                error.contains(&format!("`{key}`")) && error.contains(advice),
+                "{error}"
+            );
+        }
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]

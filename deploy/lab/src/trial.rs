@@ -4,7 +4,7 @@ use alight_computer::config::view::ViewConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::playback::{StartViewer, Viewer};
 use alight_computer::terminal::{self, note};
-use alight_shared::msg::ComputerReport;
+use alight_shared::msg::{ComputerReport, Reason, ReasonCode};
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
 use crate::args::TrialArgs;
@@ -18,8 +18,10 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
         chart::can_write(path)?;
     }
     let elapsed = stopwatch();
+    let mut newest = Reason::default();
     let mut show = |event: &Event| {
         let Event::Phase { t_s, name, reason } = event;
+        newest = *reason;
         let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
         // With --json the object is the only thing on standard output.
         note(args.form.alone(), line);
@@ -31,11 +33,15 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
     let (flight, recorded) = flown(args, &scene, watch, viewer)?;
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
+    let matched = (newest.code == ReasonCode::Matched).then(|| newest.to_string());
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
         chart::landing::write(trace, &chart::landing::title(&outcome), path)?;
     }
     if !args.form.print(&outcome, &[&outcome])? {
-        terminal::line(format_args!("\n{}", outcome_table::outcome(&outcome)));
+        terminal::line(format_args!(
+            "\n{}",
+            outcome_table::outcome(&outcome, matched.as_deref())
+        ));
         if let Some(path) = &args.plot {
             terminal::line(format_args!("plot: {}", path.display()));
         }
@@ -44,7 +50,7 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
         }
     }
     recorded?;
-    Ok(Exit::of(outcome.success))
+    Ok(Exit::of(outcome.success || matched.is_some()))
 }
 
 fn flown(
@@ -58,7 +64,7 @@ fn flown(
         let flown = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch);
         return Ok((flown.doing("setting up the trial")?, Ok(())));
     }
-    let subject = record::Subject {
+    let subject = record::RecordingScene {
         scenario: &scene.scenario,
         nodes: &scene.nodes,
         seed: args.seed,

@@ -40,7 +40,7 @@ pub fn in_parallel<T: Sync, R: Send>(
     results
 }
 
-/// One landing that nobody watches, with the time that it took.
+/// One landing without a viewer, with the time that it took.
 pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) -> Result<Outcome, CliError> {
     let elapsed = stopwatch();
     let watch = Watch {
@@ -68,7 +68,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 /// Flies `count` landings and sums up.
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
-    // The first question puts the handler in place: a signal from here on ends the study with what was flown.
+    // The first call installs the handler: a signal from here on ends the study with what was flown.
     if end_requested() {
         return Ok(Exit::Failed);
     }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
 
 use alight_computer::exit::{CliError, Exit};
-use alight_computer::terminal::{self, wrap};
+use alight_computer::terminal::{self, WIDTH, wrap};
 use alight_shared::msg::{DECK_CLOSED, Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
@@ -18,7 +18,7 @@ const MAX_SHOWN: usize = 5;
 /// Message to explain.
 #[derive(Args, Debug)]
 pub struct ExplainArgs {
-    /// Code of a reason or text of a message, such as: deck not seen yet [default: all messages]
+    /// Code of a reason or text of a message, such as: deck not detected yet [default: all messages]
     #[arg(value_name = "CODE|MESSAGE")]
     pub message: Vec<String>,
 }
@@ -165,9 +165,9 @@ fn lines(explained: &Explained) -> String {
         explained.advice
     };
     let mut out = String::new();
-    wrap(&mut out, 0, &explained.text);
+    wrap(&mut out, 0, WIDTH, &explained.text);
     out += "\n ";
-    wrap(&mut out, 2, advice);
+    wrap(&mut out, 2, WIDTH, advice);
     out
 }
 
@@ -184,10 +184,18 @@ mod tests {
     }
 
     #[test]
+    fn advice_in_strong_wind() {
+        use ReasonCode::{Deviated, LikelySlides, LikelyTilted, NoVision, TooFar, TooFast};
+        for code in [Deviated, LikelySlides, LikelyTilted, NoVision, TooFar, TooFast] {
+            assert!(advice(code).contains("wind"), "{code:?}");
+        }
+    }
+
+    #[test]
     fn messages_by_their_text_and_code() {
         let all = all();
         let found = |query: &str| matching(&all, query).first().map(|e| e.code.clone());
-        assert_eq!(found("waits: deck not seen yet"), Some("NoVision".into()));
+        assert_eq!(found("waits: deck not detected yet"), Some("NoVision".into()));
         assert_eq!(found("novision"), Some("NoVision".into()));
         assert_eq!(
             found("deck forecast 150.00 s old (limit 0.30)"),
@@ -207,7 +215,7 @@ mod tests {
     #[test]
     fn lines_of_every_message_within_a_terminal() {
         for line in all().iter().map(lines).collect::<Vec<_>>().join("\n").lines() {
-            assert!(line.chars().count() <= terminal::WIDTH, "{line}");
+            assert!(line.chars().count() <= WIDTH, "{line}");
         }
     }
 

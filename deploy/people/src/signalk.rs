@@ -1,4 +1,4 @@
-//! What a computer knows as deltas for a Signal K server: values below `alight`, and findings as notifications.
+//! State of a computer as deltas for a Signal K server: values below `alight`, and findings as notifications.
 //!
 //! Each path is one computer's, and its `$source` names that: `alight.deck`, `alight.helm` and what is below `alight.vessel`
 //! are the vessel's, what is below `alight.drones.N` is drone N's. `alight.landing` is the worst of both; the vessel's computer
@@ -15,7 +15,7 @@ use alight_shared::msg::{DroneContact, VesselStatus};
 use serde_json::{Value, json};
 
 use crate::status::Status;
-use crate::status::finding::{Finding, Level};
+use crate::status::finding::{Finding, FindingLevel};
 use crate::status::go::Go;
 use crate::status::vessel::{LOST_CONTACT_S, own_go};
 
@@ -26,13 +26,13 @@ const ROOT: &str = "alight";
 /// Decimals of a coordinate in degrees: 1 cm.
 const PLACE: f64 = 1e7;
 
-/// What a server has of a path, and since when, ns.
-type Sent = (Value, i64);
+/// Value of a path on a server, and since when, ns.
+type SentValue = (Value, i64);
 
 /// The deltas of a computer.
 #[derive(Debug, Default)]
 pub struct Deltas {
-    sent: BTreeMap<String, Sent>,
+    sent: BTreeMap<String, SentValue>,
     /// Topics of findings that were not fine once: those are reported as normal afterwards.
     topics: BTreeSet<&'static str>,
     /// Paths whose unit and meaning the server has.
@@ -49,7 +49,7 @@ impl Deltas {
     pub fn delta(&mut self, status: &Status, now_ns: i64) -> Option<String> {
         let own = own(&status.situation.known);
         let mut all = values(status, &own);
-        let bad = status.findings.iter().filter(|f| f.level > Level::Fine);
+        let bad = status.findings.iter().filter(|f| f.level > FindingLevel::Fine);
         self.topics.extend(bad.map(|f| f.topic));
         for topic in &self.topics {
             let path = format!("notifications.{ROOT}.{own}.{topic}");
@@ -123,7 +123,7 @@ fn own(known: &ComputerReport) -> String {
 }
 
 /// Whether a value is to be sent over the one that a server has. Of a notification its state is what calls people.
-fn is_due((sent, at_ns): &Sent, value: &Value, now_ns: i64) -> bool {
+fn is_due((sent, at_ns): &SentValue, value: &Value, now_ns: i64) -> bool {
     let of = |v: &Value| v.get("state").cloned();
     let is_text = of(value).is_some() && of(value) == of(sent);
     value != sent && (!is_text || now_ns.saturating_sub(*at_ns) >= TEXT_NS)
@@ -134,9 +134,9 @@ fn notification(findings: &[Finding], topic: &str) -> Value {
     let all = || findings.iter().filter(|f| f.topic == topic);
     let worst = all().map(|f| f.level).max().unwrap_or_default();
     let (state, method): (_, &[&str]) = match worst {
-        Level::Fine => ("normal", &[]),
-        Level::Warning => ("warn", &["visual"]),
-        Level::Broken => ("alarm", &["visual", "sound"]),
+        FindingLevel::Fine => ("normal", &[]),
+        FindingLevel::Warning => ("warn", &["visual"]),
+        FindingLevel::Broken => ("alarm", &["visual", "sound"]),
     };
     let text = |f: &Finding| match f.remedy.is_empty() {
         true => f.found.clone(),
@@ -205,8 +205,8 @@ fn of_vessel(own: &str, vessel: &VesselStatus, all: &mut Vec<(String, Value)>) {
 
 fn of_drone(own: &str, status: &Status, all: &mut Vec<(String, Value)>) {
     let s = &status.situation;
-    let autopilot = s.seen.autopilot.fresh(s.now_ns);
-    let place = s.seen.drone.fresh(s.now_ns).map(|d| {
+    let autopilot = s.snapshot.autopilot.fresh(s.now_ns);
+    let place = s.snapshot.drone.fresh(s.now_ns).map(|d| {
         let place = d
             .datum
             .at(&Vector::<DroneNed>::from(d.position() - d.datum_offset()));
@@ -234,7 +234,7 @@ fn rounded(x: f64, steps: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::Topic;
+    use crate::status::finding::FindingTopic;
     use alight_computer::config::{DroneComputer, VesselComputer};
     use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;
@@ -287,7 +287,7 @@ mod tests {
         Status {
             go,
             situation: Situation::of(&snapshot, 0),
-            ..with_findings(vec![Topic("processes").warning("late", "look")])
+            ..with_findings(vec![FindingTopic("processes").warning("late", "look")])
         }
     }
     fn vessel() -> ComputerReport {
@@ -387,7 +387,7 @@ mod tests {
     #[test]
     fn notifications_by_their_state() {
         let mut deltas = Deltas::default();
-        let link = Topic("link");
+        let link = FindingTopic("link");
         let old = |age: &str| {
             with_findings(vec![
                 link.warning(format!("{age} old"), "antenna"),
@@ -405,7 +405,7 @@ mod tests {
         assert_eq!(deltas.delta(&old("2 s"), 2 * S), None);
         assert!(at(&sent(deltas.delta(&old("9 s"), 11 * S))).is_some());
         // Another state at once; what is fine from the start is not sent.
-        let broken = with_findings(vec![link.broken("none", ""), Topic("deck").fine("free")]);
+        let broken = with_findings(vec![link.broken("none", ""), FindingTopic("deck").fine("free")]);
         let worse = sent(deltas.delta(&broken, 12 * S));
         assert_eq!(
             worse.keys().collect::<Vec<_>>(),
@@ -426,11 +426,11 @@ mod tests {
     fn values_of_a_vessel_and_what_is_not_known_any_more() {
         let reported = Facts::vessel(&VesselComputer::default()).report;
         let status = |drones: &[DroneContact]| {
-            let mut seen = Snapshot {
+            let mut snapshot = Snapshot {
                 computer: reported.into(),
                 ..Snapshot::default()
             };
-            seen.vessel.set(
+            snapshot.vessel.set(
                 0,
                 Some(VesselStatus {
                     deck_owner: Some(3),
@@ -438,7 +438,7 @@ mod tests {
                     ..VesselStatus::default()
                 }),
             );
-            Status::of(Situation::of(&seen, 0))
+            Status::of(Situation::of(&snapshot, 0))
         };
         let mut deltas = Deltas::default();
         let all = sent(deltas.delta(&status(&[contact(1.0)]), 0));
@@ -449,7 +449,7 @@ mod tests {
         assert_eq!(lost["alight.vessel.drones.3.received"], false);
         let gone = sent(deltas.delta(&status(&[]), 2 * S));
         assert_eq!(gone["alight.vessel.drones.3.battery"], Value::Null);
-        // It is said once, and kept no longer.
+        // It is sent once, and kept no longer.
         assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
         let later = sent(deltas.delta(&status(&[]), 3 * S));
         assert!(later.keys().all(|p| !p.contains("drones.3")), "{later:?}");

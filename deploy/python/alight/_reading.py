@@ -83,7 +83,7 @@ def read(
 
 
 def _summary(directory: str) -> Optional[Dict[str, Any]]:
-    """`flight.json`; None where there is none: the supervisor of a service writes it, `alight land --log` does not."""
+    """`flight.json`, which a service or `alight land --log` writes; None where it is missing."""
     try:
         with open(os.path.join(directory, "flight.json"), encoding="utf-8") as file:
             return json.loads(file.read(MAX_SUMMARY))

@@ -114,7 +114,7 @@ fn link_version(root: &Path) -> String {
     format!("{hash:016x}")
 }
 
-/// What is wrong with the tables of flights with makers' firmware: each names our version, and says where what flew has
+/// Faults of the tables of flights with makers' firmware: each names our version, and states where what flew has
 /// changed since.
 fn stale_tables(page: &str, link: &str) -> Vec<String> {
     let mut wrong = Vec::new();
@@ -129,12 +129,12 @@ fn stale_tables(page: &str, link: &str) -> Vec<String> {
                 continue;
             };
             let after = page.split(block).nth(1).unwrap_or_default();
-            let said = after
+            let is_stated = after
                 .trim_start()
                 .starts_with("The link and the pilot have changed since");
-            if !flown.contains(&format!("link {link}")) && !said {
+            if !flown.contains(&format!("link {link}")) && !is_stated {
                 wrong.push(format!(
-                    "flown with {flown}, and nothing says that the link is {link} now"
+                    "flown with {flown}, and nothing states that the link is {link} now"
                 ));
             }
         }

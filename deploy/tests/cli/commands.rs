@@ -247,6 +247,21 @@ fn printed_configurations() {
 }
 
 #[test]
+fn match_that_succeeds() {
+    let mode = "[drone.mission]\nmode = \"match\"\nlowest_clearance_m = 2.0\n";
+    let drone = file("match.toml", mode);
+    let o = alight(format!("trial --sea calm --drone-config {drone}"));
+    let text = stdout(&o);
+    assert_eq!(o.status.code(), Some(0), "{text}{}", stderr(&o));
+    for part in [
+        "matched: matched the deck at 2.0 m",
+        ", 1 attempt, 0 unsafe contacts",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}
+
+#[test]
 fn interrupted_trials() {
     let child = Command::new(env!("CARGO_BIN_EXE_alight"))
         .args("trial --trials 100000 --jobs 1 --sea calm".split_whitespace())
@@ -360,6 +375,25 @@ fn help_on_first_commands() {
 }
 
 #[test]
+fn help_of_one_order() {
+    let o = alight("command takeoff --help");
+    let text = stdout(&o);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    for part in [
+        "Take off from the deck",
+        "alight command takeoff [OPTIONS]",
+        "--drone",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert!(
+        !text.contains("--height") && !text.contains("--standing"),
+        "{text}"
+    );
+    assert!(stdout(&alight("command --help")).contains("--height"));
+}
+
+#[test]
 fn study_shards_and_resumption() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
     let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
@@ -396,8 +430,8 @@ fn study_shards_and_resumption() {
 fn envelope_resumption_with_more_landings() {
     let out = scratch("envelope");
     let envelope = |trials: u32| {
-        let words = "study envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
-        let o = alight(format!("{words} {trials} --out {}", out.display()));
+        let arguments = "study envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
+        let o = alight(format!("{arguments} {trials} --out {}", out.display()));
         assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         (json(&o), std::fs::read_to_string(out.join("rows.csv")).unwrap())
     };
@@ -417,8 +451,8 @@ fn envelope_resumption_with_more_landings() {
 fn study_of_paired_planners() {
     let out = scratch("paired");
     let study = |more: &str| {
-        let words = "study table2 --trials 1 --seed0 70 --planners alight,mpc --json --out";
-        alight(format!("{words} {} {more}", out.display()))
+        let arguments = "study table2 --trials 1 --seed0 70 --planners alight,mpc --json --out";
+        alight(format!("{arguments} {} {more}", out.display()))
     };
     let rows = json(&study(""));
     let rows = rows.as_array().unwrap();

@@ -1,7 +1,7 @@
 //! `alight estimate`: reports of readable recordings, exit code 2 and a reason for others.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
-/// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.
+/// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver measure it at 5 Hz.
 fn nmea() -> String {
     let sentence = |body: String| {
         let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
@@ -33,8 +33,8 @@ fn estimate_of_an_nmea_log() {
     let o = alight(format!("estimate {name}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let text = stdout(&o);
-    for says in ["NMEA 0183, 179.8 s", "attitude 0", "Hs", "mean NIS", "0.5 s"] {
-        assert!(text.contains(says), "{says} is missing in:\n{text}");
+    for part in ["NMEA 0183, 179.8 s", "attitude 0", "Hs", "mean NIS", "0.5 s"] {
+        assert!(text.contains(part), "{part} is missing in:\n{text}");
     }
     assert!(text.lines().all(|l| l.chars().count() <= 100), "{text}");
     let o = alight(format!("estimate {name} --json"));
@@ -140,7 +140,7 @@ fn estimate_of_an_unreadable_file() {
             "never started",
         ),
     ];
-    let of_log = |(name, bytes, says): (&str, &[u8], _)| (format!("estimate {}", file(name, bytes)), says);
+    let of_log = |(name, bytes, part): (&str, &[u8], _)| (format!("estimate {}", file(name, bytes)), part);
     assert_rejected(&logs.map(of_log));
     assert_rejected(&[
         ("estimate /nonexistent/boat.csv".into(), "/nonexistent/boat.csv"),

@@ -76,8 +76,8 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
     bytes
 }
 
-/// A message of one kind, read from what came: it is refused, or it is sound enough to be checked and sent again.
-fn hears<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
+/// A message of one kind, read from what came: it is rejected, or it is sound enough to be checked and sent again.
+fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     let message = wire::decode::<M>(bytes).ok()?;
     assert!(bytes.len() <= MAX_WIRE_BYTES);
     let again = wire::encode(&message).expect("what was decoded is encoded");
@@ -85,18 +85,18 @@ fn hears<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     Some(message)
 }
 
-/// All that listens on the radio hears it.
-fn all_hear(bytes: &[u8]) {
-    let _sound = hears::<VesselEstimate<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<WaveModel<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = hears::<DroneStatus>(bytes).map(|m| m.check());
-    hears::<TimeRequest<DroneClock>>(bytes);
-    hears::<TimeReply<VesselClock, DroneClock>>(bytes);
-    hears::<ProcessState>(bytes);
+/// All that is received on the radio takes it.
+fn decode_all(bytes: &[u8]) {
+    let _sound = decoded::<VesselEstimate<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<WaveModel<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<DroneStatus>(bytes).map(|m| m.check());
+    decoded::<TimeRequest<DroneClock>>(bytes);
+    decoded::<TimeReply<VesselClock, DroneClock>>(bytes);
+    decoded::<ProcessState>(bytes);
 }
 
 /// One sound message of each kind.
@@ -160,7 +160,7 @@ fn sound() -> Vec<Vec<u8>> {
     .into()
 }
 
-/// A file is refused, or what it says passes every check.
+/// A file is rejected, or its content passes every check.
 fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
     if let Ok(config) = config::parse::<C>(text, "fuzz") {
         let again = toml::to_string(&config).expect("what was read is written");
@@ -171,13 +171,13 @@ fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
 proptest! {
     #[test]
     fn arbitrary_radio_messages(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
-        all_hear(&bytes);
+        decode_all(&bytes);
     }
 
     #[test]
     fn damaged_radio_messages(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
         let good = sound();
-        all_hear(&damaged(good[which % good.len()].clone(), &all));
+        decode_all(&damaged(good[which % good.len()].clone(), &all));
     }
 
     #[test]
@@ -210,7 +210,7 @@ proptest! {
     }
 }
 
-/// The program's runs are slower than a call: so many unless PROPTEST_CASES says otherwise.
+/// The program's runs are slower than a call: so many unless PROPTEST_CASES sets another number.
 fn runs() -> ProptestConfig {
     ProptestConfig {
         cases: std::env::var("PROPTEST_CASES")
@@ -242,7 +242,7 @@ fn recorded() -> &'static [u8] {
     })
 }
 
-/// Its steps of the nodes, in their order.
+/// The steps of the nodes, in their order.
 fn steps() -> &'static [mcap::Message<'static>] {
     static STEPS: OnceLock<Vec<mcap::Message<'static>>> = OnceLock::new();
     STEPS.get_or_init(|| {
@@ -254,7 +254,7 @@ fn steps() -> &'static [mcap::Message<'static>] {
     })
 }
 
-/// Other bytes in a step's input, as many as before: what a decoder takes rather than refuses.
+/// Other bytes in a step's input, as many as before: what a decoder takes rather than rejects.
 #[derive(Clone, Debug)]
 enum Wrong {
     Bytes(Damage),
@@ -321,7 +321,7 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     Ok(())
 }
 
-/// A checksum of the file's refuses other bytes before a step is read (310 of 313 files with damaged bytes);
+/// A checksum of the file rejects other bytes before a step is read (310 of 313 files with damaged bytes);
 /// here the nodes get them.
 #[test]
 fn corrupted_steps_of_a_recording() {
@@ -340,7 +340,7 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // Replay contains a panic and says this of it; of what the decoder refuses it names the step.
+        // Replay contains a panic and reports this; of input that the decoder rejects it names the step.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"

@@ -50,7 +50,7 @@ const APART: [(&str, &[&str]); 2] = [
     ("deploy/lab", &["alight-people"]),
 ];
 
-/// What each file of a package imports: its module, and the modules of the others.
+/// Imports of each file of a package: its module, and the modules of the others.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
 fn sources(directory: &Path) -> Vec<PathBuf> {
@@ -100,7 +100,7 @@ fn paths(text: &str) -> Vec<String> {
     found
 }
 
-/// The module that `path`, seen from the module `from`, leads into.
+/// The module that `path`, relative to the module `from`, leads into.
 fn target(path: &str, from: &str, modules: &BTreeSet<String>) -> String {
     let mut at: Vec<&str> = from.split("::").filter(|p| !p.is_empty()).collect();
     for part in path.split("::") {
@@ -204,7 +204,7 @@ fn module_layers() {
     assert!(upward.is_empty(), "{upward:#?}");
 }
 
-/// What a package depends on, by its manifest, without what only its tests need.
+/// Dependencies of a package, by its manifest, without those that only its tests need.
 fn dependencies(name: &str) -> String {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("..")

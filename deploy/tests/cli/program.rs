@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// `alight WORDS`, to its end.
-pub fn alight(words: impl AsRef<str>) -> Output {
+/// `alight ARGUMENTS`, to its end.
+pub fn alight(arguments: impl AsRef<str>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(words.as_ref().split_whitespace())
+        .args(arguments.as_ref().split_whitespace())
         .output()
         .expect("the program runs")
 }
@@ -25,12 +25,12 @@ pub fn file(name: &str, content: impl AsRef<[u8]>) -> String {
     path.display().to_string()
 }
 
-/// What it printed.
+/// Standard output.
 pub fn stdout(o: &Output) -> String {
     String::from_utf8_lossy(&o.stdout).into_owned()
 }
 
-/// What it said to a person.
+/// Standard error.
 pub fn stderr(o: &Output) -> String {
     String::from_utf8_lossy(&o.stderr).into_owned()
 }
@@ -42,11 +42,14 @@ pub fn json(o: &Output) -> serde_json::Value {
 
 /// Each of these commands exits with code 2, names what is wrong with it, and does not panic.
 pub fn assert_rejected(cases: &[(String, &str)]) {
-    for (words, names) in cases {
-        let o = alight(words);
+    for (arguments, names) in cases {
+        let o = alight(arguments);
         let errors = stderr(&o);
-        assert_eq!(o.status.code(), Some(2), "{words}: {errors}");
-        assert!(errors.contains(names), "{words} does not name {names}: {errors}");
-        assert!(!errors.contains("panicked"), "{words}");
+        assert_eq!(o.status.code(), Some(2), "{arguments}: {errors}");
+        assert!(
+            errors.contains(names),
+            "{arguments} does not name {names}: {errors}"
+        );
+        assert!(!errors.contains("panicked"), "{arguments}");
     }
 }

@@ -216,8 +216,8 @@ fn displayed_topics_of_a_recording() {
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.as_ref().unwrap();
-    // Announced is not enough: something was said there.
-    let seen: BTreeSet<(String, String)> = summary
+    // Announced is not enough: something was published there.
+    let topics: BTreeSet<(String, String)> = summary
         .channels
         .values()
         .filter(|c| stats.channel_message_counts.get(&c.id).is_some_and(|n| *n > 0))
@@ -237,8 +237,8 @@ fn displayed_topics_of_a_recording() {
         ("/plan", "solver.Solver"),
     ] {
         assert!(
-            seen.contains(&(topic.into(), schema.into())),
-            "{topic} {schema} in {seen:?}"
+            topics.contains(&(topic.into(), schema.into())),
+            "{topic} {schema} in {topics:?}"
         );
     }
     let statistics = summary.stats.as_ref().unwrap();
@@ -257,9 +257,9 @@ fn displayed_topics_of_a_recording() {
 
 #[test]
 fn deck_calibration_of_a_recording() {
-    let refused = format!("calibrate deck {}", recorded().0.display());
-    assert_rejected(&[(refused, "leave the drone on the deck")]);
-    // Nothing is seen of a tag of 1 m from where the drone stands.
+    let rejected = format!("calibrate deck {}", recorded().0.display());
+    assert_rejected(&[(rejected, "leave the drone on the deck")]);
+    // No part is visible of a tag of 1 m from where the drone stands.
     let stays = "stay_s = 40.0\n[deck]\ntag_side_m = 1.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
     let drone = file("one-tag.toml", "[drone.deck]\ntag_side_m = 1.0\n");
     let (scene, recording) = (
@@ -275,7 +275,7 @@ fn deck_calibration_of_a_recording() {
     let centre = found["centre_m"].as_array().unwrap();
     for (axis, truth) in centre.iter().zip([0.0, 0.0, -1.3]) {
         let [value, sd] = ["value", "sd"].map(|k| axis[k].as_f64().unwrap());
-        // Receivers a metre apart, and nobody said where on the deck it stands.
+        // Receivers a metre apart, and no flag states where on the deck it stands.
         assert!(sd > 0.05 && (value - truth).abs() < 3.0 * sd + 0.15, "{found}");
     }
     assert!(
@@ -296,7 +296,7 @@ fn deck_calibration_of_a_recording() {
         output.contains("roll   not observable") && output.contains("GNSS antenna"),
         "{output}"
     );
-    // A weight that lies in waves tells no more.
+    // A weight that lies in waves gives no more.
     let loaded = format!("calibrate vessel {recording} --loaded-log {recording} --weight");
     let vessel = alight(format!("{loaded} 60,1.4,0.9"));
     let output = stdout(&vessel);

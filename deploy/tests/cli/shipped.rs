@@ -35,10 +35,10 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
-/// What `alight WORDS` prints.
-fn printed(words: &str) -> String {
-    let out = alight(words);
-    assert!(out.status.success(), "{words}: {out:?}");
+/// Output of `alight ARGUMENTS`.
+fn printed(arguments: &str) -> String {
+    let out = alight(arguments);
+    assert!(out.status.success(), "{arguments}: {out:?}");
     stdout(&out)
 }
 
@@ -94,7 +94,7 @@ fn shipped_configurations() {
     }
 }
 
-/// Words of the instruction of that name in the container's file, each of its lines.
+/// Arguments of the instruction of that name in the container's file, each of its lines.
 fn instructions(text: &str, name: &str) -> Vec<Vec<String>> {
     let lines = text
         .lines()
@@ -129,9 +129,9 @@ fn container_copies_what_there_is() {
     for image in images.iter().flatten() {
         assert!(image.contains('=') && !image.contains('/'), "{image}");
     }
-    for words in instructions(&text, "COPY") {
-        let (source, from_stage) = match words.first() {
-            Some(stage) if stage.starts_with("--from=") => (&words[1], true),
+    for arguments in instructions(&text, "COPY") {
+        let (source, from_stage) = match arguments.first() {
+            Some(stage) if stage.starts_with("--from=") => (&arguments[1], true),
             Some(source) => (source, false),
             None => panic!("COPY of nothing"),
         };
@@ -141,7 +141,7 @@ fn container_copies_what_there_is() {
         } else {
             shipped("..").join(source).exists()
         };
-        assert!(is_there, "COPY {}", words.join(" "));
+        assert!(is_there, "COPY {}", arguments.join(" "));
     }
     assert_eq!(instructions(&text, "USER"), [["alight"]]);
 }

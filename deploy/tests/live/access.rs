@@ -1,4 +1,4 @@
-//! Access to the radio: real zenoh clients whose messages must be rejected, beside one that is admitted. Nothing
+//! Access to the radio: real zenoh clients whose messages must be rejected, next to one that is admitted. Nothing
 //! here asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     ]
 }
 
-/// A vessel and its drone over TLS; both hear each other while `intruders` try the vessel: true when
+/// A vessel and its drone over TLS; both receive each other while `intruders` try the vessel: true when
 /// a message of one of them was accepted.
 fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> bool {
     rejections::listen();
@@ -114,7 +114,7 @@ fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> boo
 
 const STATUS: &str = "alight/drone-1/status";
 
-/// The refusal was noticed, and for what it was: the operator reads it in `alight status`.
+/// The rejection was noticed, and for what it was: the operator reads it in `alight status`.
 #[track_caller]
 fn assert_counted(why: AccessRejection) {
     let counted = rejections::counted();

@@ -20,9 +20,9 @@ use nalgebra::Vector3;
 
 use crate::common::{alight, errors};
 
-/// What a round of the test waits, and how many rounds it waits for anything at most.
+/// Wait of a round of the test, and the number of rounds that it waits for anything at most.
 const ROUND: Duration = Duration::from_millis(4);
-const MOST_ROUNDS: u32 = 10_000;
+const MAX_ROUNDS: u32 = 10_000;
 
 struct Scene {
     instance: memory::Instance,
@@ -83,11 +83,11 @@ impl Scene {
         socket.set_nonblocking(true).unwrap();
         let ours = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         socket.connect(ours).unwrap();
-        let words = format!(
+        let arguments = format!(
             "autopilot --supervised --connect udpin://{ours} --config {}",
             config.display()
         );
-        let child = alight(words)
+        let child = alight(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn()
@@ -154,7 +154,7 @@ impl Scene {
     }
 
     fn until(&mut self, what: &str, done: impl Fn(&Scene) -> bool) {
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             if done(self) {
                 return;
             }
@@ -173,8 +173,8 @@ fn handover_and_takeover_over_udp() {
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         let mut s = Scene::begin(firmware);
         s.until("odometry", |s| s.received > 100);
-        // PX4 refuses until set-points were offered long enough: a person tries again.
-        for _ in 0..MOST_ROUNDS {
+        // PX4 rejects it until set-points were offered long enough: the pilot tries again.
+        for _ in 0..MAX_ROUNDS {
             if s.autopilot.choose(mode_number(firmware, AutopilotMode::Offboard)) {
                 break;
             }

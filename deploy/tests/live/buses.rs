@@ -57,7 +57,7 @@ fn conforms<B: Bus<Error: Debug>>(bus: &B) {
     stale(bus);
 }
 
-/// Of a state the newest, once; of a queue all, in order.
+/// Messages: of a state the newest, once; of a queue all, in order.
 fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
     let (mut states, mut events) = (bus.writer().unwrap(), bus.writer().unwrap());
     let (mut newest, mut all) = (bus.reader::<SetPoint>().unwrap(), bus.reader().unwrap());
@@ -82,10 +82,10 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     sent.for_each(|k| writer.send(&range(2, k)));
     assert_eq!(numbers(&reader.all(0)), (7..=depth + 6).collect::<Vec<_>>());
     assert_eq!(counts(&reader), (1 + u64::from(depth), 5));
-    assert_eq!(writer.unsent(), 0, "a writer waits for nobody");
+    assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
 }
 
-/// A writer that begins anew is read on; a reader that does, and one that joins late, has what is sent from then on.
+/// A writer that begins again is read on; a reader that does, and one that joins late, has what is sent from then on.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     writer.send(&range(3, 90));
@@ -119,7 +119,7 @@ fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     assert!(wake.woke() && !wake.woke());
 }
 
-/// What has waited longer than its topic's limit is read, and is no fresh input.
+/// A message that has waited longer than its topic's limit is read, and is no fresh input.
 fn stale<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     let limit = SetPoint::TOPIC.stale_after;
@@ -142,14 +142,14 @@ fn shared_memory_conforms() {
     in_memory("buses", conforms);
 }
 
-/// What happens to one topic.
+/// Events of one topic.
 #[derive(Clone, Copy, Debug)]
 enum Happens {
     /// The writer sends some.
     Sends(usize),
     /// A reader reads the newest, or all.
     Reads(usize, bool),
-    /// The writer begins anew.
+    /// The writer begins again.
     Restarts,
     /// A reader does.
     Rejoins(usize),
@@ -166,7 +166,7 @@ fn happens() -> impl Strategy<Value = Happens> {
     ]
 }
 
-/// What is read, and counted, while all that happens. Readers see one writer at a time: the order of two is the bus's own.
+/// Messages that are read, and counted, while all that happens. Readers see one writer at a time: the order of two is the bus's own.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();
     let (mut readers, mut writer) = ([0; PORTS].map(join), bus.writer().unwrap());

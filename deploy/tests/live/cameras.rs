@@ -43,7 +43,7 @@ impl Drop for Directory {
     }
 }
 
-/// What the camera of a drone at rest takes, `k / rate_hz` after the start: the deck `below` it in the
+/// Image of the camera of a drone at rest, `k / rate_hz` after the start: the deck `below` it in the
 /// camera's axes (right, aft, down), m.
 fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
     let mount = CameraMount {

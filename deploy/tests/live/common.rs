@@ -18,16 +18,16 @@ thread_local! {
     static USE: RefCell<Option<Use>> = const { RefCell::new(None) };
 }
 
-/// A use of this computer: beside other tests or alone.
+/// A use of this computer: with other tests or alone.
 struct Use {
     alone: bool,
 }
 
 impl Use {
-    /// Waits for it. One that waits to be alone keeps nobody from going on, whose threads may need another use.
+    /// Waits for it. One that waits to be alone keeps no other from going on, whose threads may need another use.
     fn begin(alone: bool) -> Use {
         let (users, changed) = &USERS;
-        let free = |(beside, taken): &mut (usize, bool)| *taken || alone && *beside > 0;
+        let free = |(users, taken): &mut (usize, bool)| *taken || alone && *users > 0;
         let users = users.lock().unwrap_or_else(PoisonError::into_inner);
         let mut users = changed
             .wait_while(users, free)
@@ -55,7 +55,7 @@ impl Drop for Use {
 }
 
 /// This test has the computer alone from now on: on two processors a flight of two computers' processes, with a rendered
-/// camera, stands still for half a second beside another one's start, which ends in the autopilot's hold.
+/// camera, stands still for half a second during another one's start, which ends in the autopilot's hold.
 pub fn alone() {
     USE.with_borrow_mut(|u| {
         *u = None;
@@ -63,35 +63,35 @@ pub fn alone() {
     });
 }
 
-/// This test uses the computer beside others.
-fn beside() {
+/// This test uses the computer with others.
+fn with_others() {
     USE.with_borrow_mut(|u| {
         u.get_or_insert_with(|| Use::begin(false));
     });
 }
 
-/// The program under test with these words.
-pub fn alight(words: impl AsRef<str>) -> Command {
-    beside();
+/// The program under test with these arguments.
+pub fn alight(arguments: impl AsRef<str>) -> Command {
+    with_others();
     let mut command = Command::new(env!("CARGO_BIN_EXE_alight"));
-    command.args(words.as_ref().split_whitespace());
+    command.args(arguments.as_ref().split_whitespace());
     command
 }
 
-/// The program under test with these words, to its end.
-pub fn run(words: impl AsRef<str>) -> Output {
-    alight(words)
+/// The program under test with these arguments, to its end.
+pub fn run(arguments: impl AsRef<str>) -> Output {
+    alight(arguments)
         .stdin(Stdio::null())
         .output()
         .expect("the program runs")
 }
 
-/// What it said to a person.
+/// Standard error.
 pub fn errors(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
-/// What it printed.
+/// Standard output.
 pub fn printed(out: &Output) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned()
 }
@@ -110,13 +110,13 @@ pub fn instance(test: &str) -> String {
 
 /// A file or directory for temporary things that no other test uses.
 pub fn scratch(name: &str) -> PathBuf {
-    beside();
+    with_others();
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
 /// The service `name` by its file in `directory`.
 pub fn service(name: &'static str, directory: &Path, more: &[&str]) -> Service {
-    beside();
+    with_others();
     Service::start(name, &[env!("CARGO_BIN_EXE_alight")], directory, more).expect("starts")
 }
 
@@ -137,7 +137,7 @@ pub fn free_udp() -> String {
 
 /// A port of the loopback interface that is free.
 pub fn free_port() -> u16 {
-    beside();
+    with_others();
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }

@@ -11,7 +11,7 @@ use crate::firmware::{Flight, Flown, assert_disarmed, fly};
 use crate::landing::{directory, pid, status_when};
 
 /// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
-/// process that starts anew looks for the evidence.
+/// process that starts again looks for the evidence.
 const MOTORS_ON_S: f64 = 5.0;
 /// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;
@@ -79,7 +79,7 @@ fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
     states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
-/// Where the list ends in lock-step and on real processes, through the same states: landed, or waiting.
+/// End of the list in lock-step and on real processes, through the same states: landed, or waiting.
 fn endings(list: &str, name: &str) -> [bool; 2] {
     let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
     let json = |command: String| {

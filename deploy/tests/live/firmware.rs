@@ -26,7 +26,7 @@ use crate::common::{errors, free_port, printed, run};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
 
-/// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
+/// Place of the sea of `alight land` for a firmware, where this firmware's estimate begins, too.
 const SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 const ORIGIN: Datum = Datum::new(43.4998, 16.3003, 3.0);
 /// Declination of the plant's magnetic field, rad: atan2(0.019, 0.235).
@@ -85,7 +85,7 @@ impl Link {
                     });
                 }
                 let read = stream.as_mut().map(|s| s.read(&mut buffer));
-                // A link that is started anew connects again.
+                // A link that is started again connects again.
                 if matches!(&read, Some(Ok(0))) || matches!(&read, Some(Err(e)) if e.kind() != WouldBlock) {
                     *stream = None;
                 }
@@ -96,7 +96,7 @@ impl Link {
         got.map(|n| buffer[..n].to_vec()).into_iter().collect()
     }
     fn send(&mut self, bytes: &[u8]) {
-        // Nobody may be there yet.
+        // There may be no peer yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -160,8 +160,8 @@ impl Controls {
             self.taken_off = true;
         }
         if t_s > 12.0 && a.chosen() == mode_number(firmware, AutopilotMode::Other) {
-            // PX4 refuses until an offer has lasted: a person tries again.
-            let _refused = a.choose(mode_number(firmware, AutopilotMode::Offboard));
+            // PX4 rejects it until an offer has lasted: the pilot tries again.
+            let _rejected = a.choose(mode_number(firmware, AutopilotMode::Offboard));
         }
         let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
         let denied = first.is_none_or(|(at, _)| t_s < at.secs() + self.flight.denies_s)
@@ -188,7 +188,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     while !end.load(Ordering::Relaxed) {
         if !asked {
             // The world may not be there yet.
-            let _refused = socket.send(&stand_in::servo_packet(frame, outputs));
+            let _unsent = socket.send(&stand_in::servo_packet(frame, outputs));
         }
         let received = socket.recv(&mut buffer);
         asked = received.is_ok();
@@ -266,9 +266,9 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     flown
 }
 
-/// What came of a flight.
+/// Result of a flight.
 pub struct Flown {
-    /// What `alight land` says.
+    /// Output of `alight land`.
     pub outcome: Value,
     pub errors: String,
     pub autopilot: SimulatedAutopilot,
@@ -292,7 +292,7 @@ impl Flown {
         let phases = self.outcome["live"]["phases"].as_array();
         phases.is_some_and(|all| all.iter().any(|p| p["state"] == state))
     }
-    /// For a person, with --nocapture.
+    /// For people, with --nocapture.
     pub fn show(&self) -> String {
         format!("{}\n{}", self.outcome, self.errors)
     }
@@ -304,7 +304,7 @@ pub struct StandIn {
     end: Arc<AtomicBool>,
     /// As a flag names the firmware.
     pub kind: &'static str,
-    /// Where its MAVLink is.
+    /// Address of its MAVLink.
     pub connect: String,
     /// The plant's configuration, which names its port.
     pub config: PathBuf,
@@ -333,12 +333,12 @@ impl StandIn {
         let config = std::env::temp_dir().join(format!("{name}-plant.toml"));
         std::fs::write(&config, format!("port = {plant}\n")).unwrap();
         let end = Arc::new(AtomicBool::new(false));
-        let (told, flight) = (Arc::clone(&end), flight.clone());
+        let (stop, flight) = (Arc::clone(&end), flight.clone());
         let flown = std::thread::spawn(move || {
             let controls = Controls::new(flight, link);
             match firmware {
-                Firmware::ArduCopter => fly_json(plant, controls, &told),
-                Firmware::Px4 => fly_hil(plant, controls, &told),
+                Firmware::ArduCopter => fly_json(plant, controls, &stop),
+                Firmware::Px4 => fly_hil(plant, controls, &stop),
             }
         });
         StandIn {

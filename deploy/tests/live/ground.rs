@@ -1,4 +1,4 @@
-//! Observers: a ground station at the autopilot's other link, and a person at another terminal.
+//! Observers: a ground station at the autopilot's other link, and an operator at another terminal.
 
 use std::net::{SocketAddr, UdpSocket};
 use std::process::{Child, Stdio};
@@ -48,7 +48,7 @@ impl GroundStation {
             thread,
         }
     }
-    /// What the companion has sent is what a ground station shows of a landing.
+    /// The companion's messages are those that a ground station shows of a landing.
     pub fn assert_landing(self) {
         self.ends.store(true, Ordering::Relaxed);
         let kept = self.thread.join().expect("no panic");
@@ -114,7 +114,7 @@ pub fn assert_status_shown(instance: &str) {
     let page = printed(&run(format!("status --instance {instance}")));
     let fits = page.lines().count() <= 20 && page.lines().all(|l| l.chars().count() <= 80);
     assert!(
-        fits && page.contains("waits for") && page.contains("processes"),
+        fits && page.contains("mission ") && page.contains("processes"),
         "{page}"
     );
     let all = printed(&run(format!("status --all --instance {instance}")));

@@ -41,7 +41,7 @@ impl Dice {
     }
 }
 
-/// A message of another version, of another vessel, and with a number that is none.
+/// A message of another version, of another vessel, and with an invalid number.
 macro_rules! forged {
     ($bytes:expr, $ty:ty, $how:expr, $spoil:expr) => {{
         let mut m: $ty = decode($bytes).expect("genuine");
@@ -102,7 +102,7 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
     }
 }
 
-/// What the client sends on `key`, made from a genuine sample or from nothing.
+/// Message of the client on `key`, made from a genuine sample or from nothing.
 fn poison(dice: &mut Dice, key: &str, first: &[u8], newest: &[u8]) -> Vec<u8> {
     match dice.throw(7) {
         0 => {
@@ -214,7 +214,7 @@ fn landing_among_hostile_packets() {
         ("vessel", "packets_dropped"),
     ];
     status_when(&name, |s| wanted.iter().all(|(p, f)| count(s, p, f) > 0.0));
-    // Old samples: the sequence was seen, or a newer one was, or its time has passed.
+    // Old samples: the sequence was received, or a newer one was, or its time has passed.
     status_when(&name, |s| {
         ["repeated", "out_of_order", "stale"]
             .iter()

@@ -35,20 +35,22 @@ const CALIBRATION_S: u32 = 22;
 const STAY_S: f64 = 32.0;
 
 /// The program of one side with what stands before it: from the environment, or this test's own.
-fn words(side: &str) -> Vec<String> {
-    let mut words = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
+fn arguments(side: &str) -> Vec<String> {
+    let mut arguments = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
     match std::env::var(format!("ALIGHT_{}", side.to_uppercase())) {
-        Ok(text) if !text.is_empty() => words.extend(text.split_whitespace().map(str::to_owned)),
-        Ok(_) | Err(_) => words.push(env!("CARGO_BIN_EXE_alight").into()),
+        Ok(text) if !text.is_empty() => arguments.extend(text.split_whitespace().map(str::to_owned)),
+        Ok(_) | Err(_) => arguments.push(env!("CARGO_BIN_EXE_alight").into()),
     }
-    words
+    arguments
 }
 
-/// The program of one side with these words, to its end.
+/// The program of one side with these arguments, to its end.
 fn run(side: &str, what: impl AsRef<str>) -> Output {
-    let words = words(side);
-    let mut command = Command::new(&words[0]);
-    command.args(&words[1..]).args(what.as_ref().split_whitespace());
+    let arguments = arguments(side);
+    let mut command = Command::new(&arguments[0]);
+    command
+        .args(&arguments[1..])
+        .args(what.as_ref().split_whitespace());
     command.output().expect("runs")
 }
 
@@ -170,11 +172,11 @@ impl Installed {
     }
 
     fn start(&mut self, name: &'static str) {
-        let service = Service::start(name, &words(name), &self.directory, &[]).expect("starts");
+        let service = Service::start(name, &arguments(name), &self.directory, &[]).expect("starts");
         open_to_all(&service.socket());
         self.services.insert(name, service);
     }
-    /// The same, until it reports that it is ready.
+    /// Starts it, and waits until it reports that it is ready.
     fn start_ready(&mut self, name: &'static str) {
         self.start(name);
         let ready = self.services.get_mut(name).expect("it runs").await_ready();
@@ -205,7 +207,7 @@ impl Installed {
         std::thread::sleep(Duration::from_millis(100));
         self.start_ready("drone");
         let [gone_s, ready_s] = [gone_ns, steady_ns()].map(|t| (t - began_ns) as f64 * 1e-9);
-        // For a person, with --nocapture.
+        // For people, with --nocapture.
         println!("gone after {gone_s:.3} s, ready after {ready_s:.3} s");
     }
     fn complaints(&self) -> String {
@@ -217,7 +219,7 @@ impl Installed {
         let config = self.file("drone.toml");
         run("drone", format!("command {order} --json --config {config}"))
     }
-    /// The words of an operator's command from ashore, with the certificate in `keys`.
+    /// The arguments of an operator's command from ashore, with the certificate in `keys`.
     fn ashore(&self, order: &str, keys: &str) -> String {
         let (endpoint, keys) = (&self.endpoint, self.file(keys));
         format!("command {order} --json --vessel {endpoint} --keys {keys}")
@@ -226,13 +228,13 @@ impl Installed {
         let out = run("drone", format!("status --json --instance {}", self.instance));
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
-    /// What `status` prints on the vessel.
+    /// Output of `status` on the vessel.
     fn vessel_status(&self) -> Value {
         let config = self.file("vessel.toml");
         let out = run("vessel", format!("status --json --config {config}"));
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
-    /// What `status` prints once `wanted` is true.
+    /// Output of `status` once `wanted` is true.
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         for _ in 0..200 {
             let now = self.status();
@@ -272,7 +274,7 @@ impl Installed {
     /// The world reports a success.
     fn assert_success(&self) {
         let outcome = self.outcome();
-        // For a person, with --nocapture.
+        // For people, with --nocapture.
         println!("{outcome}");
         assert_eq!(outcome["outcome"], "success", "{}", self.complaints());
     }
@@ -298,7 +300,7 @@ impl Drop for Installed {
     }
 }
 
-/// The vessel's estimate is young.
+/// The vessel's estimate is fresh.
 fn fresh(status: &Value) -> bool {
     status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
 }
@@ -366,7 +368,7 @@ impl Air {
                     .expect("set");
                 let mut buffer = vec![0; 1 << 16];
                 while !end.load(Ordering::Relaxed) {
-                    // A vessel that is started anew accepts nothing meanwhile.
+                    // A vessel that is started again accepts nothing meanwhile.
                     let Ok((n, sender)) = socket.recv_from(&mut buffer) else {
                         continue;
                     };
@@ -455,11 +457,14 @@ fn restarted_computer_killed_supervisor_calibration() {
     all.stop("drone");
     all.start_ready("drone");
     // Every process of it, and the autopilot has kept the drone in the air meanwhile.
-    let after = all.status_when("flies on and hears the vessel", |s| {
+    let after = all.status_when("flies on and receives the vessel", |s| {
         let t = all.time_s(s);
         t.is_some_and(|t| t > all.time_s(&before).unwrap_or(0.0)) && fresh(s)
     });
-    assert_eq!(after["mission"]["state"], "Idle", "it waits to be told: {after}");
+    assert_eq!(
+        after["mission"]["state"], "Idle",
+        "it waits for an order: {after}"
+    );
     all.assert_accepted(&all.order("land"));
 
     all.status_when("descends", |s| s["mission"]["state"] == "Descent");
@@ -468,8 +473,8 @@ fn restarted_computer_killed_supervisor_calibration() {
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
     let config = all.file("drone.toml");
-    let words = format!("calibrate deck --json --for {CALIBRATION_S} --config {config}");
-    let out = run("drone", words);
+    let arguments = format!("calibrate deck --json --for {CALIBRATION_S} --config {config}");
+    let out = run("drone", arguments);
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     let found: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|e| panic!("{e}: {out:?}\n{}", all.complaints()));
@@ -495,13 +500,13 @@ fn abort_precedence_and_a_frozen_process() {
     let out = run("drone", format!("calibrate deck --config {config}"));
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
-    // Neither a stranger nor the drone itself commands through the vessel.
+    // Neither an unauthorised peer nor the drone itself commands through the vessel.
     for keys in ["other/operator-1", "drone-1"] {
         let out = run("drone", all.ashore("abort", keys));
         assert!(!out.status.success(), "{keys}: {out:?}");
         assert_ne!(all.state(), "GaveUp");
     }
-    let status = all.status_when("the stranger is noticed", |s| {
+    let status = all.status_when("the unauthorised peer is noticed", |s| {
         s["metrics"]["vessel"]["unauthorised_peers_rejected"]
             .as_f64()
             .is_some_and(|n| n > 0.0)

@@ -68,7 +68,7 @@ pub fn status(instance: &str) -> Value {
     status
 }
 
-/// What `status` prints once `wanted` is true; at most about two minutes.
+/// Output of `status` once `wanted` is true; at most about two minutes.
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..150 {
         let now = status(instance);
@@ -94,7 +94,7 @@ fn pids(status: &Value) -> Vec<u64> {
     PROCESSES.iter().filter_map(|p| pid(status, p)).collect()
 }
 
-/// What `status` prints once all processes run.
+/// Output of `status` once all processes run.
 pub fn running(instance: &str) -> Value {
     status_when(instance, |s| pids(s).len() == PROCESSES.len())
 }
@@ -174,11 +174,11 @@ fn replay_of_a_live_landing() {
     );
     status_when(&name, |s| s["mission"].is_object());
     let watched = ground::watch(&name);
-    let seen = status_when(&name, |s| s["mission"]["state"] == "Approach");
+    let shown = status_when(&name, |s| s["mission"]["state"] == "Approach");
     ground::assert_status_shown(&name);
-    let pids = pids(&seen);
-    assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
-    assert!(seen["link"]["age_s"].as_f64().is_some(), "{seen}");
+    let pids = pids(&shown);
+    assert_eq!(pids.len(), PROCESSES.len(), "{shown}");
+    assert!(shown["link"]["age_s"].as_f64().is_some(), "{shown}");
 
     let out = child.output();
     let outcome = outcome(&out);
@@ -190,9 +190,13 @@ fn replay_of_a_live_landing() {
 
     assert_eq!(
         logs(&log),
-        9,
-        "vessel, bridge, predictor, mission, planner, pilot, autopilot, supervisor, the truth"
+        10,
+        "vessel, bridge, predictor, mission, planner, pilot, autopilot, supervisor, the truth; the summary"
     );
+    let listed = printed(&run(format!("flights {} --json", log.display())));
+    for part in ["\"outcome\":\"landed\"", "\"files\":\"complete\""] {
+        assert!(listed.contains(part), "{part}: {listed}");
+    }
     let text = replay(&log);
     // Without the truth, as a real flight has none.
     let merged = log.with_extension("flight.mcap");
@@ -218,33 +222,33 @@ fn replay_of_a_live_landing() {
 fn killed_and_frozen_processes_and_an_interrupt() {
     let name = instance("killed");
     let child = land(&name, "--warm-up 600 --link clean");
-    let mut seen = running(&name);
+    let mut shown = running(&name);
     for process in &PROCESSES[1..] {
-        let old = pid(&seen, process).expect("it runs");
+        let old = pid(&shown, process).expect("it runs");
         signal(old, "-KILL");
-        seen = status_when(&name, |s| pid(s, process).is_some_and(|new| new != old));
+        shown = status_when(&name, |s| pid(s, process).is_some_and(|new| new != old));
     }
     // The estimate still arrives: the vessel and the bridge found each other again.
     let fresh = |s: &Value| s["link"]["age_s"].as_f64().is_some_and(|age| age < 2.0);
-    let seen = status_when(&name, fresh);
-    let pids = pids(&seen);
+    let shown = status_when(&name, fresh);
+    let pids = pids(&shown);
     assert_eq!(pids.len(), PROCESSES.len());
 
     // One that is frozen for good is killed and started again. Without a vessel the drone's computer goes on.
-    let [pilot, vessel] = ["pilot", "vessel"].map(|p| pid(&seen, p).expect("it runs"));
+    let [pilot, vessel] = ["pilot", "vessel"].map(|p| pid(&shown, p).expect("it runs"));
     signal(pilot, "-STOP");
     signal(vessel, "-STOP");
     let another = |s: &Value, name, old| pid(s, name).is_some_and(|new| new != old);
-    let seen = status_when(&name, |s| {
+    let shown = status_when(&name, |s| {
         another(s, "pilot", pilot) && another(s, "vessel", vessel) && fresh(s)
     });
-    let pids = self::pids(&seen);
+    let pids = self::pids(&shown);
 
     let twice = run(format!("land --instance {name}"));
     assert_eq!(
         twice.status.code(),
         Some(2),
-        "a second one of the same name is refused"
+        "a second one of the same name is rejected"
     );
     signal(child.id(), "-INT");
     let out = child.output();
@@ -258,8 +262,8 @@ fn killed_and_frozen_processes_and_an_interrupt() {
 fn world_that_falls_behind_real_time() {
     let name = instance("slow");
     let child = land(&name, "--warm-up 1 --link clean");
-    let seen = running(&name);
-    let world = pid(&seen, "world").expect("it runs");
+    let shown = running(&name);
+    let world = pid(&shown, "world").expect("it runs");
     signal(world, "-STOP");
     std::thread::sleep(Duration::from_millis(2500));
     signal(world, "-CONT");
@@ -272,15 +276,15 @@ fn world_that_falls_behind_real_time() {
     );
     let behind_s = outcome(&out)["too-slow"]["behind_s"].as_f64();
     assert!(behind_s.is_some_and(|s| s > 1.0), "{}", printed(&out));
-    assert_gone(&name, &pids(&seen));
+    assert_gone(&name, &pids(&shown));
 }
 
 #[test]
 fn processes_of_a_killed_supervisor() {
     let name = instance("orphans");
     let mut child = land(&name, "--warm-up 600");
-    let seen = running(&name);
-    let pids = pids(&seen);
+    let shown = running(&name);
+    let pids = pids(&shown);
     child.kill();
     let ended = |pid: &u64| !Path::new(&format!("/proc/{pid}")).exists();
     for _ in 0..100 {
@@ -320,8 +324,8 @@ fn fifty_starts_and_stops() {
     }
     // What an early end left, the next start removes.
     let last = land(&name, "--warm-up 600");
-    let seen = running(&name);
-    let pids = pids(&seen);
+    let shown = running(&name);
+    let pids = pids(&shown);
     signal(last.id(), "-INT");
     last.output();
     assert_gone(&name, &pids);

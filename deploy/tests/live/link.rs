@@ -7,9 +7,12 @@ use serde_json::Value;
 
 use crate::common::{alight, errors, printed, signal};
 
-fn ip(words: &str) -> Output {
+fn ip(arguments: &str) -> Output {
     let mut command = Command::new("ip");
-    command.args(words.split_whitespace()).output().expect("ip runs")
+    command
+        .args(arguments.split_whitespace())
+        .output()
+        .expect("ip runs")
 }
 
 fn spaces(name: &str) -> Vec<String> {
@@ -20,8 +23,8 @@ fn spaces(name: &str) -> Vec<String> {
         .collect()
 }
 
-fn start(words: &str) -> Child {
-    let mut command = alight(words);
+fn start(arguments: &str) -> Child {
+    let mut command = alight(arguments);
     let command = command
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -58,14 +61,14 @@ fn landing_over_the_emulated_storm() {
     let lost = line
         .split(',')
         .find(|part| part.contains("lost"))
-        .expect("a share");
-    let share: f64 = lost
+        .expect("a fraction");
+    let fraction: f64 = lost
         .trim()
         .trim_end_matches("% lost")
         .trim()
         .parse()
         .expect("a number");
-    assert!((24.0..36.0).contains(&share), "{line}");
+    assert!((24.0..36.0).contains(&fraction), "{line}");
     assert!(spaces(&name).is_empty());
 }
 
@@ -73,17 +76,17 @@ fn landing_over_the_emulated_storm() {
 #[ignore = "needs root: network namespaces and TUN devices"]
 fn namespaces_of_a_killed_emulator() {
     let name = format!("left-{}", std::process::id());
-    let words = format!("link --profile wifi-near --name {name}");
+    let arguments = format!("link --profile wifi-near --name {name}");
     let reaches = || {
         let route = ip(&format!("netns exec alight-{name}-drone ip route get 10.77.0.1"));
         route.status.success()
     };
-    let mut first = start(&words);
+    let mut first = start(&arguments);
     wait_for(reaches);
     signal(u64::from(first.id()), "-KILL");
     first.wait().expect("ends");
     assert_eq!(spaces(&name).len(), 2);
-    let mut second = start(&words);
+    let mut second = start(&arguments);
     std::thread::sleep(Duration::from_millis(200));
     wait_for(reaches);
     signal(u64::from(second.id()), "-INT");

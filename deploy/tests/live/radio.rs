@@ -73,7 +73,7 @@ fn assert_reopens(drone: &mut Radio) {
         drone.watch(0.0);
         std::thread::sleep(Duration::from_millis(20));
     }
-    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
+    assert!(drone.counts().reopened > 0, "the watchdog did not open it again");
 }
 
 fn over(transport: &str, certificates: Option<&Path>) {
@@ -125,12 +125,12 @@ fn check_of_a_present_and_an_absent_vessel() {
 #[test]
 fn radio_tls_endpoint() {
     let text = "listen = [\"tls/127.0.0.1:7447\"]";
-    let refused = config::parse::<RadioConfig>(text, "test.toml")
-        .expect_err("refused")
+    let rejected = config::parse::<RadioConfig>(text, "test.toml")
+        .expect_err("rejected")
         .to_string();
     assert!(
-        refused.contains("tls/127.0.0.1:7447") && refused.contains("quic/"),
-        "{refused}"
+        rejected.contains("tls/127.0.0.1:7447") && rejected.contains("quic/"),
+        "{rejected}"
     );
 }
 

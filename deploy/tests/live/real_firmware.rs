@@ -72,7 +72,7 @@ impl Link {
     }
 }
 
-/// A person with a ground station: arms, takes off and gives the drone, as the firmware lets it.
+/// A pilot with a ground station: arms, takes off and gives the drone, as the firmware lets it.
 struct Person {
     firmware: Firmware,
     link: Link,
@@ -127,7 +127,7 @@ impl Person {
             [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
         );
     }
-    /// What a person does next, once a heartbeat.
+    /// Next action of the pilot, once a heartbeat.
     fn act(&mut self) {
         self.send(&Message::Heartbeat(Heartbeat {
             autopilot: 8,
@@ -304,7 +304,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     drop(running);
     let (errors, text) = (errors(&out), printed(&out));
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
-    // For a person, with --nocapture.
+    // For people, with --nocapture.
     println!("{outcome}");
     let success = outcome["outcome"] == "success";
     if !success {
@@ -337,7 +337,7 @@ fn landing_of_the_ardupilot_firmware() {
 }
 
 #[test]
-#[ignore = "needs ALIGHT_PX4=/path/to/bin/px4, with its etc beside bin"]
+#[ignore = "needs ALIGHT_PX4=/path/to/bin/px4, with its etc next to bin"]
 fn landing_of_the_px4_firmware() {
     land(Firmware::Px4, "ALIGHT_PX4");
 }

@@ -65,7 +65,7 @@ impl Vessel {
     fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
-    /// Its memory, once the process that made it has all services in it.
+    /// The memory, once the process that made it has all services in it.
     fn memory(&self) -> Option<Memory> {
         let instance = Instance::new(&self.instance).expect("a name");
         let owner = std::fs::read_to_string(instance.directory().join("ready")).ok()?;
@@ -74,7 +74,7 @@ impl Vessel {
     }
     /// Sends the recorded readings at their own pace, for so long.
     fn feed(&self, ms: u64) {
-        // Nobody listens before the service has begun.
+        // There is no receiver before the service has begun.
         let memory = self.memory();
         let mut sensors = memory
             .as_ref()
@@ -127,7 +127,7 @@ fn below(directory: &Path) -> Vec<PathBuf> {
     entries.map(|e| e.path()).collect()
 }
 
-/// What the vessel's sensors measured in a trial, step by step.
+/// Measurements of the vessel's sensors in a trial, step by step.
 fn readings(directory: &Path) -> Vec<Readings> {
     let (recording, scenario) = (directory.join("trial.mcap"), directory.join("trial.toml"));
     std::fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
@@ -165,7 +165,7 @@ fn newest_ns(flight: &Path) -> u64 {
     let parts = files.filter(|f| is_of_the_estimator(f));
     let newest = |path: PathBuf| {
         let file = std::fs::read(path).expect("read");
-        // Mended: with an end.
+        // Repaired: with an end.
         let messages = mcap::MessageStream::new(&file).expect("a part");
         messages.map(|m| m.expect("whole").log_time).max()
     };
@@ -190,7 +190,7 @@ fn kill(rounds: u64) -> Vec<f64> {
             "{flight}"
         );
         let path = PathBuf::from(flight["path"].as_str().expect("a path"));
-        // As it is, and mended.
+        // As it is, and repaired.
         for _ in 0..2 {
             let out = run(format!("replay {}", path.display()));
             assert!(
@@ -201,9 +201,9 @@ fn kill(rounds: u64) -> Vec<f64> {
             );
             vessel.flights("--mend");
         }
-        let mended = &vessel.flights("")[round as usize];
+        let repaired = &vessel.flights("")[round as usize];
         assert_eq!(
-            (&mended["cut"], &mended["length_s"]),
+            (&repaired["cut"], &repaired["length_s"]),
             (&0.into(), &flight["length_s"])
         );
         missing_s.push(killed_ns.saturating_sub(newest_ns(&path)) as f64 * 1e-9);
@@ -241,7 +241,7 @@ fn list_of_a_vessels_flight() {
         (&running["files"], &running["computer"]),
         (&"running".into(), &"vessel-1".into())
     );
-    assert_eq!(running["cut"], running["parts"], "it is not mended: {running}");
+    assert_eq!(running["cut"], running["parts"], "it is not repaired: {running}");
     assert!(process.stop(), "it was killed");
     let ended = &vessel.flights("")[0];
     assert_eq!(
@@ -254,7 +254,7 @@ fn list_of_a_vessels_flight() {
     let path = ended["path"].as_str().expect("a path");
     let out = run(format!("replay {path} --json"));
     assert!(out.status.success(), "{}", errors(&out));
-    // The directory of all flights is none.
+    // The directory of all flights is no flight.
     let all = vessel.directory.join("flights");
     let out = run(format!("replay {}", all.display()));
     assert_eq!(out.status.code(), Some(2));

@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::common::{alight, alone, errors, printed, run, scratch, signal};
 use crate::firmware::{Flight, StandIn, assert_disarmed};
 
-/// What a rehearsal of this process number leaves behind among temporary files and in shared memory.
+/// Files that a rehearsal of this process number leaves behind among temporary files and in shared memory.
 fn left(pid: u32) -> Vec<String> {
     let places = [std::env::temp_dir(), "/dev/shm".into()];
     let entries = places.iter().filter_map(|p| std::fs::read_dir(p).ok()).flatten();
@@ -25,7 +25,7 @@ fn left(pid: u32) -> Vec<String> {
 
 /// The report of a rehearsal that landed.
 fn landed(out: &Output) -> Value {
-    // For a person, with --nocapture.
+    // For people, with --nocapture.
     println!("{}", errors(out));
     let report: Value = serde_json::from_str(printed(out).trim()).expect("an object");
     assert_eq!(
@@ -99,8 +99,8 @@ fn interrupted_rehearsal() {
         .spawn()
         .expect("the program runs");
     let pid = child.id();
-    let said = BufReader::new(child.stderr.take().expect("its errors"));
-    let mut lines = said.lines().map_while(Result::ok);
+    let output = BufReader::new(child.stderr.take().expect("its errors"));
+    let mut lines = output.lines().map_while(Result::ok);
     assert!(
         lines.any(|l| l.contains("alight-drone")),
         "the drone's service is not ready"
@@ -111,8 +111,8 @@ fn interrupted_rehearsal() {
     assert_eq!(left(pid), [""; 0]);
     let processes = std::fs::read_dir("/proc").expect("processes").flatten();
     let ours = processes.filter(|p| {
-        let words = std::fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
-        words.contains(&format!("alight-rehearsal-{pid}"))
+        let arguments = std::fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
+        arguments.contains(&format!("alight-rehearsal-{pid}"))
     });
     assert_eq!(ours.count(), 0);
 }
@@ -120,14 +120,14 @@ fn interrupted_rehearsal() {
 #[test]
 fn rehearsal_of_a_wrong_file() {
     let file = scratch("rehearse-wrong.toml");
-    for (text, says) in [
+    for (text, part) in [
         ("nonsense = 1\n", "nonsense"),
         ("[[sensor.sources]]\nformat = \"nmea\"\n", "format = \"mavlink\""),
     ] {
         std::fs::write(&file, text).expect("written");
         let out = run(format!("rehearse --vessel-config {}", file.display()));
         assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
-        assert!(errors(&out).contains(says), "{}", errors(&out));
+        assert!(errors(&out).contains(part), "{}", errors(&out));
     }
     std::fs::remove_file(file).expect("removed");
 }

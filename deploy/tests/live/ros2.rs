@@ -1,4 +1,4 @@
-//! The node of ROS 2 beside a landing of all processes, seen by a plain session of Zenoh through a router that is started
+//! The node of ROS 2 next to a landing of all processes, received by a plain session of Zenoh through a router that is started
 //! after it, as rmw_zenohd may be.
 
 use std::io::{BufRead, BufReader};
@@ -36,22 +36,23 @@ const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 /// The drone is there 60 s before the landing is commanded.
 const HOVER: &str = "[start]\nhover_s = 60.0\n";
 
-/// A port of TCP that nobody has.
+/// A port of TCP that is free.
 pub fn free_tcp_port() -> u16 {
     let socket = TcpListener::bind("127.0.0.1:0").expect("a socket");
     socket.local_addr().expect("an address").port()
 }
 
 /// A bound against a test that never ends.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 
 /// `alight ros2`, which ends by SIGTERM with the exit code 0, and what it prints.
 struct Node(Child, Receiver<String>);
 
 impl Node {
     fn start(instance: &str, port: u16) -> Node {
-        let words = format!("ros2 --orders --instance {instance} --connect tcp/127.0.0.1:{port} --domain 7");
-        let mut child = alight(words)
+        let arguments =
+            format!("ros2 --orders --instance {instance} --connect tcp/127.0.0.1:{port} --domain 7");
+        let mut child = alight(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
@@ -61,9 +62,9 @@ impl Node {
         std::thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| to.send(line)));
         Node(child, printed)
     }
-    /// Its next line.
+    /// The next line.
     fn prints(&self, what: &str) {
-        let line = self.1.recv_timeout(PATIENCE).expect("a line");
+        let line = self.1.recv_timeout(TIMEOUT).expect("a line");
         assert!(line.contains(what), "{line}");
     }
     fn end(mut self) {
@@ -84,7 +85,7 @@ fn session(mode: &str, list: &str, port: u16) -> zenoh::Session {
     zenoh::open(config).wait().expect("a session")
 }
 
-/// What comes on these keys.
+/// Samples on these keys.
 fn received(session: &zenoh::Session, keys: &str) -> Receiver<Sample> {
     let (to, from) = channel();
     session
@@ -106,7 +107,7 @@ fn decoded<T: DeserializeOwned>(bytes: &[u8]) -> T {
 /// The next message that is `wanted`.
 fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> bool) -> T {
     loop {
-        let sample = from.recv_timeout(PATIENCE).expect("a message");
+        let sample = from.recv_timeout(TIMEOUT).expect("a message");
         assert_eq!(sample.attachment().expect("an attachment").len(), 33);
         let value = decoded(&sample.payload().to_bytes());
         if wanted(&value) {
@@ -121,10 +122,10 @@ fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Respo
         .get(key)
         .payload(REQUEST.to_vec())
         .attachment(attachment.to_vec())
-        .timeout(PATIENCE)
+        .timeout(TIMEOUT)
         .wait()
         .expect("asked");
-    let reply = replies.recv_timeout(PATIENCE).expect("in time").expect("a reply");
+    let reply = replies.recv_timeout(TIMEOUT).expect("in time").expect("a reply");
     match reply.result() {
         Ok(sample) => {
             let attachment = sample.attachment().expect("an attachment").to_bytes();
@@ -151,7 +152,7 @@ fn tokens(session: &zenoh::Session, all: usize) -> Vec<String> {
     panic!("not {all} entities");
 }
 
-/// Where drone and deck are, and what was found, of one time.
+/// Poses of drone and deck, and findings, of one time.
 fn assert_published(client: &zenoh::Session, name: &str) {
     let topic = |topic: &str| {
         received(
@@ -173,7 +174,7 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
-/// What goes with a request that was sent so long ago.
+/// Attachment of a request that was sent so long ago.
 fn attachment(age: Duration) -> Vec<u8> {
     let sent = SystemTime::now() - age;
     let since = sent.duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
@@ -226,7 +227,7 @@ fn ros2_node_of_a_landing() {
     assert_published(&client, name);
     assert_orders(&client, name, &instance);
 
-    // Nothing runs any more, and then there is no router: it says so, and ends when it is asked to.
+    // Nothing runs any more, and then there is no router: it reports that, and ends when it is asked to.
     drop(landing);
     let land = format!("{name}/land/{TRIGGER}");
     let ((success, text), _) = call(&client, &land, &attachment(Duration::ZERO)).expect("answered");

@@ -145,7 +145,7 @@ fn sensor_process_stopped_as_by_systemd() {
     assert_eq!(ended.and_then(|e| e.code()), Some(0));
 }
 
-/// What `alight status` says on the vessel once it says what `wanted` waits for.
+/// Output of `alight status` on the vessel once `wanted` is true.
 fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     let mut last = Value::Null;
     for _ in 0..400 {
@@ -185,15 +185,15 @@ fn vessel_process_with_its_sensors() {
                     "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
                 ))
                 + if k % 10 == 0 { "$PASHR,damaged*00\r\n" } else { "" };
-            // Nobody listens while the process is started again.
+            // There is no receiver while the process is started again.
             let _missed = socket.send_to(all.as_bytes(), &to);
             k += 1;
         }
     });
-    let young = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
+    let is_fresh = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
     let status = status_when(&config, "the mast's measurements are used", |status| {
         let s = &status["sources"][0];
-        s["used"].as_u64() > Some(20) && s["status"]["decoded"]["corrupted"].as_u64() > Some(1) && young(s)
+        s["used"].as_u64() > Some(20) && s["status"]["decoded"]["corrupted"].as_u64() > Some(1) && is_fresh(s)
     });
     let sources = &status["sources"];
     assert_eq!(
@@ -226,7 +226,7 @@ fn vessel_process_with_its_sensors() {
     let killed = pid(&status, "sensors").expect("it runs");
     signal(killed, "-STOP");
     status_when(&config, "another process reads the mast", |status| {
-        pid(status, "sensors").is_some_and(|now| now != killed) && young(&status["sources"][0])
+        pid(status, "sensors").is_some_and(|now| now != killed) && is_fresh(&status["sources"][0])
     });
     // With the vessel's process its sensors' ends too.
     assert!(program.stop(), "it was killed");
@@ -244,7 +244,7 @@ fn vessel_process_with_its_sensors() {
 
 #[test]
 fn sensor_process_exit_code_2() {
-    for (name, text, says) in [
+    for (name, text, part) in [
         ("none", "", "[[sensor.sources]]"),
         (
             "url",
@@ -264,6 +264,6 @@ fn sensor_process_exit_code_2() {
         let out = run(format!("sensors --config {}", config.display()));
         std::fs::remove_file(config).unwrap();
         assert_eq!(out.status.code(), Some(2), "{name}: {}", errors(&out));
-        assert!(errors(&out).contains(says), "{name}: {}", errors(&out));
+        assert!(errors(&out).contains(part), "{name}: {}", errors(&out));
     }
 }

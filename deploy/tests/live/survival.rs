@@ -50,10 +50,10 @@ impl Vessel {
     fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
-    /// The crew's word on the deck.
-    fn say(&self, word: &str) {
+    /// The crew's order for the deck.
+    fn command_deck(&self, order: &str) {
         let config = self.config.display().to_string();
-        let out = alight(format!("command deck {word} --json --config {config}"))
+        let out = alight(format!("command deck {order} --json --config {config}"))
             .env("STATE_DIRECTORY", &self.directory)
             .output()
             .expect("runs");
@@ -66,7 +66,7 @@ impl Vessel {
         let deck = |p: &PathBuf| p.extension().is_some_and(|e| e == "deck");
         paths.find(deck).expect("the deck's state")
     }
-    /// What it holds; None: it cannot be read.
+    /// The content; None: it cannot be read.
     fn kept(&self) -> Option<VesselCheckpoint> {
         deck_file::load(&self.deck_file(), 1).ok().flatten()
     }
@@ -80,7 +80,7 @@ impl Vessel {
         let out = run(format!("status --json --config {}", self.config.display()));
         serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
     }
-    /// What `status` prints once `wanted` is true.
+    /// Output of `status` once `wanted` is true.
     fn status_when(&self, what: &str, mut wanted: impl FnMut(&Value) -> bool) -> Value {
         for _ in 0..600 {
             let now = self.status();
@@ -120,14 +120,14 @@ fn process_with_an_unwritable_recorder() {
     std::fs::write(&log, "").expect("written");
     signal(old, "-KILL");
     let unrecorded = |s: &Value| s["metrics"]["pilot"]["steps_not_recorded"].as_u64();
-    let seen = status_when(&name, |s| {
+    let shown = status_when(&name, |s| {
         pid(s, "pilot").is_some_and(|new| new != old) && unrecorded(s).is_some_and(|n| n > 0)
     });
-    let new = pid(&seen, "pilot");
+    let new = pid(&shown, "pilot");
     std::fs::remove_file(&log).expect("removed");
     let logs = |directory: &Path| std::fs::read_dir(directory).map_or(0, Iterator::count);
-    let seen = status_when(&name, |_| logs(&log) > 0);
-    assert_eq!(pid(&seen, "pilot"), new, "the same process: {seen}");
+    let shown = status_when(&name, |_| logs(&log) > 0);
+    assert_eq!(pid(&shown, "pilot"), new, "the same process: {shown}");
     signal(child.id(), "-INT");
     child.output();
     std::fs::remove_dir_all(&log).expect("removed");
@@ -190,10 +190,11 @@ fn vessel_with_a_recorder_size_limit() {
     let status = vessel.status_when("the recorder is full", |s| finding(s, "recorder").is_some());
     assert_eq!(finding(&status, "recorder").expect("there")["level"], "warning");
     assert!(running.poll(), "it has ended");
-    let said = std::fs::read_to_string(vessel.directory.join("vessel.err")).expect("read");
+    let log_text = std::fs::read_to_string(vessel.directory.join("vessel.err")).expect("read");
     assert!(
-        said.contains("goes on without its recorder: writing") && said.contains(&log.display().to_string()),
-        "{said}"
+        log_text.contains("goes on without its recorder: writing")
+            && log_text.contains(&log.display().to_string()),
+        "{log_text}"
     );
 }
 
@@ -232,7 +233,7 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     let (owner, occupied) = (&status["vessel"]["deck_owner"], &status["vessel"]["occupied"]);
     assert!(owner == 1 && occupied == true, "{status}");
 
-    vessel.say("closed");
+    vessel.command_deck("closed");
     vessel.status_when("it is kept", |_| {
         let kept = vessel.kept();
         kept.is_some_and(|kept| kept.deck.closed == Some(Closure::Crew))
@@ -240,9 +241,9 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     let status = again(&mut process);
     assert_eq!(status["vessel"]["deck"]["closed"], "crew", "{status}");
 
-    vessel.say("open");
+    vessel.command_deck("open");
     let open = |s: &Value| s["vessel"]["deck"]["closed"].is_null() && s["vessel"]["deck_owner"].is_null();
-    vessel.status_when("the crew sees nobody there", open);
+    vessel.status_when("the crew finds no drone there", open);
     vessel.status_when("it is kept", |_| vessel.kept().is_some_and(|kept| !stands(&kept)));
     assert!(open(&again(&mut process)));
 
@@ -293,10 +294,10 @@ fn deck_closed_by_switch_order_or_unread_switch() {
     let _process = vessel.start();
     let wait_for = |closed: Value| vessel.status_when("closed", |s| s["vessel"]["deck"]["closed"] == closed);
     wait_for("switch".into());
-    vessel.say("closed");
+    vessel.command_deck("closed");
     std::fs::write(&switch, "0\n").expect("written");
     wait_for("crew".into());
-    vessel.say("open");
+    vessel.command_deck("open");
     wait_for(Value::Null);
     std::fs::remove_file(&switch).expect("removed");
     let errors = &wait_for("switch".into())["vessel"]["deck"]["input_errors"];

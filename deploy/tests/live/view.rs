@@ -1,4 +1,4 @@
-//! The viewers' server beside a landing of all processes.
+//! The viewers' server next to a landing of all processes.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;

@@ -1,4 +1,4 @@
-//! What programs of others see of the radio, who comes late, and a router between vessel and drone. Nothing here asserts a
+//! The radio for programs of others, peers that come late, and a router between vessel and drone. Nothing here asserts a
 //! time: the bounds on waiting are only against tests that never end.
 
 use std::path::Path;
@@ -28,7 +28,7 @@ fn drone(config: &RadioConfig) -> Radio {
     let publications = vec![Publication::new(STATUS, Urgency::Status).of(&topics::DRONE_STATUS)];
     Radio::open(config, publications, vec![Subscription::asked(WAVE)]).expect("opens")
 }
-/// The first message that the radio receives while it asks; None: there is none.
+/// The first message that the radio receives while it asks; None: none came.
 fn asked(radio: &mut Radio, tries: usize) -> Option<Received> {
     (0..tries).find_map(|_| {
         radio.ask();
@@ -73,7 +73,7 @@ fn through(endpoint: &str, tls: TlsConfig) -> RadioConfig {
         ..RadioConfig::dialling(endpoint, tls)
     }
 }
-/// What is answered on a key.
+/// Answer on a key.
 fn answers(session: &zenoh::Session, key: &str) -> Vec<Sample> {
     let replies = session.get(key).wait().expect("asks");
     replies.into_iter().filter_map(|r| r.into_result().ok()).collect()
@@ -104,14 +104,14 @@ fn foreign_program_on_the_radio() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let mut vessel = vessel(&RadioConfig::listening(&endpoint, TlsConfig::default()));
     vessel.send(0, vec![7; 100]);
-    let stranger = client(&endpoint);
+    let unauthorised = client(&endpoint);
     assert_until("no schema is answered", || {
-        !answers(&stranger, "alight/vessel-1/@schema/**").is_empty()
+        !answers(&unauthorised, "alight/vessel-1/@schema/**").is_empty()
     });
     // The schema of what is published here, and of nothing else.
     let mut schemas = Vec::new();
     assert_until("no schema is answered a second time", || {
-        schemas = answers(&stranger, "alight/*/@schema/**");
+        schemas = answers(&unauthorised, "alight/*/@schema/**");
         !schemas.is_empty()
     });
     assert_eq!(schemas.len(), 1);
@@ -119,22 +119,25 @@ fn foreign_program_on_the_radio() {
     assert_eq!(schemas[0].encoding().to_string(), "application/json");
     let schema: serde_json::Value = serde_json::from_str(&text(&schemas[0])).expect("JSON");
     assert_eq!(schema, topics::WAVE.described());
-    assert!(answers(&stranger, "alight/vessel-1/@schema/estimate").is_empty());
+    assert!(answers(&unauthorised, "alight/vessel-1/@schema/estimate").is_empty());
     // It asks for the newest, which was published before it came.
     let encoding = format!("application/octet-stream;{}", topics::WAVE.encoding_schema());
-    let newest = answers(&stranger, WAVE);
+    let newest = answers(&unauthorised, WAVE);
     assert_eq!(
         (newest.len(), &newest[0].payload().to_bytes()[..]),
         (1, &[7; 100][..])
     );
     assert_eq!(newest[0].encoding().to_string(), encoding);
     // And it sees who is there.
-    let alive = stranger.liveliness().get("alight/*").wait().expect("asks");
+    let alive = unauthorised.liveliness().get("alight/*").wait().expect("asks");
     let alive = alive.into_iter().filter_map(|r| r.into_result().ok());
     let alive: Vec<String> = alive.map(|s| s.key_expr().to_string()).collect();
     assert_eq!(alive, ["alight/vessel-1"]);
-    // A broadcast says what it is.
-    let broadcasts = stranger.declare_subscriber("alight/**").wait().expect("reads");
+    // A broadcast states its type.
+    let broadcasts = unauthorised
+        .declare_subscriber("alight/**")
+        .wait()
+        .expect("reads");
     let mut received = None;
     assert_until("no broadcast is received", || {
         vessel.send(0, vec![8; 100]);
@@ -293,7 +296,7 @@ fn router_with_certificates() {
     assert_exchange(&mut vessel, &mut drone, 1);
     assert!(asked(&mut drone, TRIES).is_some());
     // A certificate of the authority that the router has no rule for, and one on another's key.
-    let mut stranger = Radio::open(
+    let mut unauthorised = Radio::open(
         &of("drone-2", "vessel-1"),
         vec![
             Publication::new("alight/drone-2/status", Urgency::Status),
@@ -303,20 +306,20 @@ fn router_with_certificates() {
     )
     .expect("opens");
     // It has a session before anything is claimed of what it sends.
-    assert_until("the stranger has no session", || {
-        stranger.send(0, vec![6; 30]);
-        stranger.send(1, vec![6; 30]);
-        assert!(stranger.receive(STEP).is_none());
-        stranger.flows().iter().all(|flow| flow.messages > 0)
+    assert_until("the unauthorised peer has no session", || {
+        unauthorised.send(0, vec![6; 30]);
+        unauthorised.send(1, vec![6; 30]);
+        assert!(unauthorised.receive(STEP).is_none());
+        unauthorised.flows().iter().all(|flow| flow.messages > 0)
     });
     for _ in 0..100 {
-        stranger.send(0, vec![6; 30]);
-        stranger.send(1, vec![6; 30]);
+        unauthorised.send(0, vec![6; 30]);
+        unauthorised.send(1, vec![6; 30]);
         vessel.send(0, vec![5; 300]);
         while let Some(received) = vessel.receive(Duration::from_millis(1)) {
             assert_ne!(received.bytes, vec![6; 30]);
         }
-        assert!(stranger.receive(Duration::from_millis(1)).is_none());
+        assert!(unauthorised.receive(Duration::from_millis(1)).is_none());
     }
     assert_exchange(&mut vessel, &mut drone, 3);
     std::fs::remove_dir_all(&keys).expect("removed");

@@ -34,7 +34,7 @@ impl AccessRejection {
         AccessRejection::Name,
         AccessRejection::Key,
     ];
-    /// In words.
+    /// Name of the access for messages.
     pub const fn name(self) -> &'static str {
         match self {
             AccessRejection::NoCertificate => "no certificate",

@@ -2,7 +2,7 @@
 //! take from here what concerns them.
 //!
 //! - A command counts once. Its repetitions bear the time at which it was given, by which they are known: an error of the
-//!   clocks apart, also under another sequence number or from a relay that was started anew.
+//!   clocks apart, also under another sequence number or from a relay that was restarted.
 //! - It counts in order of the times at which commands were given, and while it is fresh.
 //! - An abort precedes all others: it counts however old it is, also after newer commands, but not again after them.
 //! - A landing that somebody else orders within [`UNAWARE_OF_ABORT`] of an abort was ordered without knowing of it.
@@ -12,7 +12,7 @@ use crate::msg::{CommandKind, Header, MESSAGE_VERSION, OperatorCommand};
 use crate::time::{Clock, Span, Time};
 use crate::topics;
 
-/// An order to land within this time of an abort was given by somebody who cannot have seen the abort's effect.
+/// An order to land within this time of an abort was given by a sender who cannot know the abort's effect yet.
 pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
 /// Repetitions of one command differ in time by the error of the clocks, at most.
 const SAME_COMMAND: Span = Span::from_millis(100);
@@ -20,7 +20,7 @@ const SAME_COMMAND: Span = Span::from_millis(100);
 const LEAD: Span = Span::from_millis(500);
 
 impl<C: Clock> OperatorCommand<C> {
-    /// Whether this is a landing or take-off ordered by another sender who cannot have seen the effect of `abort`.
+    /// Whether this is a landing or take-off ordered by another sender who cannot know the effect of `abort` yet.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
         let begins = matches!(
@@ -94,7 +94,7 @@ impl<C: Clock> CommandAdmission<C> {
             kind: CommandKind::Hold,
         });
     }
-    /// What of these commands counts: an abort before all others, else the newest.
+    /// The command of these that counts: an abort before all others, else the newest.
     pub fn first_of(&mut self, now: Time<C>, commands: &[OperatorCommand<C>]) -> Option<CommandKind> {
         let mut first = None;
         for command in commands {
@@ -212,7 +212,7 @@ mod tests {
             (before_landing, 10.5, (9, 2, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.04, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 9.96, Land), Err(Duplicate)),
-            // That of a relay which was started anew has another boot id, too.
+            // A command of a restarted relay has another boot id, too.
             (before_landing, 12.0, (10, 1, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 1, 10.4, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.4, Land), Ok(())),

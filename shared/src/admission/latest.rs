@@ -4,10 +4,10 @@ use super::{RejectionReason, check_message};
 use crate::msg::{Header, Message};
 use crate::time::{Clock, Span, Time};
 
-/// What a kind of message must fulfil.
+/// Requirements on a kind of message.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Its time of validity may be this much ahead of now.
+    /// Maximum by which the time of validity may be ahead of now.
     pub lead: Span,
     /// It may be this old.
     pub max_age: Span,
@@ -69,7 +69,7 @@ impl<T: Message + Copy> Latest<T> {
     pub fn offer(&mut self, now: Time<T::Clock>, message: &T) -> bool {
         self.offer_by(&Rule::NEWER, now, message)
     }
-    /// The same by another rule.
+    /// Offers a message by another rule.
     pub fn offer_by(&mut self, rule: &Rule, now: Time<T::Clock>, message: &T) -> bool {
         let last = self.value.as_ref().map(Message::header);
         let admitted = rule.admit(now, message, last).is_ok();
@@ -88,7 +88,7 @@ impl<T: Message + Copy> Latest<T> {
     pub fn fresh(&self, now: Time<T::Clock>, limit: Span) -> Option<&T> {
         self.value.as_ref().filter(|v| now - v.header().at <= limit)
     }
-    /// Age of the newest, s; infinite when there is none.
+    /// Age of the newest, s; infinite without one.
     pub fn age_s(&self, now: Time<T::Clock>) -> f64 {
         self.value
             .as_ref()

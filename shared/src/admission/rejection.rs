@@ -14,7 +14,7 @@ macro_rules! reasons {
             /// Every reason.
             pub const ALL: &[RejectionReason] = &[$(RejectionReason::$reason),*];
 
-            /// The name that a person reads.
+            /// The name in messages.
             pub const fn name(self) -> &'static str {
                 match self { $(RejectionReason::$reason => $name,)* }
             }
@@ -39,7 +39,7 @@ reasons! {
     Duplicate: "repeated",
     /// A newer one has come already.
     OutOfOrder: "out of order",
-    /// Its time of validity is too long ago.
+    /// The time of validity is too long ago.
     Stale: "stale",
     /// It claims to be valid later than its arrival allows.
     Future: "from the future",
@@ -51,7 +51,7 @@ reasons! {
     Unsolicited: "unsolicited replies",
     /// A time reply with an impossible round trip, or one that contradicts all others.
     RoundTrip: "impossible round trips",
-    /// Where the drone was at its time is not known.
+    /// The drone's place at the message's time is not known.
     NoDroneState: "without odometry of its time",
     /// Contradicts everything else.
     Outlier: "outliers",

@@ -17,9 +17,9 @@ enum Unread {
     /// A list goes on where its type has ended.
     #[error("{key} is a list of {found}, {taken} are taken")]
     TooLong {
-        /// Its dotted key.
+        /// Dotted key of the list.
         key: String,
-        /// Its length.
+        /// Length of the list.
         found: usize,
         /// The length that its type has.
         taken: usize,
@@ -90,7 +90,7 @@ struct Whole {
 }
 
 impl Whole {
-    /// What is in a table, each with its own key.
+    /// Entries of a table, each with its own key.
     fn entries(table: Table, key: &str) -> impl Iterator<Item = (String, Whole)> {
         table.into_iter().map(move |(name, value)| {
             let key = match key {
@@ -194,7 +194,7 @@ mod tests {
             /// Length, width and height, m.
             /// Chosen: some.
             pub size_m: [f64; 3] = [1.0; 3], in 0.0..=9.0;
-            /// Where it goes.
+            /// Direction of the lid.
             pub way: Way = Way::Nowhere;
             /// Corners.
             pub corners: Vec<[f64; 2]> = Vec::new();
@@ -242,18 +242,18 @@ mod tests {
             ("[way.along]\nends_m = [0.0, 1.0, 2.0]", "way.along.ends_m", 3, 2),
             ("[lid]\nhinges_m = [0.0, 1.0, 2.0, 3.0]", "lid.hinges_m", 4, 2),
         ] {
-            let said = error(text);
+            let message = error(text);
             let expected = format!("`{key}` is a list of {found}: allowed is a list of {taken}");
-            assert!(said.contains(&expected), "{text}: {said}");
+            assert!(message.contains(&expected), "{text}: {message}");
         }
-        // What the key means is said.
-        let said = error("size_m = [1, 2, 3, 4]");
+        // The error states what the key means.
+        let message = error("size_m = [1, 2, 3, 4]");
         assert!(
-            said.contains("(Length, width and height, m. Chosen: some)"),
-            "{said}"
+            message.contains("(Length, width and height, m. Chosen: some)"),
+            "{message}"
         );
-        let said = error("corners = [[0, 1, 2]]");
-        assert!(said.contains("a list of 2 (Corners)"), "{said}");
+        let message = error("corners = [[0, 1, 2]]");
+        assert!(message.contains("a list of 2 (Corners)"), "{message}");
         // One that is too short is an error with its line.
         assert!(error("size_m = [1, 2]").contains("invalid length 2"));
     }
@@ -272,12 +272,12 @@ mod tests {
             Way::Nowhere
         );
         // What is no configuration of ours has no meanings.
-        let said = read::<Lid>("hinges_m = [0, 1, 2]", "test")
+        let message = read::<Lid>("hinges_m = [0, 1, 2]", "test")
             .unwrap_err()
             .to_string();
         assert!(
-            said.contains("`hinges_m` is a list of 3: allowed is a list of 2;"),
-            "{said}"
+            message.contains("`hinges_m` is a list of 3: allowed is a list of 2;"),
+            "{message}"
         );
         assert_eq!(read::<Lid>("", "test").unwrap(), Lid::default());
     }

@@ -49,7 +49,7 @@ impl Transition {
     }
 }
 
-/// What became of a measurement.
+/// Outcome of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Update {
     /// Fused. `nis` is the normalised innovation squared, `nu' S^-1 nu`.

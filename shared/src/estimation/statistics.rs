@@ -5,9 +5,9 @@ use serde::Serialize;
 /// A value and its standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ValueWithSd {
-    /// Its value.
+    /// Value of the statistic.
     pub value: f64,
-    /// Its standard error.
+    /// Standard error of the value.
     pub sd: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The odds of a contact: each figure normal about what is predicted for it, with the variance of everything that nobody can
+//! The odds of a contact: each quantity normal about its prediction, with the variance of everything that no control can
 //! take back any more.
 //!
 //! | figure | mean | standard deviations |
@@ -23,15 +23,15 @@ use super::wind::{
 use super::{MAX_MPS, MAX_TILT_RAD};
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
-/// What the deck does unforeseen for so long the drone does not follow, s: a tenth from measurement to thrust, and two
+/// Time for which the drone does not follow unforeseen motion of the deck, s: a tenth from measurement to thrust, and two
 /// tenths until its sink has changed.
 pub const REACTION_S: f64 = 0.3;
 /// Usual speed onto the deck, m/s ...
 pub const CONTACT_MPS: f64 = 0.33;
 /// ... and how it is spread by drone and pilot alone.
 const CONTACT_SD_MPS: f64 = 0.12;
-/// What pilot and drone leave along the deck, m/s, of the angle, rad, and of the place, m: landings in still air on a deck
-/// that does not move.
+/// Remaining errors of pilot and drone along the deck, m/s, of the angle, rad, and of the place, m: landings in still air
+/// on a deck that does not move.
 const ALONG_SD_MPS: f64 = 0.07;
 const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
 const PLACE_SD_M: f64 = 0.03;
@@ -39,7 +39,7 @@ const PLACE_SD_M: f64 = 0.03;
 const ALIGNMENT_S: f64 = 0.1;
 /// Between the decision and the contact the deck's uncertainty changes, with the groups of the waves, to this much.
 const CHANGES: f64 = 1.3;
-/// What is left of the bank at the contact, a part of what was planned, and by how much a turn of `w_s / g` is unfinished then, a
+/// Fraction of the planned bank that is left at the contact, and by how much a turn of `w_s / g` is unfinished then, a
 /// part of it, standard deviation of one axis: 48 landings begun at random moments in 12 m/s (push of 2 to 4.4 m/s²), by the
 /// maximum likelihood of their angles.
 const BANK_LEFT: f64 = 0.5;
@@ -56,12 +56,12 @@ pub fn alignment_mps(apart: f64) -> f64 {
     ALIGNMENT_S * apart
 }
 
-/// Where the feet may stand: how far the drone's centre may be from the deck's, m, along both axes.
+/// Margins of the feet: how far the drone's centre may be from the deck's, m, along both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margins(pub [f64; 2]);
 
 impl Margins {
-    /// Of this drone on this deck.
+    /// Margins of this drone on this deck.
     pub fn on(deck: &DeckGeometry, drone: &DroneGeometry) -> Margins {
         Margins([
             0.5 * (deck.length_m - drone.feet_span_m[0]),
@@ -77,7 +77,7 @@ pub struct Contact {
     pub speed_mps: f64,
     /// Mean speed along it by the vessel's turn, and what is left of the present one, m/s.
     pub turn_mps: f64,
-    /// What is left of the present speed along it, m/s.
+    /// Remainder of the present speed along the deck, m/s.
     pub left_mps: f64,
     /// Speed that the deck gains unforeseen within the reaction: one horizontal axis and the vertical, standard deviation,
     /// m/s.
@@ -122,7 +122,7 @@ impl Contact {
             hard: below((MAX_MPS - speed) / norm(&[CONTACT_SD_MPS, CHANGES * vertical])),
             fast: inside(self.turn_mps + self.left_mps, along_sd, MAX_MPS),
             tilted: inside(bank, tilt_sd, MAX_TILT_RAD),
-            beside: self.inside_edges(margins, PLACE_PER_GUST_S2 * gust),
+            outside: self.inside_edges(margins, PLACE_PER_GUST_S2 * gust),
             slides: self.stays,
             turns: self.turn_mps > horizontal.max(slips).max(self.parted_mps),
         }

@@ -5,7 +5,7 @@ use crate::msg::{Reason, ReasonCode};
 /// No landing is more likely than this: 1 of 100 fails of what is in no model.
 pub const MAX_ODDS: f64 = 0.99;
 
-/// What a landing may fail of.
+/// Limit that a landing may exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
     /// The speed onto the deck.
@@ -15,7 +15,7 @@ pub enum Limit {
     /// The angle between the normals.
     Tilted,
     /// Four feet inside the deck's edges.
-    Beside,
+    Outside,
     /// Staying where it stands.
     Slides,
 }
@@ -23,15 +23,15 @@ pub enum Limit {
 /// The probability that each limit is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Odds {
-    /// Of the speed onto the deck.
+    /// Probability for the speed onto the deck.
     pub hard: f64,
-    /// Of the speed along it.
+    /// Probability for the speed along it.
     pub fast: f64,
-    /// Of the angle.
+    /// Probability for the angle.
     pub tilted: f64,
-    /// Of the place.
-    pub beside: f64,
-    /// Of staying.
+    /// Probability for the place.
+    pub outside: f64,
+    /// Probability of staying.
     pub slides: f64,
     /// The vessel's turn is most of what makes the contact fast.
     pub turns: bool,
@@ -43,11 +43,11 @@ impl Odds {
             (Limit::Hard, self.hard),
             (Limit::Fast, self.fast),
             (Limit::Tilted, self.tilted),
-            (Limit::Beside, self.beside),
+            (Limit::Outside, self.outside),
             (Limit::Slides, self.slides),
         ]
     }
-    /// That all limits are kept; 0 where a figure is none.
+    /// The probability that all limits are kept; 0 where a value is not finite.
     pub fn whole(&self) -> f64 {
         let p: f64 = self.each().iter().map(|(_, p)| *p).product();
         if p.is_finite() { p.min(MAX_ODDS) } else { 0.0 }
@@ -55,14 +55,14 @@ impl Odds {
     /// Why it is not likely enough: the number and the limit that costs most of it.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();
-        let least = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };
-        let (limit, _) = self.each().into_iter().fold((Limit::Hard, self.hard), least);
+        let lower = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };
+        let (limit, _) = self.each().into_iter().fold((Limit::Hard, self.hard), lower);
         let code = match limit {
             Limit::Hard => ReasonCode::LikelyHard,
             Limit::Fast if self.turns => ReasonCode::TurnTooFast,
             Limit::Fast => ReasonCode::LikelyFast,
             Limit::Tilted => ReasonCode::LikelyTilted,
-            Limit::Beside => ReasonCode::LikelyBeside,
+            Limit::Outside => ReasonCode::LikelyBeside,
             Limit::Slides => ReasonCode::LikelySlides,
         };
         (p < needed).then_some(Reason::new(code, p, needed))

@@ -22,7 +22,7 @@
 //!
 //! `x = k_p u + t_p (k_v u + v) / 2 + v² / (2 (g (mu - s) - c w))`, the last at most `v t_w`,
 //!
-//! with no speed less than none, and without a slide where `v` is none.
+//! with negative speeds taken as 0, and without a slide where `v` is 0.
 //! So it is to meet the deck by the mean of `x` upwind of the centre, at most half way to the edge: it then rests about the
 //! centre.
 //!
@@ -38,7 +38,7 @@ use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
-/// Of the wind's acceleration in flight, a drone that stands with its rotors stopped has this part: half, since rotors that
+/// Fraction of the wind's acceleration in flight on a drone that stands with its rotors stopped: half, since rotors that
 /// turn have as much drag as the body, and less by the wind's profile above water and deck.
 const STANDING: f64 = 0.4;
 /// Standard deviation of the friction as a part of it: dry, wet and salt.
@@ -63,12 +63,12 @@ const WAVE_S: f64 = 2.0;
 const JUST_NOW_S: f64 = 4.0;
 /// The slope's spread without a forecast of it: the prediction is wrong by this (rms) some seconds ahead.
 const UNKNOWN_SD: f64 = 0.08;
-/// The spread that any slope has: the measured ones' step, and the deck's roughness.
-const LEAST_SD: f64 = 0.02;
+/// Minimum spread of any slope: the measured ones' step, and the deck's roughness.
+const MIN_SD: f64 = 0.02;
 /// From the contact on its rotors still carry it for so long, s, and meanwhile the deck carries this part of its weight.
 const PRESS_S: f64 = 0.2;
 const PRESSED: f64 = 0.65;
-/// How far a slide is off, a part of it.
+/// Relative standard deviation of a slide.
 const SLIDE_SD: f64 = 0.4;
 /// Gusts that are averaged over: so many to either side of the mean, so far apart in standard deviations.
 const GUSTS: i32 = 6;
@@ -81,9 +81,9 @@ const STAY_S: f64 = 60.0;
 /// Whether a drone that lands now will stay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Staying {
-    /// How likely it stays.
+    /// Probability that it stays.
     pub probability: f64,
-    /// Where it is to meet the deck to come to rest about its centre, from that, NED, m.
+    /// Place at which it is to meet the deck to come to rest about its centre, from that, NED, m.
     pub meets: Vector2<f64>,
 }
 
@@ -99,7 +99,7 @@ impl Default for Staying {
 /// Feet on a deck.
 #[derive(Clone, Copy, Debug)]
 pub struct Stand {
-    /// Coefficient of friction; what holds the drone down beside its weight counts in it.
+    /// Coefficient of friction; forces that hold the drone down in addition to its weight count in it.
     pub friction: f64,
     /// From the centre to where the first foot would leave the deck, m.
     pub edge_m: f64,
@@ -152,7 +152,7 @@ pub fn needed_hold_n(
 }
 
 impl Staying {
-    /// Probability by the slopes, predicted and measured, and the wind; 0 of figures that are no numbers.
+    /// Probability by the slopes, predicted and measured, and the wind; 0 where one of them is not a number.
     pub fn of(slopes: &Slopes, stand: &Stand) -> Staying {
         let upwind_m = slopes.blown(stand.friction).min(0.5 * stand.edge_m);
         let given = |(sds, weight): (f64, f64)| {
@@ -181,7 +181,7 @@ struct Sines {
 }
 
 impl Sines {
-    /// Of the mean frequency of these slopes about their mean, `omega² = <s'²> / <s²>`; without waves those of [`UNKNOWN_PERIOD_S`].
+    /// Waves of these slopes' mean frequency, `omega² = <s'²> / <s²>`; without waves those of [`UNKNOWN_PERIOD_S`].
     fn of(slopes: &[Vector2<f64>], mean: &Vector2<f64>) -> Sines {
         let changes = slopes.windows(2).map(|w| match w {
             [before, after] => (after - before).norm_squared(),
@@ -213,7 +213,7 @@ impl Sines {
     fn moves(&self, slope: f64, push: f64, friction: f64) -> f64 {
         let amplitude = self.peak * slope;
         let over = amplitude + push - friction;
-        // A figure that is none is no wave that moves nothing.
+        // A value that is not a number must not count as calm water.
         if over <= 0.0 {
             return 0.0;
         }
@@ -221,23 +221,23 @@ impl Sines {
     }
 }
 
-/// What moves a drone that stands, as slopes.
+/// Causes that move a standing drone, as slopes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slopes {
     waves: Sines,
-    /// Of each predicted wave where it is steepest: slope about the mean, the push along it, its direction, and the spread of
+    /// Each predicted wave where it is steepest: slope about the mean, the push along it, its direction, and the spread of
     /// its prediction.
     predicted: Vec<(f64, f64, Vector2<f64>, f64)>,
     /// The steepest measured in each span, the newest first.
     measured: Vec<f64>,
-    /// Of the wind.
+    /// Acceleration by the wind.
     push: Vector2<f64>,
     gust: f64,
     /// The wind in flight; none of one with which an aligned drone is wholly blown along.
     in_flight: WindPush,
-    /// Of trim and heel.
+    /// Slope of trim and heel.
     trim: f64,
-    /// Of the wind, trim and heel.
+    /// Slope of the wind, trim and heel.
     bias: Vector2<f64>,
 }
 
@@ -308,7 +308,7 @@ impl Slopes {
         let blown = |gust_sds: f64| {
             let [met, slid] = self.blown_in(gust_sds * self.in_flight.gust_sd, 1.0, friction);
             let moved = (waves + self.downwind() * (met + slid - upwind_m)).norm();
-            let sd = norm(&[of_first, of_after, SLIDE_SD * slid, LEAST_SD]);
+            let sd = norm(&[of_first, of_after, SLIDE_SD * slid, MIN_SD]);
             below((edge_m - moved) / sd) - below((-edge_m - moved) / sd)
         };
         let within = over_gusts(blown);
@@ -316,7 +316,7 @@ impl Slopes {
         // One that is no number stays none.
         if again < within { again } else { within }
     }
-    /// Where the waves until it is at rest move it, north and east, and how far that is off, m.
+    /// Displacement by the waves until it is at rest, north and east, and its standard deviation, m.
     fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
         let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
         if self.predicted.is_empty() {
@@ -337,12 +337,12 @@ impl Slopes {
         }
         (moved, variance.sqrt())
     }
-    /// Where a strong wind blows to.
+    /// Direction towards which a strong wind blows.
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }
-    /// How far along it a drone that the plan leads to the centre comes to rest, in the mean of gusts and of waves to either
-    /// side, m.
+    /// Distance along it at which a drone that the plan leads to the centre comes to rest, in the mean of gusts and of
+    /// waves to either side, m.
     fn blown(&self, friction: f64) -> f64 {
         let to = |side: f64, sds: f64| {
             let blown = self.blown_in(sds * self.in_flight.gust_sd, side, friction);
@@ -350,8 +350,8 @@ impl Slopes {
         };
         over_gusts(|sds| 0.5 * (to(1.0, sds) + to(-1.0, sds)))
     }
-    /// How far in a gust of `gust` (m/s²) along the wind: to where it meets the deck, and from there on, m; the waves slope to
-    /// leeward (`side` 1) or to windward (-1).
+    /// Distances along the wind in a gust of `gust` (m/s²): to where it meets the deck, and from there on, m; the waves
+    /// slope to leeward (`side` 1) or to windward (-1).
     fn blown_in(&self, gust: f64, side: f64, friction: f64) -> [f64; 2] {
         let mean = self.in_flight.mean.norm();
         if mean == 0.0 {
@@ -378,7 +378,7 @@ impl Slopes {
     }
     /// By how much a wave of this slope, which is known to `sd`, moves the drone, and how far that is off, m.
     fn wave(&self, friction: f64, slope: f64, push: f64, sd: f64) -> (f64, f64) {
-        let sd = norm(&[sd, PEAK_SD * slope, self.gust, LEAST_SD]);
+        let sd = norm(&[sd, PEAK_SD * slope, self.gust, MIN_SD]);
         let moves = |k: f64| {
             self.waves
                 .moves((slope + k * sd).clamp(0.0, f64::INFINITY), push, friction)
@@ -395,7 +395,7 @@ impl Slopes {
     fn holds_as_just_now(&self, friction: f64) -> f64 {
         let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
         let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
-        below((friction - again) / norm(&[self.gust, LEAST_SD]))
+        below((friction - again) / norm(&[self.gust, MIN_SD]))
     }
     /// By how much the waves of the minute after move it along the push, and how far that is off, m.
     fn after(&self, friction: f64) -> (f64, f64) {
@@ -479,7 +479,7 @@ mod tests {
         assert!(p(0.08, 3.0) < p(0.08, 0.0));
     }
 
-    /// What waves and wind move it by in the end adds to the slide, and a list to leeward makes that longer.
+    /// The final displacement by waves and wind adds to the slide, and a list to leeward makes that longer.
     #[test]
     fn slide_and_drift_to_leeward() {
         let wind = WindPush {

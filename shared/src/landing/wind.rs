@@ -23,7 +23,7 @@ pub const TILT_PER_GUST: f64 = 0.25;
 /// Place of the contact, m, of a gust of 1 m/s²; the same landings.
 pub const PLACE_PER_GUST_S2: f64 = 0.15;
 
-/// What the wind over the deck does to a drone that follows the vessel.
+/// Effect of the wind over the deck on a drone that follows the vessel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindPush {
     /// Mean acceleration, NED, m/s².
@@ -33,8 +33,8 @@ pub struct WindPush {
 }
 
 impl WindPush {
-    /// Of a true wind towards `wind` (NED, m/s) over a vessel that makes `way` (NED, m/s), on a drone of usual drag: the way
-    /// adds to the mean, and the gusts are the wind's alone.
+    /// Effect of a true wind towards `wind` (NED, m/s) over a vessel that makes `way` (NED, m/s), on a drone of usual
+    /// drag: the way adds to the mean, and the gusts are the wind's alone.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {
         let (mean, slope) = drag(DRAG_PER_M, &(way - wind));
         WindPush {

@@ -29,13 +29,13 @@ pub struct StreamTime {
     pub newest: u64,
 }
 
-/// What a signed link knows of times, for the next start of its process: a frame that was sent before is never taken again.
+/// Times that a signed link knows, for the next start of its process: a frame that was sent before is never taken again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SigningTimes {
     /// The latest of all, our own among them, 10 us since 2015.
     pub latest: u64,
-    /// Of each stream.
+    /// Newest time of each stream.
     pub streams: Seq<StreamTime, MAX_STREAMS>,
 }
 
@@ -95,7 +95,7 @@ impl Signing {
             any_time: false,
         }
     }
-    /// The same key, for frames stamped at whatever time: of an autopilot that learns the time from our answers.
+    /// This key, for frames stamped at whatever time: of an autopilot that learns the time from our answers.
     #[must_use]
     pub fn at_any_time(&self) -> Signing {
         Signing {
@@ -103,11 +103,11 @@ impl Signing {
             ..self.clone()
         }
     }
-    /// What the next start is to know.
+    /// Times that the next start is to know.
     pub fn times(&self) -> SigningTimes {
         *self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// What the start before this one knew, in addition to what is known already.
+    /// Adds the times that the start before this one knew.
     pub fn recall(&self, before: &SigningTimes) {
         let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
         times.latest = times.latest.max(before.latest);
@@ -157,7 +157,7 @@ impl Signing {
 /// Frames by their signatures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Signatures {
-    /// Left out because nobody signed them, though a key is set.
+    /// Left out because they were not signed, though a key is set.
     pub unsigned: u64,
     /// Left out because another key signed them.
     pub other_key: u64,
@@ -178,7 +178,7 @@ impl Signatures {
             unchecked: self.unchecked + other.unchecked,
         }
     }
-    /// What is wrong with the signatures of a link, and its remedy; None where all are as configured.
+    /// Fault of a link's signatures, and its remedy; None where all are as configured.
     pub fn finding(&self) -> Option<(String, &'static str)> {
         let (count, found, remedy) = if self.other_key > 0 {
             (
@@ -252,7 +252,7 @@ mod tests {
             signing,
         )
     }
-    /// How many of these frames a link with this key takes, and what became of the others.
+    /// Number of these frames that a link with this key takes, and the counts of the others.
     fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
         let mut reader = FrameReader::signed(signing);
         frames.iter().for_each(|bytes| reader.push(bytes));
@@ -348,7 +348,7 @@ mod tests {
         heartbeat(Some(&station))
     }
 
-    /// What was sent before a restart counts no more, and what comes after it does.
+    /// Frames sent before a restart do not count any more, and later ones do.
     #[test]
     fn times_of_a_signed_link_over_a_restart() {
         const AT: u64 = 1_000_000_000;

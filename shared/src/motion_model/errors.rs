@@ -21,10 +21,10 @@ const RECENT: f64 = 20.0;
 const WEIGHED_AT: usize = 2;
 /// Most predictions that wait: those of all horizons.
 const MAX_WAITING: usize = 96;
-/// What was surprising so soon will be at the longer horizons: their number.
+/// Number of the shortest horizons whose errors also widen the longer ones.
 const SOON: usize = 2;
-/// What is compared: the degrees of freedom, and acceleration north and east, in which a helmsman's doing is seen first.
-const SEEN: usize = DOFS + 2;
+/// Compared quantities: the degrees of freedom, and acceleration north and east, in which a manoeuvre shows first.
+const COMPARED: usize = DOFS + 2;
 /// Chance alone makes a mean square of so few waves this many times the usual (95 % of chi squared / 8 with 8 degrees of
 /// freedom).
 const BY_CHANCE: f64 = 1.94;
@@ -42,7 +42,7 @@ struct Waiting<const N: usize, C: Clock> {
 pub struct MeasuredErrors<const N: usize, C: Clock> {
     waiting: VecDeque<Waiting<N, C>>,
     squares: [[f64; N]; SPREAD_AT_S.len()],
-    /// The same of the last seconds.
+    /// Mean squares of the last seconds.
     recent: [[f64; N]; SPREAD_AT_S.len()],
     count: [f64; SPREAD_AT_S.len()],
 }
@@ -88,8 +88,8 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
                 let compared = count[w.horizon] + 1.0;
                 count[w.horizon] = compared;
                 let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
-                for (d, (seen, predicted)) in values.into_iter().zip(w.value).enumerate() {
-                    let e = seen - predicted;
+                for (d, (measured, predicted)) in values.into_iter().zip(w.value).enumerate() {
+                    let e = measured - predicted;
                     let sum = &mut squares[w.horizon][d];
                     *sum += (e * e - *sum) / n;
                     let sum = &mut recent[w.horizon][d];
@@ -131,7 +131,7 @@ fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) ->
 
 /// Errors of the motion: the degrees of freedom, and acceleration north and east.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Errors<C: Clock>(MeasuredErrors<SEEN, C>);
+pub(super) struct Errors<C: Clock>(MeasuredErrors<COMPARED, C>);
 
 impl<C: Clock> Errors<C> {
     /// Keeps the motion predicted at `now`, by seconds ahead.
@@ -163,7 +163,7 @@ impl<C: Clock> Errors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// By how much the mean squares of late exceed the usual at the shortest horizons, at least 1: a change is seen
+    /// By how much the mean squares of late exceed the usual at the shortest horizons, at least 1: a change shows
     /// there long before predictions of the longer horizons are due. An acceleration that was not foreseen is in the
     /// past from which all else is predicted.
     fn surprise(&self) -> [f64; DOFS] {
@@ -175,16 +175,16 @@ impl<C: Clock> Errors<C> {
                 self.0.recent[h][d] / usual
             }
         };
-        let pushed = (DOFS..SEEN).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
+        let pushed = (DOFS..COMPARED).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
         core::array::from_fn(|d| (0..SOON).map(|h| ratio(h, d)).fold(pushed.max(1.0), f64::max))
     }
-    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] and at least `least` there,
+    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`] and at least `floor` there,
     /// between them in proportion, held after the last. Until errors are measured the `deviation` of the motion itself
     /// stands in; a surprise widens them up to that of two motions that know nothing of each other.
     pub(super) fn spread(
         &self,
         deviation: [f64; DOFS],
-        least: &[[f64; DOFS]; SPREAD_AT_S.len()],
+        floor: &[[f64; DOFS]; SPREAD_AT_S.len()],
         ahead: f64,
     ) -> [f64; DOFS] {
         let surprise = self.surprise();
@@ -193,7 +193,7 @@ impl<C: Clock> Errors<C> {
                 core::array::from_fn(|d| {
                     let unknown = 2.0 * deviation[d] * deviation[d];
                     let surprised = (self.0.squares[h][d] * surprise[d]).min(unknown);
-                    squares[d].max(surprised).sqrt().max(least[h][d])
+                    squares[d].max(surprised).sqrt().max(floor[h][d])
                 })
             })
         });

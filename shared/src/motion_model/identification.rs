@@ -128,7 +128,7 @@ impl<C: Clock> Identification<C> {
     pub(super) fn slow_variance(&self) -> f64 {
         self.model.as_ref().map_or(0.0, |m| m.slow_variance)
     }
-    /// What its predictions are weighed by.
+    /// Weights of the predictions.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         self.errors.weights()
     }
@@ -136,7 +136,7 @@ impl<C: Clock> Identification<C> {
     pub(super) fn mean(&self) -> [f64; DOFS] {
         self.regression.mean()
     }
-    /// Its standard deviation.
+    /// Standard deviation of the motion.
     pub(super) fn deviation(&self) -> [f64; DOFS] {
         self.regression.deviation()
     }

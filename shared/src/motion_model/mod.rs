@@ -6,7 +6,7 @@
 //! seconds is regressed on their past of six ([`regression`]); the best low-rank part of that regression is the state
 //! of a linear system, whose transition follows from the shift of the future by one step, and whose eigenvectors are
 //! the modes ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles,
-//! `C_wave` the shapes, and the hull's own response is part of both, because the motion that is seen has passed
+//! `C_wave` the shapes, and the hull's own response is part of both, because the measured motion has passed
 //! through it.
 //!
 //! It is identified twice side by side, in axes parallel to NED and in axes that turn with the vessel: a small hull
@@ -37,7 +37,7 @@ use regression::OBSERVED;
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// What no mode holds fades in this time, s: a quarter of a wave.
+/// Motion outside the modes fades in this time, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
 /// Heel and trim change within this time, s: that of a helm.
 const HEEL_S: f64 = 2.0;
@@ -60,7 +60,7 @@ pub struct MotionSample<C: Clock> {
 }
 
 impl<C: Clock> MotionSample<C> {
-    /// The same in axes turned by `angle` (rad) about down.
+    /// The sample in axes turned by `angle` (rad) about down.
     fn turned(&self, angle: f64) -> MotionSample<C> {
         let turn = |v| turned(v, angle);
         let [north, east, heave, about_north, about_east, yaw] = self.value;
@@ -87,9 +87,9 @@ pub struct MotionModel<C: Clock> {
     identified: [Identification<C>; 2],
     /// The modes of both with their weights, by the newest sample.
     modes: Option<Modes<C>>,
-    /// How far both predict apart, per degree of freedom, at [`SPREAD_AT_S`].
+    /// Difference of both predictions, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
-    /// Of the modes, which the drone rolls on.
+    /// Errors of the modes, which the drone rolls on.
     errors: Errors<C>,
 }
 
@@ -269,7 +269,7 @@ impl<C: Clock> MotionModel<C> {
     }
 }
 
-/// What this motion leaves of the tilt about north and about east, rad.
+/// Remainder of the tilt about north and about east without this motion, rad.
 fn left_of_tilt<C: Clock>(sample: &MotionSample<C>, motion: &Motion) -> [f64; 2] {
     [ROLL, PITCH].map(|d| sample.value[d] - motion[d][0])
 }

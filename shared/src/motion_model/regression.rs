@@ -13,7 +13,7 @@ use super::MotionSample;
 pub(super) const CHANNELS: usize = 8;
 /// Number of past samples that are read.
 pub(super) const LAGS: usize = 24;
-/// How far back they reach, samples: dense over a second, then each fourth over six (ours: denser or longer gains
+/// Lags, samples: dense over a second, then each fourth over six (ours: denser or longer gains
 /// less than a hundredth on the three hulls).
 pub(super) const LAG: [usize; LAGS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
@@ -78,7 +78,7 @@ pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
     }
 }
 
-/// The past as seen at sample `i` of the record; None where the record does not reach.
+/// The past at sample `i` of the record; None where the record does not reach.
 pub(super) fn past<C: Clock>(record: &VecDeque<MotionSample<C>>, i: usize) -> Option<DVector<f64>> {
     let mut z = DVector::zeros(INPUTS);
     for (l, lag) in LAG.iter().enumerate() {
@@ -120,7 +120,7 @@ impl Regression {
     pub(super) fn mean(&self) -> [f64; DOFS] {
         core::array::from_fn(|d| self.sums[INPUTS + d] / self.weight.max(1.0))
     }
-    /// Its standard deviation.
+    /// Standard deviation of the motion.
     pub(super) fn deviation(&self) -> [f64; DOFS] {
         let mean = self.mean();
         core::array::from_fn(|d| {

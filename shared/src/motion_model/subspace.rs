@@ -16,9 +16,9 @@ const ORDER: usize = 24;
 const RIDGE: f64 = 3e-3;
 /// The ridge of a record of this many rows is twice that of a full one.
 const RIDGE_ROWS: f64 = 300.0;
-/// Least real part of a damping: a mode forgets its phase within two minutes, 1/s.
+/// Minimum real part of a damping: a mode forgets its phase within two minutes, 1/s.
 const MIN_DECAY: f64 = 0.004;
-/// Least size of an eigenvalue: what it leaves after a step.
+/// Minimum size of an eigenvalue: the fraction left after a step.
 const DEAD: f64 = 0.37;
 /// Degrees of freedom whose slow modes are left out: they are a course.
 const WITHOUT_SLOW: [usize; 3] = [SURGE, SWAY, YAW];
@@ -42,7 +42,7 @@ pub(super) struct Fit {
     cross: Mat<f64>,
     variance: Vec<f64>,
     ridge: f64,
-    /// Of heave's slow error, m².
+    /// Variance of heave's slow error, m².
     level_variance: f64,
 }
 
@@ -59,7 +59,7 @@ enum Stage {
     },
 }
 
-/// How far an identification is.
+/// Progress of an identification.
 pub(super) enum Progress {
     /// There is more to do.
     Working(Box<Fit>),
@@ -74,7 +74,7 @@ pub(super) enum Progress {
 pub(super) struct Model {
     mean_in: DVector<f64>,
     modes: Vec<ModeFit>,
-    /// What the error of the level leaves unknown of the slow heave that the modes hold, m².
+    /// Variance of the slow heave in the modes that the error of the level leaves unknown, m².
     pub(super) slow_variance: f64,
 }
 
@@ -239,8 +239,8 @@ impl Fit {
             let mut shape = [Complex::default(); DOFS];
             for (d, shape) in shape.iter_mut().enumerate() {
                 let (mut sum, mut squares) = (Complex::default(), 0.0);
-                let mut add = |gain: Complex<f64>, seen: Complex<f64>| {
-                    sum += gain.conj() * seen;
+                let mut add = |gain: Complex<f64>, response: Complex<f64>| {
+                    sum += gain.conj() * response;
                     squares += gain.norm_sqr();
                 };
                 let along = |row: &dyn Fn(usize) -> f64| {
@@ -307,7 +307,7 @@ impl Fit {
         })
     }
 
-    /// Of the slow heave, what the error of the level leaves (Wiener 1949): the share `1 - P / V` of its variance `V`, with
+    /// Part of the slow heave that the error of the level leaves (Wiener 1949): `1 - P / V` of its variance `V`, with
     /// the variance `P` of the level that heave is about. A sea from astern is met slowly and keeps nearly all, that of a
     /// drifting boat next to nothing. Returns the share; the kept part is off by a variance of `share P`.
     fn share_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {

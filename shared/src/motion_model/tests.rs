@@ -82,7 +82,7 @@ fn motion_model_of_both_hulls_in_turns() {
 }
 
 /// A boat that turns and heels by `heel` (rad) from 120 s on, in waves: the error of the tilt predicted a second ahead,
-/// rms over the two minutes that follow, and the greatest distance of a prediction's beginning from the estimate, m, rad.
+/// rms over the two minutes that follow, and the maximum distance of a prediction's beginning from the estimate, m, rad.
 fn error_with_heel(heel: f64) -> (f64, f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut model = MotionModel::<VesselClock>::default();

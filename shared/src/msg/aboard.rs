@@ -17,7 +17,7 @@ pub const MAX_DEVICES: usize = super::MAX_SOURCES / 2;
 pub const MAX_NAMED: usize = 16;
 /// The crew's newest orders that a status names.
 pub const MAX_ORDERS: usize = 8;
-/// A text for a person in a status.
+/// A text for the crew in a status.
 pub type Line = Text<240>;
 
 /// A clearance for a take-off lasts so long, s: its checks, the countdown and the wait for the moment.
@@ -33,17 +33,17 @@ pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
 #[serde(rename_all = "snake_case")]
 #[repr(C, u8)]
 pub enum DeckOrder {
-    /// Nobody descends.
+    /// No drone descends.
     Closed,
-    /// Nothing lies on it: it is free but for drones that report from it now, or may be on their way down unheard.
+    /// Nothing lies on it: it is free except for drones that report from it now, or may be coming down in silence.
     Open,
-    /// The same, and this drone is neither there nor above it.
+    /// Nothing lies on it, and this drone is neither there nor above it.
     Clear(u32),
-    /// Nobody and nothing is near this drone on the deck, nor tied to it: it may take off within
+    /// No crew and nothing else is near this drone on the deck, nor tied to it: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// The same for each take-off of it, until somebody has been at the deck, and for [`TAKE_OFF_WATCH_S`] at most: whoever gives
-    /// it sees to it for so long.
+    /// Clearance for each take-off of this drone, until somebody has been at the deck, and for [`TAKE_OFF_WATCH_S`] at
+    /// most: whoever gives it sees to it for so long.
     TakeOffStanding(u32),
     /// Course and speed are kept for so many seconds; 0: nothing is stated any more.
     Steady(u32),
@@ -60,7 +60,7 @@ pub enum DeckOrder {
 pub enum Closure {
     /// The crew closed it.
     Crew,
-    /// Its checkpoint is damaged: who stands on it is not known.
+    /// The deck's checkpoint is damaged: who stands on it is not known.
     #[serde(alias = "memory_damaged")]
     CheckpointDamaged,
     /// The crew's switch is closed, or cannot be read.
@@ -69,7 +69,7 @@ pub enum Closure {
     Sensor,
     /// There is no checkpoint: who stands on it is not known.
     CheckpointMissing,
-    /// Its checkpoint cannot be written, so that what was found may be older than what happened.
+    /// The deck's checkpoint cannot be written, so that what was found may be older than what happened.
     CheckpointUnwritable,
 }
 
@@ -81,9 +81,9 @@ pub struct Starved {
     pub owner: u32,
     /// Since its newest status, s.
     pub silent_s: f64,
-    /// The one that waits; of several the one with the least battery.
+    /// The one that waits; of several the one with the lowest battery.
     pub waiting: u32,
-    /// Its battery, 0 to 1.
+    /// Battery of that drone, 0 to 1.
     pub battery: f64,
 }
 
@@ -104,7 +104,7 @@ impl fmt::Display for Starved {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Unheard {
-    /// Its number.
+    /// Number of the drone.
     pub drone: u32,
     /// Since its newest status, s.
     pub silent_s: f64,
@@ -126,7 +126,7 @@ impl fmt::Display for Unheard {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct FollowsAnother {
-    /// Its number.
+    /// Number of the drone.
     pub drone: u32,
     /// The other computer's boot id.
     pub boot: u32,
@@ -138,7 +138,7 @@ pub struct FollowsAnother {
 pub struct CrewOrder {
     /// Identity, and when it was given.
     pub header: Header<VesselClock>,
-    /// What is ordered.
+    /// The order.
     pub order: DeckOrder,
 }
 
@@ -178,7 +178,7 @@ pub struct Decoded {
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Of those, at a time that cannot be the next pulse's after the last fix: another time base.
+    /// Fixes of those, at a time that cannot be the next pulse's after the last fix: another time base.
     pub mismatched_pulses: u64,
 }
 
@@ -190,11 +190,11 @@ pub struct SourceStatus {
     pub decoded: Decoded,
     /// Measurements passed on: inertial samples, fixes, headings, attitudes.
     pub given: [u64; 4],
-    /// Of the same time as the last of their kind.
+    /// Measurements of the same time as the last of their kind.
     pub duplicated: u64,
     /// Older than the last of their kind.
     pub out_of_order: u64,
-    /// Of an implausible time.
+    /// Measurements of an implausible time.
     pub implausible_time: u64,
     /// Restarts and steps of its clock, and by how much it changed at the newest, s, forward positive.
     pub restarts: u64,
@@ -206,13 +206,13 @@ pub struct SourceStatus {
     pub newest_s: Option<f64>,
 }
 
-/// What a person should know of a source's bytes beside the counts.
+/// Remarks on a source's bytes for the crew, in addition to the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceRemark {
-    /// What is so, with its figures.
+    /// The finding, with its values.
     pub text: Line,
-    /// What to do about it; None: it is as it should be.
+    /// Remedy; None: the finding is as it should be.
     pub remedy: Option<Line>,
 }
 
@@ -222,29 +222,29 @@ pub struct SourceRemark {
 pub struct SourceReport {
     /// Identity.
     pub header: Header<VesselClock>,
-    /// Its place in the configuration.
+    /// Number of the source in the configuration.
     pub number: u32,
-    /// What became of its bytes.
+    /// Counts of its bytes and messages.
     pub status: SourceStatus,
     /// Why its link is down, if it is.
     pub why: Option<Line>,
-    /// What else is to be said of its bytes.
+    /// Further remarks on its bytes.
     pub remarks: Seq<SourceRemark, 6>,
 }
 
-/// What the estimator made of a real sensor's measurements.
+/// Use that the estimator made of a real sensor's measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct SourceUse {
     /// Given to the filter.
     pub used: u64,
-    /// Of those, outside its gates.
+    /// Measurements of those outside the gates.
     pub gated: u64,
     /// Older than the one before.
     pub out_of_order: u64,
     /// Rejected before the gates: too old, from the future, absurd.
     pub rejected: u64,
-    /// Of those, samples of an inertial sensor that repeats one for ever.
+    /// Samples of those of an inertial sensor that repeats one for ever.
     pub stuck: u64,
     /// It does so now.
     pub is_stuck: bool,
@@ -304,11 +304,11 @@ pub struct DeckStatus {
     pub input_errors: Seq<Line, 4>,
     /// Why the lamp at the helm cannot be driven, if it cannot.
     pub lamp_error: Option<Line>,
-    /// What the helm intends.
+    /// Course that the helm intends.
     pub course: Course,
     /// A drone wants the vessel to keep course and speed.
     pub wants_steady: bool,
-    /// Where the handshake about the helm stands.
+    /// State of the handshake about the helm.
     pub helm: HelmStatus,
     /// Why the boat's autopilot cannot be steered, if it cannot.
     pub helm_error: Option<Line>,
@@ -324,7 +324,7 @@ pub struct DroneContact {
     pub status: DroneStatus,
 }
 
-/// What the vessel's process knows, for people on board and for its supervisor.
+/// State of the vessel's process, for the crew and for its supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct VesselStatus {
@@ -334,7 +334,7 @@ pub struct VesselStatus {
     pub deck_owner: Option<u32>,
     /// A drone stands on it, or its sensor reports something.
     pub occupied: bool,
-    /// What else is known of the deck.
+    /// Further state of the deck.
     pub deck: DeckStatus,
     /// Boot ids of the crew's newest orders that were taken.
     pub orders: Seq<u32, MAX_ORDERS>,
@@ -342,6 +342,6 @@ pub struct VesselStatus {
     pub drones: Seq<DroneContact, MAX_NAMED>,
     /// The estimator.
     pub estimator: EstimatorStatus,
-    /// What it made of each real sensor's measurements, in the order of the configuration.
+    /// Use that it made of each real sensor's measurements, in the order of the configuration.
     pub uses: [SourceUse; MAX_DEVICES],
 }

@@ -1,5 +1,5 @@
-//! Where a vessel is by what boats and people have: a second MAVLink system, a phone, an operator. It leads a drone to
-//! where it looks for the deck's tags, and to no landing without them: nobody authenticates it.
+//! Position of a vessel by what boats and people have: a second MAVLink system, a phone, an operator. It leads a drone to
+//! where it looks for the deck's tags, and to no landing without them: it is not authenticated.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ pub const MAX_BEACON_MPS: f64 = 20.0;
 /// A beacon is good for so long, at most, s.
 pub const MAX_BEACON_LASTS_S: f64 = 3600.0;
 
-/// Where a beacon's place comes from.
+/// Source of a beacon's place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
@@ -28,14 +28,14 @@ pub enum BeaconSource {
     GlobalPosition,
     /// `FOLLOW_TARGET` of a ground station or a phone.
     FollowTarget,
-    /// Its AIS transponder.
+    /// The vessel's AIS transponder.
     Ais,
     /// The vessel itself, as radio and camera had it when it was known last.
     Vessel,
 }
 
 impl BeaconSource {
-    /// Its name for people.
+    /// Name for messages.
     pub const fn name(self) -> &'static str {
         match self {
             BeaconSource::Operator => "an operator's order",
@@ -53,7 +53,7 @@ impl BeaconSource {
 pub struct DeckBeacon {
     /// Identity; `at` is the time of the place.
     pub header: Header<DroneClock>,
-    /// Where it comes from.
+    /// Source of the place.
     pub source: BeaconSource,
     /// WGS 84, deg, north positive.
     pub latitude_deg: f64,
@@ -70,7 +70,7 @@ pub struct DeckBeacon {
 }
 
 impl DeckBeacon {
-    /// Its place on the ellipsoid: a beacon's height is not used.
+    /// The beacon's place on the ellipsoid: a beacon's height is not used.
     pub fn place(&self) -> Datum {
         Datum::new(self.latitude_deg, self.longitude_deg, 0.0)
     }

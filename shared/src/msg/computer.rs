@@ -59,7 +59,7 @@ impl<const N: usize> fmt::Display for Names<N> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Certificate {
-    /// Where.
+    /// Path of the record.
     pub path: Line,
     /// Days until it expires, negative when it has.
     pub days_left: i64,
@@ -69,14 +69,14 @@ pub struct Certificate {
     pub name: Name,
 }
 
-/// What is known of a radio's certificate.
+/// State of a radio's certificate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C, u8)]
 pub enum CertificateState {
     /// The radio has none.
     #[default]
     Absent,
-    /// What its file holds.
+    /// Content of the certificate's file.
     Read(Certificate),
     /// Why its file cannot be read.
     Unreadable(Line),
@@ -126,11 +126,11 @@ pub struct ComputerReport {
     pub disarm_s: Option<f64>,
     /// Processes that report while it runs.
     pub processes: Seq<ProcessKind, MAX_PROCESSES>,
-    /// What is to be said of a configuration that was edited since the start.
+    /// Remark on a configuration that was edited since the start.
     pub edited: Option<Line>,
     /// People read winds and the vessel's speed in knots.
     pub knots: bool,
-    /// Of a vessel's computer.
+    /// Report of a vessel's computer.
     pub vessel: Option<VesselReport>,
 }
 

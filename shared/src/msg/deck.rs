@@ -88,7 +88,7 @@ pub struct RangeSample {
     pub variance: f64,
 }
 
-/// What the bridge knows of the link and of the clocks.
+/// State of the link and of the clocks, as the bridge has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkState {
@@ -110,11 +110,11 @@ pub struct LinkState {
     pub latency_p99_s: f64,
     /// Vessel messages rejected since start.
     pub rejected: u32,
-    /// Boot of a second computer with the vessel's identity that is received beside the one that is listened to.
+    /// Boot of a second computer with the vessel's identity that is received in addition to the one in use.
     pub second_sender: Option<u32>,
 }
 
-/// Where the forecast gets its knowledge from.
+/// Source of the forecast's knowledge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Source {
@@ -135,9 +135,9 @@ pub enum Source {
 pub struct DeckStage {
     /// Deck centre, m.
     pub position: [f64; 3],
-    /// Its velocity, m/s.
+    /// Velocity of the deck, m/s.
     pub velocity: [f64; 3],
-    /// Its acceleration, m/s².
+    /// Acceleration of the deck, m/s².
     pub acceleration: [f64; 3],
     /// Roll, pitch, yaw of the deck (ZYX), rad.
     pub euler: [f64; 3],
@@ -204,7 +204,7 @@ pub struct DeckForecast {
     pub header: Header<DroneClock>,
     /// Time between stages.
     pub step: Span,
-    /// Where the knowledge comes from now.
+    /// Present source of the knowledge.
     pub source: Source,
     /// Age of the newest vessel estimate that was used, s; infinite when there was none.
     pub radio_age_s: f64,
@@ -214,26 +214,26 @@ pub struct DeckForecast {
     pub tag_age_s: f64,
     /// The beacon that is known, if there is one: the standard deviation of its place now, each horizontal axis, m, and its age, s.
     pub beacon: Option<[f64; 2]>,
-    /// Decks with the tags of this one that are in sight while nothing says which is its own; 0: none, or it is known.
+    /// Decks with the tags of this one that are in sight while it is not known which is its own; 0: none, or it is known.
     pub decks_in_sight: u32,
     /// The deck's height by the rangefinder against the camera's: mean of the normalised innovation squared over 3 s, the largest
     /// of late, 1 where both err as they state; None while one of them is missing.
     pub height_nis: Option<f64>,
-    /// The deck's place as seen less its place by radio, horizontal, and the most that it may be by the spread of both, m; None
-    /// while it was not seen.
+    /// The deck's place by vision less its place by radio, horizontal, and the most that it may be by the spread of both,
+    /// m; None without a detection.
     pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or a calm) to 1.
     pub wave_confidence: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
-    /// Its rate, rad/s.
+    /// Rate of the mean heading, rad/s.
     pub mean_heading_rate: f64,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
     /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
     /// nothing recent is known.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
-    /// What stands around the deck, as the vessel reported it last.
+    /// Obstacles around the deck, as the vessel reported it last.
     pub surroundings: Surroundings,
     /// The apparent slope that is predicted for a drone on the deck, towards north and east, every
     /// [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of [`super::SLOPE_STEP`]: the direction in which the deck has to hold
@@ -249,7 +249,7 @@ impl DeckForecast {
     pub fn vessel_level(&self) -> VesselLevel {
         match self.beacon {
             _ if self.radio_age_s <= SILENT_S => VesselLevel::Computer,
-            // What was seen a moment ago is known better by that.
+            // Vision of a moment ago is the better measurement.
             Some(_) if self.vision_age_s > SILENT_S => VesselLevel::Beacon,
             Some(_) | None => VesselLevel::Tag,
         }

@@ -25,10 +25,10 @@ pub struct DroneState {
     /// Counts the frames of `position` (another autopilot, its restart, an origin that moved): with each, what was known in
     /// the one before is void. A jump of the estimate alone makes none (`datum_offset`).
     pub frames: u8,
-    /// Where the drone's NED begins: its autopilot's origin.
+    /// Origin of the drone's NED: that of its autopilot.
     pub datum: Datum,
-    /// Where `datum` lies in the frame of `position` now, NED, m. That frame goes on where the autopilot's estimate of its
-    /// position jumps, and this takes up the jump: what was seen stays where it was, what is known by latitude and longitude
+    /// Position of `datum` in the frame of `position` now, NED, m. That frame goes on where the autopilot's estimate of its
+    /// position jumps, and this takes up the jump: detections stay where they were, what is known by latitude and longitude
     /// (the vessel by radio) moves by it. 0 until the first jump.
     pub datum_offset: [f64; 3],
     /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad: `attitude` has them.
@@ -79,7 +79,7 @@ impl DroneState {
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.position)
     }
-    /// Where `datum` lies in the frame of the position now, m.
+    /// Position of `datum` in the frame of the position now, m.
     pub fn datum_offset(&self) -> Vector3<f64> {
         Vector3::from(self.datum_offset)
     }
@@ -107,7 +107,7 @@ pub(crate) fn quaternion(q: &[f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::try_new(Quaternion::new(q[0], q[1], q[2], q[3]), 1e-9).unwrap_or_default()
 }
 
-/// What the autopilot is doing, reduced to what matters for landing.
+/// Mode of the autopilot, reduced to what matters for landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AutopilotMode {
@@ -159,34 +159,34 @@ pub struct AutopilotState {
     pub header: Header<DroneClock>,
     /// Motors may turn.
     pub armed: bool,
-    /// Its mode.
+    /// Mode of the autopilot.
     pub mode: AutopilotMode,
     /// It holds by itself because our set-points ceased, and follows them again as soon as they come; in any other hold
-    /// it is a person's.
+    /// it is a pilot's.
     pub lapsed: bool,
-    /// Its own opinion.
+    /// State by the autopilot's land detector.
     pub landed: LandedState,
     /// Height of the origin of its NED above mean sea level, as it reports it, m; None: not reported.
     pub origin_sea_m: Option<f64>,
     /// Remaining battery, 0 to 1; None: not reported.
     pub battery: Option<f64>,
-    /// Its voltage, V; None: not reported.
+    /// Voltage of the battery, V; None: not reported.
     pub battery_v: Option<f64>,
-    /// Its current, A; None: not reported.
+    /// Current of the battery, A; None: not reported.
     pub battery_a: Option<f64>,
     /// Collective thrust that it applies now, 0 to 1 of the maximum; None: not reported lately.
     pub thrust: Option<f64>,
-    /// Its own estimate of the collective thrust that hovers, 0 to 1.
+    /// The autopilot's estimate of the collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
     /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
     pub rejection: Reason,
-    /// While a person flies and nothing is commanded: what would have been.
+    /// While a pilot flies and nothing is commanded: what would have been.
     pub shadow: Option<ShadowComparison>,
     /// Whether it flies its own mission.
     pub own_mission: OwnMission,
 }
 
-/// What a landing that only looks on would command, beside what the person who flies does.
+/// Command of a landing that only looks on, compared with what the pilot does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ShadowComparison {
@@ -210,23 +210,23 @@ pub struct ShadowComparison {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct LinkCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: there is none.
+    /// Identity of the writer and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
-    /// The autopilot follows our set-points: armed, and in the mode that a person gave.
+    /// The autopilot follows our set-points: armed, and in the mode that a pilot gave.
     pub commanding: bool,
     /// The vehicle's MAVLink system.
     pub vehicle: u8,
-    /// Its `MAV_AUTOPILOT`.
+    /// `MAV_AUTOPILOT` of the autopilot.
     pub autopilot: u8,
-    /// How far the mission's landing goes, by its newest state; None: nothing was received of it.
+    /// Landing mode of the mission, by its newest state; None: no state was received.
     pub mode: Option<LandingMode>,
-    /// Its own opinion of where it is.
+    /// State by the autopilot's land detector.
     pub landed: LandedState,
     /// Our clock less the autopilot's, ns.
     pub clock_offset_ns: i64,
     /// By how much that errs at most, s.
     pub clock_error_s: f64,
-    /// Where its NED begins.
+    /// Origin of its NED.
     pub datum: Datum,
     /// Height of the sea above the ellipsoid by which it was found, m.
     pub geoid_m: f64,
@@ -234,7 +234,7 @@ pub struct LinkCheckpoint {
     pub frames: u8,
     /// Jumps of its estimate as it counts them, where it does.
     pub reported_resets: Option<u8>,
-    /// What the jumps of its estimate have come to: [`DroneState::datum_offset`], m, and ...
+    /// Sum of the jumps of its estimate: [`DroneState::datum_offset`], m, and ...
     pub datum_offset: [f64; 3],
     /// ... [`DroneState::heading_jumps`], rad.
     pub heading_jumps: f64,
@@ -250,12 +250,12 @@ pub struct LinkCheckpoint {
     pub ended_missions: [bool; 3],
     /// The times of its signed frames.
     pub signing: SigningTimes,
-    /// In this flight the autopilot has flown its own mission, and nobody has chosen another mode since.
+    /// In this flight the autopilot has flown its own mission, and no other mode was chosen since.
     pub own_mission: bool,
 }
 
 impl LinkCheckpoint {
-    /// What of it outlives the computer's boot, and with that its clock; None: nothing.
+    /// Part that outlives the computer's boot, and with that its clock; None: nothing.
     pub fn lasting(&self) -> Option<LinkCheckpoint> {
         let signed = self.signing != SigningTimes::default();
         let lasts = signed || self.own_mission || self.ended_missions.contains(&true);
@@ -271,14 +271,14 @@ impl LinkCheckpoint {
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not
-/// find again where the deck is too near to be seen.
+/// find again where the deck is too near to be detected.
 ///
-/// It is published with every forecast once the camera has seen the deck, and validated by the successor before it
+/// It is published with every forecast once the camera has detected the deck, and validated by the successor before it
 /// counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct PredictorCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: there is none.
+    /// Identity of the writer and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
     /// Boot of the vessel whose radio it is: another start of it has another error.
     pub vessel_boot: u32,
@@ -289,23 +289,23 @@ pub struct PredictorCheckpoint {
     /// Vision's slow error less the radio's: north, east, down (m), tilt about the vessel's pitch and roll axes at
     /// heading north, heading (rad).
     pub offset: [f64; 6],
-    /// Its standard deviations.
+    /// Standard deviations of the offset.
     pub offset_sd: [f64; 6],
-    /// Where the drone's NED began: about another place the offset is void.
+    /// Origin of the drone's NED then: about another place the offset is void.
     pub datum: Datum,
     /// Jumps of the autopilot's estimate until then, as in [`DroneState`]: after another the offset is void.
     pub datum_offset: [f64; 3],
-    /// The same of its heading, rad.
+    /// Sum of the jumps of its heading, rad.
     pub heading_jumps: f64,
-    /// Where the drone was by its odometry, NED, m: an origin that moves since makes the offset void.
+    /// Place of the drone by its odometry, NED, m: an origin that moves since makes the offset void.
     pub position: [f64; 3],
-    /// Its velocity, m/s.
+    /// Velocity of the drone, m/s.
     pub velocity: [f64; 3],
     /// When it was there.
     pub odometry_at: Time<DroneClock>,
 }
 
-/// How a solve ended.
+/// Outcome of a solve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Solve {
@@ -342,7 +342,7 @@ pub struct Plan {
     pub header: Header<DroneClock>,
     /// Time between stages.
     pub step: Span,
-    /// How the solve ended.
+    /// Outcome of the solve.
     pub solve: Solve,
     /// Iterations of the solver; 0 when the unconstrained optimum was feasible.
     pub iterations: u32,
@@ -402,7 +402,7 @@ impl Plan {
     }
 }
 
-/// What a set-point asks for.
+/// Kind of a set-point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum SetPointKind {
@@ -415,7 +415,7 @@ pub enum SetPointKind {
     Attitude,
 }
 
-/// What a set-point asks of the motors.
+/// State of the motors that a set-point asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Motors {
@@ -426,7 +426,7 @@ pub enum Motors {
     Stop,
 }
 
-/// How the drone's attitude answers set-points, `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T` for roll and for pitch.
+/// Response of the drone's attitude to set-points, `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T` for roll and for pitch.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeResponse {
@@ -436,7 +436,7 @@ pub struct AttitudeResponse {
     pub lag_s: [f64; 2],
     /// The lag `T_r` of the rate loop, s.
     pub rate_lag_s: f64,
-    /// It was identified in flight; else it is what the configuration says.
+    /// It was identified in flight; otherwise it is the configured value.
     pub identified: bool,
 }
 
@@ -510,7 +510,7 @@ impl SetPoint {
     }
 }
 
-/// Its norm is 1.
+/// Whether the norm is 1.
 pub(super) fn is_unit(q: &[f64; 4]) -> bool {
     (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-3
 }

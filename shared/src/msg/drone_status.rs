@@ -37,12 +37,12 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// What the mission waits for, as text; a moment after an order that is not carried out, why.
+    /// Condition that the mission waits for, as text; a moment after an order that is not carried out, why.
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether it tells the mission's state as it was when this was sent. A status with an older one says where the
-    /// drone is, and no more of what it does than silence.
+    /// Whether it reports the mission's state as it was when this was sent. A status with an older one shows where the
+    /// drone is, and as little of what it does as silence.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()
     }

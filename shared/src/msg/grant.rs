@@ -15,7 +15,7 @@ pub const DECK_CLOSED: u32 = u32::MAX;
 pub const PLACES: usize = 8;
 /// Drones wait so far from the deck's centre, m: a vessel's length and what the GNSS of both is off.
 pub const WAITING_DISTANCE_M: f64 = 25.0;
-/// Within this distance of the deck's centre there is its owner and nobody else, m.
+/// Within this distance of the deck's centre there is its owner and no other drone, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
 /// A station keeps so far from the height of another drone's waiting place or station, m: what two heights by GNSS differ by, three
 /// times, and a drone.
@@ -24,7 +24,7 @@ pub const STATION_APART_M: f64 = 5.0;
 /// is off by 1 m; five times that, and a drone.
 const LAYER_M: f64 = 8.0;
 
-/// Where a drone waits for the deck: nobody else has this height, nor this bearing.
+/// Waiting place of a drone: no other drone has this height, nor this bearing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaitingPlace {
     /// Above the height of the approach, m.
@@ -46,7 +46,7 @@ impl WaitingPlace {
 /// Longest time for which a vessel states a steady course, s.
 pub const MAX_STEADY_S: f32 = 3600.0;
 
-/// What the helm intends with course and speed.
+/// Course and speed that the helm intends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 pub enum Course {
     /// Nothing is stated, or what was has expired.
@@ -59,7 +59,7 @@ pub enum Course {
 }
 
 impl Course {
-    /// The same `age_s` later, s: a promise expires by itself.
+    /// This course `age_s` later, s: a promise expires by itself.
     pub fn after(self, age_s: f64) -> Course {
         match self {
             Course::Unknown | Course::Turning => self,
@@ -83,7 +83,7 @@ impl Course {
 pub struct DeckGrant<C: Clock> {
     /// Identity; `at` is when it was granted.
     pub header: Header<C>,
-    /// The drone that has the deck; 0 when nobody has, [`DECK_CLOSED`] when nobody may.
+    /// The drone that has the deck; 0 when it is free, [`DECK_CLOSED`] when no drone may.
     pub owner: u32,
     /// It stands on it, or the vessel's sensor reports something there.
     pub occupied: bool,
@@ -92,9 +92,9 @@ pub struct DeckGrant<C: Clock> {
     /// The heights over the deck's mean level of the stations that these drones keep, m; 0: none. One that came later, at the height
     /// of another, is not among them.
     pub stations: [u8; PLACES],
-    /// What the helm intends.
+    /// Course that the helm intends.
     pub course: Course,
-    /// Where the handshake about the helm stands.
+    /// State of the handshake about the helm.
     pub helm: HelmStatus,
     /// Somebody aboard has cleared the deck for a take-off of its owner.
     pub take_off: bool,
@@ -103,7 +103,7 @@ pub struct DeckGrant<C: Clock> {
 }
 
 impl<C: Clock> DeckGrant<C> {
-    /// Where this drone waits.
+    /// Waiting place of this drone.
     pub fn place(&self, drone: u32) -> Option<WaitingPlace> {
         let number = self.places.iter().position(|d| *d == drone && drone != 0)?;
         u8::try_from(number).ok().map(WaitingPlace::of)

@@ -128,11 +128,11 @@ pub enum HelmAnswer {
     No,
 }
 
-/// Where the handshake about the helm stands, as it goes over the radio with the deck's owner.
+/// State of the handshake about the helm, as it goes over the radio with the deck's owner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct HelmStatus {
-    /// Its state.
+    /// State of the handshake.
     pub state: HelmState,
     /// Why it was withdrawn.
     pub why: HelmEnd,
@@ -158,7 +158,7 @@ impl HelmStatus {
     pub fn heading_deg(&self) -> f64 {
         compass_deg(f64::from(self.heading_rad))
     }
-    /// What the skipper is asked for, while he is.
+    /// Course that the skipper is asked for, while he is.
     pub fn asked(&self) -> Option<AskedCourse> {
         (self.state == HelmState::Asked).then(|| AskedCourse {
             heading_deg: self.heading_deg() as u16,

@@ -27,7 +27,7 @@ pub enum State {
     Approach,
     /// Follows the predicted vessel at tracking height.
     Tracking,
-    /// The same, stably above the deck.
+    /// Tracking, stably above the deck.
     TrackingStable,
     /// Descends at constant speed relative to the predicted deck.
     Descent,
@@ -91,7 +91,7 @@ impl State {
             State::Descent | State::Flare => Phase::Landing,
         }
     }
-    /// The name that a person reads.
+    /// The name in messages.
     pub const fn name(self) -> &'static str {
         match self {
             State::Idle => "Idle",
@@ -113,7 +113,7 @@ impl State {
             State::StandDown => "Stand down",
         }
     }
-    /// What the drone does in it, for people.
+    /// Activity of the drone in this state, for messages.
     pub const fn does(self) -> &'static str {
         match self {
             State::Idle => "not landing: the autopilot or a pilot flies",
@@ -135,7 +135,7 @@ impl State {
             State::StandDown => "stands on the deck after a stopped take-off, to be disarmed",
         }
     }
-    /// How a landing ended that left the drone in it, for people; None: it goes on, or there was none.
+    /// Ending of a landing that left the drone in this state, for messages; None: it goes on, or there was none.
     pub const fn ending(self) -> Option<&'static str> {
         match self {
             State::Landed => Some("landed"),
@@ -182,7 +182,7 @@ impl State {
             State::Countdown | State::SpinUp | State::TakeOff | State::StandDown
         )
     }
-    /// Where a take-off that was stopped on the deck leaves the drone: motors that were started for it are to stop.
+    /// Whether a take-off that was stopped on the deck leaves the drone here: motors that were started for it are to stop.
     pub const fn wants_motors_off(self) -> bool {
         matches!(
             self,
@@ -193,7 +193,7 @@ impl State {
     pub const fn meets_deck(self) -> bool {
         matches!(self, State::Descent | State::Flare | State::Landed)
     }
-    /// What the mission meant to do has been stopped or has ended otherwise than meant.
+    /// The mission's plan was stopped or has ended otherwise than planned.
     pub const fn is_setback(self) -> bool {
         matches!(self, State::Hold | State::GaveUp | State::StandDown)
     }
@@ -208,20 +208,20 @@ impl State {
     }
 }
 
-/// Where a drone with a low battery lands.
+/// Landing place of a drone with a low battery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BatteryPlace {
     /// On the vessel's deck, within wider limits.
     Deck,
-    /// Where the autopilot's return mode leads to.
+    /// Destination of the autopilot's return mode.
     Home,
-    /// Where it is: the autopilot's land mode.
+    /// Present place: the autopilot's land mode.
     Here,
 }
 
-/// How far a landing goes: the ladder to a first landing.
+/// Extent of a landing: the ladder to a first landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
@@ -235,12 +235,12 @@ pub enum LandingMode {
     Land,
 }
 
-/// What of the mission's configuration an operator changes from a ground station. Heights are of the drone's centre of mass
-/// above the deck's mean level.
+/// Part of the mission's configuration that an operator changes from a ground station. Heights are of the drone's centre
+/// of mass above the deck's mean level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionSettings {
-    /// How far the landing goes.
+    /// Extent of the landing.
     pub mode: LandingMode,
     /// Approach height, m.
     pub approach_height_m: f64,
@@ -272,7 +272,7 @@ pub struct SettingsOrder {
     pub settings: MissionSettings,
 }
 
-/// By what a drone knows its vessel, the least first.
+/// Ways in which a drone knows its vessel, the weakest first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
@@ -312,21 +312,21 @@ pub struct MissionState {
     pub descent_mps: f64,
     /// The trajectory must stay above this height over the water (NED z is its negative), m.
     pub minimum_altitude_m: f64,
-    /// Where to hold in `Hold`, `GetAltitude` and `GaveUp`: drone's NED, m.
+    /// Place to hold in `Hold`, `GetAltitude` and `GaveUp`: drone's NED, m.
     pub hold_position: [f64; 3],
     /// Heading to hold there, rad.
     pub hold_yaw: f64,
     /// Low over the deck: until it is as high as there, the drone climbs in place over the deck and moves with it.
     pub with_deck: bool,
-    /// Waits beside the deck: there, from the deck's centre, north and east, m.
+    /// Waiting place off the deck, from the deck's centre, north and east, m.
     pub waiting_offset: Option<[f64; 2]>,
     /// The station that it keeps.
     pub station: Option<KeptStation>,
-    /// What an operator may have changed.
+    /// Settings that an operator may have changed.
     pub settings: MissionSettings,
     /// They may be changed: the drone is disarmed, and neither a landing nor a take-off is ordered.
     pub settable: bool,
-    /// The least by which a vessel has to be known for a landing to begin.
+    /// Weakest knowledge of a vessel that permits a landing to begin.
     pub least_vessel: VesselLevel,
     /// No plan leads lower over the deck, along its normal, m; None: onto it.
     pub lowest_clearance_m: Option<f64>,
@@ -337,15 +337,15 @@ pub struct MissionState {
     pub battery: Option<f64>,
     /// Remaining battery that the way to the deck and one attempt take, or that is kept in any case, 0 to 1.
     pub battery_reserve: f64,
-    /// How likely a landing from here succeeds, 0 to 1; None while that is not known.
+    /// Probability that a landing from here succeeds, 0 to 1; None while that is not known.
     pub likelihood: Option<f64>,
     /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
     pub wind: Option<[f64; 2]>,
     /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
     pub wind_sd_mps: Option<f64>,
-    /// Where the feet are to meet the deck, from its centre, NED, m: upwind in a strong wind, which moves the drone on.
+    /// Place at which the feet are to meet the deck, from its centre, NED, m: upwind in strong wind, which moves the drone.
     pub meets: [f64; 2],
-    /// Where it lands, once the battery is below the reserve.
+    /// Landing place, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
     /// On a sortie from the deck: time until the drone has to turn back to the vessel, s; None: on none, or not known.
     pub turns_in_s: Option<f64>,
@@ -358,8 +358,8 @@ pub struct MissionState {
 }
 
 impl MissionState {
-    /// The state was entered for a cause that people have to know of: an end without a landing or with a hard one, a hold
-    /// that nobody commanded, a descent that was broken off.
+    /// The state was entered for a cause that the crew has to know: an end without a landing or with a hard one, a hold
+    /// without a command, a descent that was broken off.
     pub fn was_entered_in_trouble(&self) -> bool {
         let broken_off = matches!(self.previous, State::Descent | State::Flare)
             && self.entered.code != ReasonCode::Matched;
@@ -409,7 +409,7 @@ impl MissionState {
                 | ReasonCode::ArmingRejected
         )
     }
-    /// Where to hold, drone's NED, m.
+    /// Place to hold, drone's NED, m.
     pub fn hold_position(&self) -> Vector3<f64> {
         Vector3::from(self.hold_position)
     }
@@ -421,9 +421,9 @@ impl MissionState {
 pub struct LastVessel {
     /// When.
     pub at: Time<DroneClock>,
-    /// Where its deck was.
+    /// Place of its deck.
     pub place: Datum,
-    /// Its mean velocity, north and east, m/s.
+    /// Mean velocity of the deck, north and east, m/s.
     pub velocity: [f64; 2],
 }
 
@@ -454,7 +454,7 @@ impl KnownBattery {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct MissionCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: there is none.
+    /// Identity of the writer and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
     /// The state published last.
     pub state: MissionState,
@@ -466,7 +466,7 @@ pub struct MissionCheckpoint {
     pub ordered_below: Option<f64>,
     /// The charge at which it was noticed that the battery is below its reserve, 0 to 1; None: above it.
     pub low_from: Option<f64>,
-    /// What is known of the battery besides the charge that counts.
+    /// State of the battery in addition to the charge that counts.
     pub battery: Option<KnownBattery>,
     /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
     pub deck_declined: bool,
@@ -501,7 +501,7 @@ pub struct MissionCheckpoint {
 }
 
 impl MissionCheckpoint {
-    /// What of it outlives the computer's boot, and with that its clock: what the flight is for; None: nothing.
+    /// Part that outlives the computer's boot, and with that its clock: the purpose of the flight; None: nothing.
     pub fn lasting(&self) -> Option<MissionCheckpoint> {
         let header = self.header.outdated();
         self.sortie.then(|| MissionCheckpoint {
@@ -520,7 +520,7 @@ impl MissionCheckpoint {
     }
 }
 
-/// What an operator wants.
+/// Command of an operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CommandKind {
@@ -534,7 +534,7 @@ pub enum CommandKind {
     Hold,
     /// Take off from the deck, climb to the height of the approach and hold there.
     TakeOff,
-    /// Of unattended cycles: the drone is ready for its next sortie.
+    /// In unattended cycles: the drone is ready for its next sortie.
     Ready,
     /// Keep this place next to the vessel for a while.
     Station(Station),
@@ -551,7 +551,7 @@ pub type Command = OperatorCommand<DroneClock>;
 pub struct OperatorCommand<C: Clock> {
     /// Identity, and time it was given.
     pub header: Header<C>,
-    /// What to do.
+    /// Kind of the command.
     pub kind: CommandKind,
 }
 
@@ -560,7 +560,7 @@ message!(@C OperatorCommand<C>, C, |m| {
 });
 restamped!(OperatorCommand { kind });
 
-/// How far an operator's command has come at the vessel.
+/// Progress of an operator's command at the vessel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "snake_case")]
@@ -588,16 +588,16 @@ pub struct CommandReceipt {
     pub header: Header<VesselClock>,
     /// Boot and sequence of the operator's message: the vessel's own repetitions have others.
     pub operator: [u32; 2],
-    /// What was commanded.
+    /// Kind of the command.
     pub kind: CommandKind,
-    /// How far it has come.
+    /// Progress of the command.
     pub progress: CommandProgress,
 }
 
 message!(CommandReceipt, VesselClock, |m| {});
 
 impl CommandKind {
-    /// What it names is within bounds.
+    /// Whether the station that it names is within bounds.
     fn is_sane(self) -> bool {
         match self {
             CommandKind::Station(station) => station.is_sane(),
@@ -610,7 +610,7 @@ impl CommandKind {
     }
 }
 
-/// What a mission shows of the orders that it has received.
+/// Acknowledgement of the orders that a mission has received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OrderEcho {
     /// Boot and sequence of the newest abort ...
@@ -637,7 +637,7 @@ impl OrderEcho {
 }
 
 impl MissionState {
-    /// What it shows of the orders that it has received.
+    /// Acknowledgement of the orders that it has received.
     pub fn echo(&self) -> OrderEcho {
         OrderEcho {
             abort: self.abort,
@@ -647,7 +647,7 @@ impl MissionState {
     }
 }
 impl DroneStatus {
-    /// What the mission shows of the orders that it has received.
+    /// Acknowledgement of the orders that the mission has received.
     pub fn echo(&self) -> OrderEcho {
         OrderEcho {
             abort: self.abort,
@@ -695,7 +695,7 @@ pub struct DroneStatus {
     pub station: Option<Station>,
 }
 
-/// What to do about a drone that is on the deck and armed, as people read it after its subject.
+/// Remedy for a drone that is on the deck and armed, as text after its subject.
 pub fn still_armed(for_s: f32) -> String {
     format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }
@@ -710,7 +710,7 @@ pub struct Wind {
 }
 
 impl Wind {
-    /// Of a velocity towards north and east, m/s.
+    /// Wind of a velocity towards north and east, m/s.
     pub fn towards([north, east]: [f64; 2]) -> Wind {
         Wind {
             speed_mps: north.hypot(east),

@@ -21,11 +21,11 @@ macro_rules! message {
         }
     };
 }
-/// The same message with its time of validity on another clock.
+/// A message with its time of validity on another clock.
 macro_rules! restamped {
     ($name:ident { $($field:ident),* }) => {
         impl<C: Clock> $name<C> {
-            /// The same with its time of validity on another clock.
+            /// This message with its time of validity on another clock.
             pub fn restamped<D: Clock>(&self, at: Time<D>) -> $name<D> {
                 $name { header: self.header.restamped(at), $($field: self.$field),* }
             }
@@ -106,7 +106,7 @@ pub const MESSAGE_VERSION: u16 = 27;
 pub struct Header<C: Clock> {
     /// Time of validity.
     pub at: Time<C>,
-    /// Drawn anew at each start of the sender: tells a restart from a late message.
+    /// Random number of each start of the sender: distinguishes a restart from a late message.
     pub boot: u32,
     /// Counts up by one with each message of this kind since boot.
     pub sequence: u32,
@@ -134,7 +134,7 @@ impl<C: Clock> Header<C> {
     pub fn follows(&self, last: &Header<C>) -> bool {
         self.boot != last.boot || self.sequence > last.sequence
     }
-    /// The same header with its time expressed on another clock.
+    /// This header with its time expressed on another clock.
     pub const fn restamped<D: Clock>(&self, at: Time<D>) -> Header<D> {
         Header {
             at,
@@ -145,7 +145,7 @@ impl<C: Clock> Header<C> {
             version: self.version,
         }
     }
-    /// Of the same sender, at a time older than any that counts: a day before its clock began.
+    /// A header of this sender, at a time older than any that counts: a day before its clock began.
     pub const fn outdated(&self) -> Header<C> {
         let at = Time::from_nanos(-86_400_000_000_000);
         Header::new(self.vessel, self.drone, self.boot, 0, at)
@@ -157,11 +157,11 @@ impl<C: Clock> Default for Header<C> {
     }
 }
 
-/// What every message has.
+/// Interface of every message.
 pub trait Message {
     /// The clock of its time of validity.
     type Clock: Clock;
-    /// Its header.
+    /// The message's header.
     fn header(&self) -> &Header<Self::Clock>;
     /// Every number in it is finite and inside what physics allows; else the name of the first
     /// field that is not.

@@ -30,9 +30,9 @@ pub enum ReasonCode {
     OdometryStale,
     /// The deck forecast is too old, s.
     ForecastStale,
-    /// Neither tag nor UVDAR has been seen yet.
+    /// Neither a tag nor a UVDAR marker was detected yet.
     NoVision,
-    /// The deck has not been seen for too long, s.
+    /// The deck was not detected for too long, s.
     VisionLost,
     /// Horizontal distance to the deck is too large, m.
     TooFar,
@@ -68,17 +68,17 @@ pub enum ReasonCode {
     DeckGrantStale,
     /// A landing is not likely enough, by its probability: the speed onto the deck costs most of it.
     LikelyHard,
-    /// The same by the speed along the deck.
+    /// A landing is not likely enough for its speed along the deck.
     LikelyFast,
-    /// The same by the angle between drone and deck.
+    /// A landing is not likely enough for the angle between drone and deck.
     LikelyTilted,
-    /// The same by the place.
+    /// A landing is not likely enough for its place.
     LikelyBeside,
-    /// The same by slope and wind, in which a landed drone slides off.
+    /// A landing is not likely enough for slope and wind, in which a landed drone slides off.
     LikelySlides,
     /// The feet are above the deck although a touchdown was detected, m.
     FalseTouchdown,
-    /// The mission began anew in flight near the deck, m above it.
+    /// The mission was restarted in flight near the deck, m above it.
     Restarted,
     /// Battery below the reserve, fraction, with the deck below: the landing goes on within wider limits.
     BatteryDeck,
@@ -130,7 +130,7 @@ pub enum ReasonCode {
     HardContact,
     /// The autopilot has not aligned its heading, or knows its position no more.
     HeadingUnaligned,
-    /// The deck is seen elsewhere than where the radio places it: apart by, m, and what both may err.
+    /// The deck is detected elsewhere than where the radio places it: apart by, m, and what both may err.
     DeckElsewhere,
     /// The rangefinder contradicts the camera about the deck's height, in standard deviations of both.
     HeightContradicted,
@@ -150,7 +150,7 @@ pub enum ReasonCode {
     Permitted,
     /// At the height of the flare, m.
     FlareHeight,
-    /// Armed again, by a person, after the landing.
+    /// Armed again, by the pilot, after the landing.
     ArmedAgain,
     /// The data that was missing is back, s.
     Recovered,
@@ -170,7 +170,7 @@ pub enum ReasonCode {
     NotFound,
     /// The beacon's place is known too poorly for a search: the distance that it would have to reach, m, and the limit.
     BeaconVague,
-    /// Several decks with this deck's tags are in sight, and nothing says which is its own: their number.
+    /// Several decks with this deck's tags are in sight, and it is not known which is its own: their number.
     SeveralDecks,
     /// A take-off was commanded.
     TakeOffCommanded,
@@ -178,7 +178,7 @@ pub enum ReasonCode {
     TakeOffOff,
     /// The drone does not stand on the deck, disarmed: its distance from the centre, m, and the most that it may be.
     NotOnDeck,
-    /// Nobody aboard has cleared the deck for a take-off.
+    /// The crew has not cleared the deck for a take-off.
     NotCleared,
     /// Counts down: what is left, s.
     Counting,
@@ -192,7 +192,7 @@ pub enum ReasonCode {
     SpinningUp,
     /// A take-off is not likely enough, by its probability: the deck tilts, or moves sideways.
     TakeOffTilted,
-    /// The same: the deck may rise into the drone.
+    /// A take-off is not likely enough: the deck may rise into the drone.
     TakeOffHit,
     /// A better moment to take off comes soon: its probability now and then.
     BetterMoment,
@@ -268,7 +268,7 @@ pub enum ReasonCode {
     BatteryUnknown,
     /// No two witnesses show that a drone whose rotors turn stands on the deck: it may be in the air, and climbs.
     MayFly,
-    /// The mission stood still for too long and begins anew: feet above the deck, m, and how long it stood still, s.
+    /// The mission stood still for too long and begins again: feet above the deck, m, and how long it stood still, s.
     StoodStill,
 }
 
@@ -276,11 +276,11 @@ pub enum ReasonCode {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Reason {
-    /// What.
+    /// Code of the reason.
     pub code: ReasonCode,
     /// The figure (unit by code).
     pub value: f64,
-    /// What it was compared with.
+    /// Limit that it was compared with.
     pub limit: f64,
 }
 
@@ -308,7 +308,7 @@ impl From<ReasonCode> for Reason {
 /// Nearer to its station a drone keeps it, m: what it is off in wind and waves.
 const NEAR_STATION_M: f64 = 5.0;
 
-/// What a drone does about its station, which lies at ` place` where that is named.
+/// Text on what a drone does about its station, which lies at ` place` where that is named.
 pub(super) fn on_station(waiting: &Reason, place: &str) -> String {
     let (left_min, off_m) = ((waiting.value / 60.0).ceil(), waiting.limit);
     if off_m <= NEAR_STATION_M {
@@ -360,14 +360,14 @@ impl fmt::Display for Reason {
                 write!(f, "not on the deck: {v:.1} m from its centre (limit {l:.0})")
             }
             ReasonCode::NotCleared => {
-                write!(f, "nobody aboard has cleared the deck for a take-off")
+                write!(f, "the crew has not cleared the deck for a take-off")
             }
             ReasonCode::Counting => write!(f, "motors start in {:.0} s: stand clear", v.ceil()),
             ReasonCode::CountedDown => write!(f, "counted down: motors start"),
             ReasonCode::Arming => write!(f, "the autopilot has not armed for {v:.0} s (limit {l:.0})"),
             ReasonCode::ArmingRejected => write!(
                 f,
-                "the autopilot did not arm within {l:.0} s: its own text says why"
+                "the autopilot did not arm within {l:.0} s: its own text has the reason"
             ),
             ReasonCode::SpinningUp => write!(
                 f,
@@ -474,7 +474,7 @@ impl fmt::Display for Reason {
             ReasonCode::StoodStill => {
                 write!(
                     f,
-                    "mission stood still for {l:.1} s, feet {v:.2} m above the deck: begins anew"
+                    "mission stood still for {l:.1} s, feet {v:.2} m above the deck: begins again"
                 )
             }
             ReasonCode::MayFly => write!(
@@ -524,7 +524,7 @@ impl fmt::Display for Reason {
                 write!(f, "no deck forecast yet: no vessel estimate was received")
             }
             ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
-            ReasonCode::NoVision => write!(f, "deck not seen yet"),
+            ReasonCode::NoVision => write!(f, "deck not detected yet"),
             ReasonCode::TooDark if l > 0.0 => write!(
                 f,
                 "too dark to see the tags (image mean {v:.0} of 255, exposure of {:.1} ms and gain at their limits): light \
@@ -540,8 +540,8 @@ impl fmt::Display for Reason {
                 "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen the \
                  lamp"
             ),
-            ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
-            ReasonCode::TooFar => write!(f, "{v:.2} m beside the deck (limit {l:.2} m)"),
+            ReasonCode::VisionLost => write!(f, "deck not detected for {v:.2} s (limit {l:.2})"),
+            ReasonCode::TooFar => write!(f, "{v:.2} m off the deck (limit {l:.2} m)"),
             ReasonCode::OffHeight => write!(f, "{v:.1} m off its height (limit {l:.1} m)"),
             ReasonCode::Descending => write!(f, "descending, {:.1} m to the flare", (v - l).max(0.0)),
             ReasonCode::DescendingTo => {
@@ -574,7 +574,7 @@ impl fmt::Display for Reason {
             ReasonCode::BatteryHome => battery(f, ": the autopilot returns home"),
             ReasonCode::BatteryHere => battery(f, ": the autopilot lands here"),
             ReasonCode::NoPlace => write!(f, "all {v:.0} waiting places at the vessel are taken"),
-            ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
+            ReasonCode::OutOfRetries => write!(f, "attempts used: {v:.0} (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::CompletesLanding => {
                 write!(
@@ -635,7 +635,7 @@ impl fmt::Display for Reason {
             }
             ReasonCode::DeckElsewhere => write!(
                 f,
-                "the deck is seen {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?"
+                "the deck is detected {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?"
             ),
             ReasonCode::HeightContradicted => write!(
                 f,

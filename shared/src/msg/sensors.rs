@@ -26,7 +26,7 @@ pub struct ImuSample {
     pub accelerometer: [f64; 3],
     /// Which of the vessel's inertial sensors.
     pub source: u8,
-    /// Its place in the vessel's body frame, m; none: where the configuration has it.
+    /// Place of the sensor in the vessel's body frame, m; none: where the configuration has it.
     pub lever_arm: Option<[f64; 3]>,
 }
 
@@ -51,7 +51,7 @@ pub struct GnssFix {
     pub height_spread: f64,
     /// Which of the vessel's receivers.
     pub source: u8,
-    /// Its antenna in the vessel's body frame, m; none: where the configuration has it.
+    /// Place of the antenna in the vessel's body frame, m; none: where the configuration has it.
     pub lever_arm: Option<[f64; 3]>,
 }
 
@@ -72,7 +72,7 @@ pub struct HeadingFix {
 }
 
 /// An attitude, and what comes with it, as a motion sensor or an INS works it out itself. It stands
-/// in for the inertial sensor where there is none.
+/// in for the inertial sensor on a vessel without one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct AttitudeFix {
@@ -86,7 +86,7 @@ pub struct AttitudeFix {
     pub rates: Option<[f64; 3]>,
     /// Heave of the reference point about the mean level, m down.
     pub heave: Option<f64>,
-    /// Its standard deviation, m.
+    /// Standard deviation of the heave, m.
     pub heave_sd: f64,
     /// Which of the vessel's attitude sensors.
     pub source: u8,

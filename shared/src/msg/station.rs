@@ -31,14 +31,14 @@ pub struct Station {
 }
 
 impl Station {
-    /// Where nothing else is asked for: clear of what belongs to the deck's owner, at the height of the approach.
+    /// Station where no other is asked for: clear of what belongs to the deck's owner, at the height of the approach.
     pub const USUAL: Station = Station {
         ahead_m: 0,
         right_m: 20,
         height_m: 0,
         for_min: 10,
     };
-    /// What an order names, and the usual for the rest; next to a distance ahead that is 0 m to starboard.
+    /// Station that an order names, with the usual values for the rest; next to a distance ahead that is 0 m to starboard.
     pub fn named([ahead_m, right_m]: [Option<i8>; 2], height_m: Option<u8>, for_min: Option<u8>) -> Station {
         let usual = Station::USUAL;
         let abeam_m = if ahead_m.is_some() { 0 } else { usual.right_m };
@@ -85,7 +85,8 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// What it waits for, as text, of a station also where it is; a moment after an order that is not carried out, why.
+    /// Condition that it waits for, as text, with the place of a station; shortly after an order that is not carried out,
+    /// why.
     pub fn waits(&self) -> String {
         if let Some(rejected) = self.rejected {
             return rejected.to_string();
@@ -103,7 +104,7 @@ impl MissionState {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KeptStation {
-    /// Where.
+    /// Place of the station.
     pub station: Station,
     /// Until then.
     pub until: Time<DroneClock>,
@@ -122,7 +123,7 @@ mod tests {
     };
 
     #[test]
-    fn station_in_words() {
+    fn station_as_text() {
         assert_eq!(ABEAM.to_string(), "15 m up, 20 m to starboard");
         let astern = Station {
             ahead_m: -30,

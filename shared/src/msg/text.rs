@@ -1,4 +1,4 @@
-//! A bounded text: an error of the system that no code of ours names, for a person.
+//! A bounded text: an error of the system that no code of ours names, for people.
 
 use core::fmt;
 use std::borrow::Cow;

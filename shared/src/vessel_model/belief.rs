@@ -18,7 +18,7 @@ pub struct Extra {
     pub time_s: f64,
 }
 
-/// How to lay a belief out.
+/// Specification of a belief's layout.
 #[derive(Clone, Debug, Default)]
 pub struct BeliefSpec {
     /// Pairs of degrees of freedom whose correlation is kept, besides those the model couples.
@@ -29,7 +29,7 @@ pub struct BeliefSpec {
     pub initial_sd: [[f64; 2]; DOFS],
 }
 
-/// Where each state lives.
+/// Index of each state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
     components: usize,
@@ -168,7 +168,7 @@ impl Belief {
             blocks,
         }
     }
-    /// Where each state lives.
+    /// Layout of the states.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -316,7 +316,7 @@ impl Belief {
             g.predict(a, q);
         }
     }
-    /// What a measurement row predicts.
+    /// Prediction of a measurement row.
     pub fn predicted(&self, row: &[Term]) -> f64 {
         row.iter().map(|t| t.gain * self.get(t.dof, t.slot)).sum()
     }

@@ -19,7 +19,7 @@ pub struct Coupling {
 }
 
 config! {
-    /// Figures of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
+    /// Parameters of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
     pub struct VesselModelConfig {
         /// Diagonal of M, rigid body and added mass: kg, kg m².
         /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass

@@ -43,7 +43,7 @@ pub fn turn_tilt(roll: f64, pitch: f64, delta: f64) -> (f64, f64) {
 /// group, degree of freedom.
 type Completion<'a> = dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize) + 'a;
 
-/// The continuous model: figures and components.
+/// The continuous model: parameters and components.
 #[derive(Clone, Debug)]
 pub struct VesselModel {
     config: VesselModelConfig,
@@ -131,11 +131,11 @@ impl VesselModel {
             .collect();
         Self::new(config, &components)
     }
-    /// Its figures.
+    /// The model's parameters.
     pub fn config(&self) -> &VesselModelConfig {
         &self.config
     }
-    /// Its wave components.
+    /// Wave components of the model.
     pub fn components(&self) -> &[Component] {
         &self.components
     }

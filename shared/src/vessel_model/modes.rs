@@ -41,14 +41,14 @@ impl Mode {
             [z.re, rate.re, (rate * self.pole).re]
         })
     }
-    /// The same with each degree of freedom times its factor.
+    /// This mode with each degree of freedom times its factor.
     pub fn scaled(&self, by: &[f64; DOFS]) -> Mode {
         Mode {
             shape: core::array::from_fn(|d| self.shape[d] * by[d]),
             ..*self
         }
     }
-    /// The same in axes turned by `angle` (rad) about down.
+    /// This mode in axes turned by `angle` (rad) about down.
     pub fn turned(&self, angle: f64) -> Mode {
         let (s, c) = angle.sin_cos();
         let mut shape = self.shape;
@@ -58,7 +58,7 @@ impl Mode {
         }
         Mode { shape, ..*self }
     }
-    /// What its velocity becomes on integration, s: `1 / p_k`. A slow mode has none, it is a course.
+    /// Factor of its velocity on integration, s: `1 / p_k`. A slow mode has none, it is a course.
     pub fn integral(&self) -> Complex<f64> {
         if self.is_wave() {
             self.pole.inv()
@@ -124,14 +124,14 @@ impl<C: Clock> Modes<C> {
         // Less is no motion but its noise: m, rad.
         let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);
         let (mut sum, mut of) = (0.0, 0.0);
-        for (dofs, least) in [(heave, 0.02_f64), (tilt, 0.005)] {
+        for (dofs, noise) in [(heave, 0.02_f64), (tilt, 0.005)] {
             let square = |m: &Mode| dofs.iter().map(|&d| m.shape[d].norm_sqr()).sum::<f64>();
             let waves = || self.modes.iter().filter(|m| m.is_wave());
             let all: f64 = waves().map(square).sum();
             let mean: f64 =
                 waves().map(|m| square(m) * m.pole.im.abs()).sum::<f64>() / all.max(f64::MIN_POSITIVE);
             // A motion that is within its noise counts by its share of it.
-            let weight = (all / least.powi(2)).min(1.0);
+            let weight = (all / noise.powi(2)).min(1.0);
             sum += weight * mean;
             of += weight;
         }

@@ -6,12 +6,12 @@ use std::fmt::Write;
 use super::{FirmwareConfig, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Where ArduPilot looks for a simulator.
+/// Port at which ArduPilot looks for a simulator.
 pub const PORT: u16 = 9002;
 /// Exchanges a second. ArduCopter does not arm unless its gyroscopes are read 1.8 times in each of its 400
 /// loops a second, and reads them once an exchange.
 pub const EXCHANGE_HZ: u32 = 800;
-/// First word of a packet with 16 and with 32 outputs.
+/// Magic number of a packet with 16 and with 32 outputs.
 const MAGIC: [(u16, usize); 2] = [(18458, 16), (29569, 32)];
 /// Outputs begin here.
 const OUTPUTS_AT: usize = 8;
@@ -42,7 +42,7 @@ pub fn servos(bytes: &[u8]) -> Option<Servos> {
     })
 }
 
-/// Shares of a rotor's greatest thrust; None with all off.
+/// Fractions of a rotor's maximum thrust; None with all off.
 pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTORS]> {
     let [none, full] = config.pwm_us;
     let outputs: Vec<f64> = servos

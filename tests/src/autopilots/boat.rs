@@ -30,7 +30,7 @@ const IDENTITY: [u8; 5] = [11, 3, 81, 4, 3];
 
 /// The autopilot.
 pub struct BoatAutopilot {
-    /// Its mode.
+    /// Mode of the autopilot.
     pub mode: u32,
     /// It denies every change of mode.
     pub denies: bool,
@@ -72,7 +72,7 @@ impl BoatAutopilot {
             speed,
         });
     }
-    /// What it sends until `t`.
+    /// Bytes that it sends until `t`.
     pub fn sent(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         let mut bytes = core::mem::take(&mut self.answers);
         if t >= self.due {
@@ -111,7 +111,7 @@ impl BoatAutopilot {
             }
         }
     }
-    /// What it steers to at `t`; None: along its own course.
+    /// Set-point that it steers to at `t`; None: along its own course.
     pub fn steers_to(&self, t: Time<TrueTime>) -> Option<SetPoint> {
         let guided = self.set_point.filter(|_| self.mode == GUIDED);
         let guided = guided.map(|(at, to)| match t - at <= TIMEOUT {

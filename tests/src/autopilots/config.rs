@@ -11,7 +11,7 @@ config! {
     /// Motors and sensors between a firmware and the simulated drone. Position, sense and strength of the
     /// rotors are the drone's own (`airframe`), numbered as PX4 numbers them.
     pub struct FirmwareConfig {
-        /// Where the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
+        /// Port at which the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
         pub port: u16 = 0;
         /// Exchanges a second, a multiple of 100; 0: the firmware's usual (PX4 400, ArduPilot 800).
         pub exchange_hz: u32 = 0;

@@ -18,7 +18,7 @@ pub use sensors::FirmwareSensors;
 
 use crate::physics::drone::MAX_ROTORS;
 
-/// Shares of a rotor's greatest thrust from a firmware's outputs, 0 to 1 each; None with all off.
+/// Fractions of a rotor's maximum thrust from a firmware's outputs, 0 to 1 each; None with all off.
 ///
 /// `T / T_max = f u² + (1 - f) u` with the share `f` of the square: a rotor's thrust goes with the
 /// square of its speed, and electronic speed controllers differ in what they make of `u`.

@@ -8,13 +8,13 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 use super::{FirmwareConfig, FirmwareSensors, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};
 
-/// Where PX4 looks for a simulator.
+/// Port at which PX4 looks for a simulator.
 pub const PORT: u16 = 4560;
 /// Exchanges a second.
 pub const EXCHANGE_HZ: u32 = 400;
 /// It answers at least every so many samples.
 const MAX_ANSWER_PERIOD: u64 = 4;
-/// What PX4's simulators call themselves.
+/// Address that PX4's simulators use.
 const US: Address = Address::new(1, 200);
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;

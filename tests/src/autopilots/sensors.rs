@@ -131,7 +131,7 @@ fn micros(t: Time<TrueTime>) -> u64 {
 fn pressure_hpa(height_m: f64) -> f64 {
     SEA_LEVEL_HPA * (1.0 - LAPSE * height_m / SEA_LEVEL_K).max(0.1).powf(EXPONENT)
 }
-/// Its inverse.
+/// Height of a pressure, the inverse.
 fn altitude_m(pressure_hpa: f64) -> f64 {
     SEA_LEVEL_K / LAPSE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }

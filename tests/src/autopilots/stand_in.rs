@@ -57,7 +57,7 @@ pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Ve
         .unwrap_or_default()
 }
 
-/// Where a fix is, NED about `origin`, m.
+/// Place of a fix, NED about `origin`, m.
 pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
     let at = Datum::new(
         fix.latitude.to_degrees(),

@@ -233,7 +233,7 @@ fn drone_without_a_firmware_on_its_pad() {
         });
     }
     assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
-    // It was not flown, which is not to say that its motors were stopped above the deck.
+    // It was not flown, which does not mean that its motors were stopped above the deck.
     let mission = alight_shared::msg::MissionState::default();
     assert!(physics.observation(0, &mission).motors_on);
     assert!((physics.drone(0).unwrap_or_default().position.0 - before).norm() < 1e-9);
@@ -253,7 +253,7 @@ fn px4_plant_lock_step_samples() {
     let mut plant = Px4Plant::new(&config, sensors);
     let mut physics = Physics::new(&calm(), 4).expect("a world");
     physics.place_drone_on_pad(0);
-    // As seen of PX4: at first each sample, then, where its rate loop runs half as often, every second.
+    // As PX4 does: at first each sample, then, where its rate loop runs half as often, every second.
     let (mut slice, mut waits) = (0_u32, Vec::new());
     for _ in 0..100 {
         physics.advance_with(EXCHANGES_PER_TICK, |_, truth| {

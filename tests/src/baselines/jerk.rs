@@ -14,7 +14,7 @@ const LIMIT_WEIGHT: f64 = 5000.0;
 /// One value per stage.
 pub type PerStage = [f64; STAGES];
 
-/// What an axis is asked.
+/// Problem of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisProblem {
     /// Position, velocity, acceleration now: m, m/s, m/s².
@@ -116,7 +116,7 @@ impl JerkAxis {
         sum
     }
 
-    /// The jerks of least cost: Newton's method from `guess` with the convex part of the Hessian and
+    /// The jerks of minimum cost: Newton's method from `guess` with the convex part of the Hessian and
     /// a halving line search, so the cost never rises. Gives the steps taken, too.
     pub fn solve(
         &self,

@@ -50,7 +50,7 @@ impl Baseline {
             Baseline::MpcNe => "mpc-ne",
         }
     }
-    /// Its law.
+    /// Law of the baseline.
     pub fn law(&self, planner: &PlannerConfig, drone: &DroneGeometry) -> Box<dyn Law> {
         match self {
             Baseline::Mpc => Box::new(Mpc),

@@ -21,7 +21,7 @@ const WAVY: usize = 3;
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
 /// Frequencies looked for, Hz.
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
-/// The record begins anew after a gap longer than this, s.
+/// The record begins again after a gap longer than this, s.
 const GAP_S: f64 = 2.0;
 /// Samples kept at most.
 const KEPT: usize = POINTS;
@@ -39,11 +39,11 @@ const PLACE_S: f64 = 0.15;
 /// Standard deviations of a filter, m or rad.
 #[derive(Clone, Copy, Debug)]
 struct Noise {
-    /// Of a measurement.
+    /// Standard deviation of a measurement.
     sd: f64,
-    /// Of a mode's states after 1 s.
+    /// Random walk of a mode's states after 1 s.
     walk: f64,
-    /// Of the offset after 1 s. The authors' is constant; here heave's has to follow the drift of the odometry.
+    /// Random walk of the offset after 1 s. The authors' is constant; here heave's has to follow the drift of the odometry.
     offset_walk: f64,
 }
 const TILT: Noise = Noise {
@@ -51,7 +51,7 @@ const TILT: Noise = Noise {
     walk: 0.03,
     offset_walk: 0.0005,
 };
-/// Of heave, roll, pitch.
+/// Noise of heave, roll, pitch.
 const NOISE: [Noise; WAVY] = [
     Noise {
         sd: 0.03,
@@ -133,7 +133,7 @@ struct Sample {
     value: [f64; WAVY],
 }
 
-/// Where the deck will be, as MPC-NE predicts it.
+/// Prediction of the deck by MPC-NE.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Predicted {
     /// Centre: north, east, down, m.
@@ -146,7 +146,7 @@ pub struct Predicted {
 
 /// Record, modes and filters.
 #[derive(Clone, Debug, Default)]
-pub struct DeckModes {
+pub struct SpectralModes {
     record: VecDeque<Sample>,
     wavy: Option<[Wavy; WAVY]>,
     /// North and east: place and drift.
@@ -154,7 +154,7 @@ pub struct DeckModes {
     analysed: Option<Time<DroneClock>>,
 }
 
-impl DeckModes {
+impl SpectralModes {
     /// Modes are known: the record was long enough.
     pub fn ready(&self) -> bool {
         self.analysed.is_some()
@@ -168,7 +168,7 @@ impl DeckModes {
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
             Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
             Some(_) | None => {
-                *self = DeckModes::default();
+                *self = SpectralModes::default();
                 0.0
             }
         };
@@ -199,7 +199,7 @@ impl DeckModes {
         self.analyse(at);
     }
 
-    /// Frequencies anew, once per `refresh_s`, and the filters run again over the record.
+    /// Estimates the frequencies again, once per `refresh_s`, and runs the filters over the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;

@@ -34,11 +34,11 @@ use alight_uav::planner::reference::Reference;
 use nalgebra::Vector3;
 
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
-use super::modes::{DeckModes, Predicted};
+use super::modes::{Predicted, SpectralModes};
 
 /// S, horizontal: position (1/m²) and velocity (s²/m²), and soft limits of speed (against the deck), acceleration and jerk.
 const HORIZONTAL: ([f64; 2], [f64; 3]) = ([100.0, 30.0], [3.0, 5.0, 40.0]);
-/// The same vertically.
+/// S, vertical: weights and soft limits.
 const VERTICAL: ([f64; 2], [f64; 3]) = ([10.0, 6.0], [0.6, 4.0, 30.0]);
 /// T: increments of jerk.
 const INCREMENT_WEIGHT: f64 = 0.02;
@@ -109,7 +109,7 @@ pub struct MpcNe {
     reset: Reset,
     axis: JerkAxis,
     feet: f64,
-    modes: DeckModes,
+    modes: SpectralModes,
     solved: Option<SolvedPlan>,
     /// Height over the deck that it keeps while no descent is permitted, m.
     held_m: Option<f64>,
@@ -169,7 +169,7 @@ impl MpcNe {
             reset: *reset,
             axis: JerkAxis::new(STEP_S),
             feet: drone.feet_below_m,
-            modes: DeckModes::default(),
+            modes: SpectralModes::default(),
             solved: None,
             held_m: None,
         }
@@ -224,7 +224,7 @@ impl MpcNe {
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
         // Not permitted to descend: no nearer to the deck than it was when that began. The present
-        // height, asked for anew in each solve, would follow every downward stroke of the deck.
+        // height, asked for again in each solve, would follow every downward stroke of the deck.
         let waits = landing && !(mission.descent_mps > 0.0);
         let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
         self.held_m = held;

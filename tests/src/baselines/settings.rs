@@ -1,4 +1,4 @@
-//! What a baseline changes outside the planner: which sources the predictor may use, and those of the
+//! Changes by a baseline outside the planner: which sources the predictor may use, and those of the
 //! mission's parameters that assume another planner. Everything not named here is the same for all.
 
 use alight_uav::mission::MissionConfig;

@@ -1,4 +1,4 @@
-//! What each baseline does and does not do, on known decks.
+//! Behaviour of each baseline on known decks.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -11,7 +11,7 @@ use alight_uav::planner::model::State as Start;
 use alight_uav::planner::reference::Reference;
 use alight_uav::predictor::PredictorConfig;
 
-use super::modes::DeckModes;
+use super::modes::SpectralModes;
 use super::*;
 
 fn at(t: f64) -> Time<DroneClock> {
@@ -80,7 +80,7 @@ fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
 
 #[test]
 fn deck_modes_prediction_from_the_tag_alone() {
-    let mut modes = DeckModes::default();
+    let mut modes = SpectralModes::default();
     let deck = rocking(0.1);
     let mut worst: (f64, f64) = (0.0, 0.0);
     for k in 0..1200 {
@@ -98,7 +98,7 @@ fn deck_modes_prediction_from_the_tag_alone() {
 }
 
 /// Lets MPC-NE fly its own plans over a rocking deck; its height over the deck at the end, and the
-/// least on the way, m.
+/// minimum on the way, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
     let mut ne = MpcNe::new(&config.reset, &drone);

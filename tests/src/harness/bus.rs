@@ -19,21 +19,21 @@ struct Ring<M> {
     newest: VecDeque<M>,
 }
 
-/// What becomes of messages on their way. It is given the clock of who reads, or the stamp of what is written, ns.
+/// Change of messages on their way. It is given the clock of who reads, or the stamp of what is written, ns.
 pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
-/// Where one may stand.
+/// Place for a wrapper.
 type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
 /// On which way of a row's messages a wrapper stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Way {
-    /// What it reads.
+    /// Messages that it reads.
     Read,
-    /// What it writes.
+    /// Messages that it writes.
     Written,
 }
 
-/// What the ports of one computer share, each made when the first asks for it.
+/// State that the ports of one computer have in common, each made when the first asks for it.
 #[derive(Default)]
 struct Shared {
     rings: BTreeMap<TypeId, Rc<dyn Any>>,
@@ -47,7 +47,7 @@ pub struct LockStep {
     row: Option<ProcessKind>,
 }
 
-/// The value of this type that an entry holds, which is made where there is none.
+/// The value of this type that an entry holds, which is made on first use.
 fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
     Rc::clone(made)
         .downcast()
@@ -55,14 +55,14 @@ fn typed<T: 'static>(made: &Rc<dyn Any>) -> Rc<T> {
 }
 
 impl LockStep {
-    /// The same bus as this row sees it.
+    /// The bus as this row sees it.
     pub fn of(&self, row: ProcessKind) -> LockStep {
         LockStep {
             shared: Rc::clone(&self.shared),
             row: Some(row),
         }
     }
-    /// Stands between a row and the bus from now on, in the place of who stood there; the row may be started anew meanwhile.
+    /// Stands between a row and the bus from now on, replacing an earlier wrapper; the row may be restarted meanwhile.
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
@@ -128,10 +128,10 @@ impl Bus for LockStep {
     }
     fn wake<M: Plain>(&self) -> Result<Wake, Infallible> {
         let ring = self.ring::<M>();
-        let seen = ring.borrow().sent;
+        let counted = ring.borrow().sent;
         Ok(Wake {
             sent: Box::new(move || ring.borrow().sent),
-            seen,
+            counted,
         })
     }
 }
@@ -139,13 +139,13 @@ impl Bus for LockStep {
 /// Whether a topic brought something.
 pub struct Wake {
     sent: Box<dyn Fn() -> u64>,
-    seen: u64,
+    counted: u64,
 }
 
 impl bus::Wake for Wake {
     fn woke(&mut self) -> bool {
         let sent = (self.sent)();
-        core::mem::replace(&mut self.seen, sent) != sent
+        core::mem::replace(&mut self.counted, sent) != sent
     }
 }
 
@@ -184,14 +184,14 @@ impl<M: Plain> Writer<M> for Sender<M> {
 /// Reads messages.
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
-    /// Of the messages sent so far.
+    /// Number read of the messages sent so far.
     read: u64,
     received: Received,
     place: Place<M>,
 }
 
 impl<M: Plain> Receiver<M> {
-    /// What has not been read yet.
+    /// Takes what has not been read yet.
     fn take<T>(&mut self, taken: impl FnOnce(&mut dyn Iterator<Item = &M>) -> T) -> T {
         let ring = self.ring.borrow();
         let new = usize::try_from(ring.sent - self.read).unwrap_or(usize::MAX);

@@ -65,8 +65,8 @@ impl NightExposure {
         let [exposure_s, gain] = night.ranges(longest_s);
         // As it was by day.
         let start = Setting {
-            exposure_s: exposure_s.least,
-            gain: gain.least,
+            exposure_s: exposure_s.low,
+            gain: gain.low,
         };
         NightExposure {
             metering: Metering::new(exposure_s, gain, start),
@@ -80,7 +80,7 @@ impl NightExposure {
             at_limit: self.metering.at_limit(),
         }
     }
-    /// The same images as the camera is set to take them.
+    /// These images as the camera is set to take them.
     fn set(&mut self, shots: &[Shot]) -> Vec<Shot> {
         self.begun += shots.len() as u64;
         let Setting { exposure_s, gain } = self.metering.setting();
@@ -161,7 +161,7 @@ impl SimulatedCameras {
             night.meter(images, light);
         }
     }
-    /// The same of the ultraviolet camera.
+    /// Images of the ultraviolet camera.
     pub fn ultraviolet(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         (self.ultraviolet.as_mut()).map_or_else(CameraIn::default, |(camera, delay)| {
             delay.frames(t, shots, |shot| camera.image(shot))

@@ -52,7 +52,7 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// What is sent on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
+/// Senders on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
 /// for cameras, a rangefinder, a beacon.
 struct Outside {
     commands: Sender<Command>,
@@ -80,7 +80,7 @@ impl Outside {
     }
 }
 
-/// What is seen of the bus from outside.
+/// Receivers on the bus from outside the rows.
 struct Observer {
     odometry: Receiver<DroneState>,
     autopilot: Receiver<AutopilotState>,
@@ -110,7 +110,7 @@ pub struct DroneComputer {
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
-    /// Its processes; None: one is dead.
+    /// Processes of the computer; None: one is dead.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
     /// Processes that stand still.
@@ -120,7 +120,7 @@ pub struct DroneComputer {
     cameras: Option<SimulatedCameras>,
     /// The autopilot and the wire to it; None before the drone has appeared.
     pub(super) linked: Option<LinkedAutopilot>,
-    /// Its steady clock is so far ahead of what it was drawn as.
+    /// Lead of its steady clock over the drawn one.
     pub(super) ahead: Span,
     /// A person has given it the mode once.
     pub(super) handed_over: bool,
@@ -140,7 +140,7 @@ pub struct DroneComputer {
     mutant: Option<Mutant>,
     /// The vessel's clock is so far ahead of this one's since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// What its sensors do wrong; None: they never did.
+    /// Faults of its sensors; None: never any.
     spoiled: Option<Spoiled>,
     /// A second vessel of the same identity sends, so far north of the first, m; 0: none does.
     twin_m: f64,
@@ -176,7 +176,7 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
 /// A forced descent begins within this time of being steady, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
-/// What the nodes of drone `k` are made of in this scenario.
+/// Configurations of the nodes of drone `k` in this scenario.
 fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes {
     let mut drone = nodes.settings();
     let reserved = drone.mission.reservation_required || scenario.drones > 1;
@@ -297,7 +297,7 @@ impl DroneComputer {
             linked.fail(failing);
         }
     }
-    /// Its nodes have a defect from now on.
+    /// Gives its nodes a defect from now on.
     pub(super) fn mutate(&mut self, mutant: Option<Mutant>) {
         if let Some(new) = mutant.filter(|_| self.mutant != mutant) {
             self.mutant = mutant;
@@ -330,7 +330,7 @@ impl DroneComputer {
         }
         self.frozen.retain(|p| *p != process);
     }
-    /// It starts anew, with or without the checkpoint of the one before it; not where its supervisor is dead.
+    /// Restarts the process, with or without its predecessor's checkpoint; not where its supervisor is dead.
     pub(super) fn start(
         &mut self,
         process: ProcessKind,
@@ -359,12 +359,12 @@ impl DroneComputer {
             | ProcessKind::View => {}
         }
     }
-    /// Its supervisor dies, and with it all processes.
+    /// Kills its supervisor, and with it all processes.
     pub(super) fn kill_all(&mut self) {
         (self.is_dead, self.rows) = (true, DroneRows::default());
         self.frozen.clear();
     }
-    /// The supervisor starts anew, and all processes.
+    /// Restarts the supervisor and all processes.
     pub(super) fn start_all(
         &mut self,
         checkpoints: Checkpoints,
@@ -380,7 +380,7 @@ impl DroneComputer {
         self.rows.mission = row(bus, Installed::installed(made, boot));
         self.rows.autopilot = row(bus, Installed::installed(made, boot));
     }
-    /// What starts next has a new boot id, and the checkpoints that were published, or none.
+    /// Gives what starts next a new boot id, and the published checkpoints, or none.
     fn begin_boot(&mut self, checkpoints: Checkpoints, physics: &Physics) {
         self.kept.take(physics.drone_now(self.k) + self.ahead);
         self.boot += 1;
@@ -396,7 +396,7 @@ impl DroneComputer {
         (self.ahead, self.apart) = (before.ahead, before.apart);
         (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
     }
-    /// Its steady clock begins again, and of its checkpoints there is what lies on the disk.
+    /// Restarts its steady clock, and keeps the checkpoints that lie on the disk.
     pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
@@ -408,7 +408,7 @@ impl DroneComputer {
         self.outside.commands.send(&Command { header, kind });
     }
 
-    /// The drone appears in the air, flown by a person.
+    /// The drone appears in the air, flown by a pilot.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
         let streams = physics.streams().of_drone(self.k);
@@ -419,24 +419,24 @@ impl DroneComputer {
         self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
             self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
-            // Nobody gives it the mode.
+            // The mode is not given to it again.
             self.handed_over = true;
         }
     }
 
-    /// Its autopilot; None before it has appeared.
+    /// Autopilot of the drone; None before it has appeared.
     pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
         self.linked.as_ref().map(|l| &l.autopilot)
     }
-    /// Its autopilot has aligned its heading.
+    /// Whether its autopilot has aligned its heading.
     pub fn autopilot_is_aligned(&self) -> bool {
         self.linked.as_ref().is_some_and(|l| l.autopilot.is_aligned())
     }
-    /// What the radio carried and lost: to the drone, to the vessel.
+    /// Counts of what the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// What a tap that looks at `t` sees of this process's step at `now`.
+    /// Callback that shows a tap that looks at `t` this process's step at `now`.
     fn shown<'a, T: Tap, I: Recorded, O: Recorded>(
         &self,
         process: ProcessKind,
@@ -462,7 +462,7 @@ impl DroneComputer {
         !self.frozen.contains(&process)
     }
 
-    /// Its rows in their order, each one step; the link's a second one, with the pilot's set-point.
+    /// One step of each row in their order; of the link's a second one, with the pilot's set-point.
     pub(super) fn tick(
         &mut self,
         physics: &mut Physics,
@@ -506,7 +506,7 @@ impl DroneComputer {
         self.look(now);
     }
 
-    /// What has come by radio, on the drone's clock.
+    /// Packets that have come by radio, on the drone's clock.
     fn packets(&mut self, physics: &Physics) -> Vec<Stamped<DroneClock, Packet>> {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let read_from = self.stood_still_until;
@@ -643,7 +643,7 @@ impl DroneComputer {
             let look = |input: &PlannerIn, out: &mut PlannerOut| {
                 shown(input, out);
                 if let Some(plan) = out.plan.take() {
-                    // A full line means plans that nobody fetches: the oldest state is lost, no more.
+                    // A full line means plans that are not fetched: the oldest state is lost, no more.
                     let _full = plans.push(arrives, plan);
                 }
             };

@@ -1,4 +1,4 @@
-//! What fails of the world for as long as it does: processes that stand still, measurements that do not come or are wrong,
+//! Faults of the world that last: processes that stand still, measurements that do not come or are wrong,
 //! a radio that loses, rotors that are weak. What happens once (a kill, a jump, an order) is a call of [`super::world::World`].
 
 use core::cell::RefCell;
@@ -21,7 +21,7 @@ use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 
-/// What fails of the first drone, the vessel and the radio between them; as made, nothing.
+/// Present faults of the first drone, the vessel and the radio between them; none at first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Failing {
     /// Processes that stand still.
@@ -32,7 +32,7 @@ pub struct Failing {
     pub vessel: VesselSensorFaults,
     /// The drone's own.
     pub drone: DroneSensorFaults,
-    /// What the autopilot does wrong.
+    /// Faults of the autopilot.
     pub autopilot: AutopilotFaults,
     /// A defect of the drone's nodes.
     pub mutant: Option<Mutant>,
@@ -40,7 +40,7 @@ pub struct Failing {
     pub weak: [f64; 2],
     /// So much faster than true time the steady clocks run, the vessel's and the drone's, s/s; -1: one stands still.
     pub clock_rates: [f64; 2],
-    /// What pushes the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    /// Force and moment on the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
     pub wake_nm: f64,
@@ -53,7 +53,7 @@ pub struct Failing {
 /// Processes that stand still, and computers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// Of the drone: what reaches one meanwhile waits, as much as its topics hold.
+    /// Processes of the drone: what reaches one meanwhile waits, as much as its topics hold.
     pub processes: Vec<ProcessKind>,
     /// The drone's whole computer: packets and bytes wait, measurements are lost.
     pub computer: bool,
@@ -61,7 +61,7 @@ pub struct Frozen {
     pub vessel: bool,
 }
 
-/// Of the vessel's sensors.
+/// Faults of the vessel's sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VesselSensorFaults {
     /// No inertial sample comes.
@@ -89,7 +89,7 @@ pub struct VesselSensorFaults {
 }
 
 impl VesselSensorFaults {
-    /// What becomes of readings; `held` has the first of each that is stuck.
+    /// Applies the faults to readings; `held` has the first of each that is stuck.
     pub fn spoil(&self, readings: &mut Readings, held: &mut Held) {
         if self.imu_lost {
             readings.imu.clear();
@@ -150,7 +150,7 @@ pub fn shift(readings: &mut Readings, by: Span) {
     readings.attitude.iter_mut().for_each(|m| m.header.at += by);
 }
 
-/// What sensors that are stuck repeat.
+/// Readings that stuck sensors repeat.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Held {
     imu: Option<ImuSample>,
@@ -158,10 +158,10 @@ pub struct Held {
     heading: Option<HeadingFix>,
 }
 
-/// Of the drone's camera and rangefinder.
+/// Faults of the drone's camera and rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DroneSensorFaults {
-    /// Nothing is seen.
+    /// Nothing is detected.
     pub blind: bool,
     /// No range comes.
     pub range_lost: bool,
@@ -179,12 +179,12 @@ pub struct DroneSensorFaults {
     pub false_tag_m: f64,
     /// Images are stamped so late, s.
     pub images_late_s: f64,
-    /// What the cameras see of the deck is another vessel's, moored so far from this one, NED, m.
-    pub beside_m: [f64; 3],
+    /// Offset of another vessel, whose deck the cameras see instead, from this one, NED, m.
+    pub neighbour_offset_m: [f64; 3],
 }
 
 impl DroneSensorFaults {
-    /// What becomes of detections of tags.
+    /// Applies the faults to detections of tags.
     fn spoil_tags(&self, tags: &mut Vec<TagPose>) {
         tags.retain(|m| !self.blind && by_chance(m.header.sequence, 0) >= self.lost);
         for m in tags {
@@ -198,11 +198,11 @@ impl DroneSensorFaults {
             }
         }
     }
-    /// Of fixes by markers.
+    /// Applies the faults to fixes by markers.
     fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
         fixes.retain(|_| !self.blind);
     }
-    /// Of ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
+    /// Applies the faults to ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
     fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
@@ -227,10 +227,10 @@ pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
 /// Lets sensors fail by what `faults` are at the time.
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
-    let tag = |m: &mut TagPose, by: &Seen| by.shift(&mut m.header, &mut m.position);
-    spoil_seen(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
-    let fix = |m: &mut UvdarFix, by: &Seen| by.shift(&mut m.header, &mut m.position);
-    spoil_seen(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
+    let tag = |m: &mut TagPose, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
+    spoil_detections(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
+    let fix = |m: &mut UvdarFix, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
+    spoil_detections(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
     let (now, mut repeated_m) = (Rc::clone(faults), None);
     bus.wrap(World, Way::Written, move |_, mut ranges: Vec<RangeSample>| {
         now.borrow().spoil_ranges(&mut ranges, &mut repeated_m);
@@ -238,47 +238,47 @@ pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     });
 }
 
-/// What becomes of what a camera's row has seen.
-fn spoil_seen<M: Plain>(
+/// Applies the faults to the detections of a camera's row.
+fn spoil_detections<M: Plain>(
     bus: &LockStep,
     row: ProcessKind,
     faults: &Spoiled,
-    shift: fn(&mut M, &Seen),
+    shift: fn(&mut M, &DetectionShift),
     spoil: fn(&DroneSensorFaults, &mut Vec<M>),
 ) {
     let (now, mut drones) = (Rc::clone(faults), bus.receiver::<DroneState>());
     let mut attitude = UnitQuaternion::identity();
-    bus.wrap(row, Way::Written, move |now_ns, mut seen: Vec<M>| {
+    bus.wrap(row, Way::Written, move |now_ns, mut detections: Vec<M>| {
         attitude = drones.newest(now_ns).map_or(attitude, |d| d.attitude());
         let faults = now.borrow();
-        let by = Seen::of(&faults, &attitude);
-        seen.iter_mut().for_each(|m| shift(m, &by));
-        spoil(&faults, &mut seen);
-        seen
+        let by = DetectionShift::of(&faults, &attitude);
+        detections.iter_mut().for_each(|m| shift(m, &by));
+        spoil(&faults, &mut detections);
+        detections
     });
 }
 
-/// By how much what is seen is late and elsewhere.
-struct Seen {
+/// Delay and offset of detections.
+struct DetectionShift {
     late: Span,
     /// Camera axes, m.
-    beside: Vector3<f64>,
+    offset: Vector3<f64>,
 }
 
-impl Seen {
-    /// Of a drone with this attitude, by its autopilot.
-    fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> Seen {
-        let beside = attitude.inverse() * Vector3::from(faults.beside_m);
-        Seen {
+impl DetectionShift {
+    /// Delay and offset for a drone with this attitude, by its autopilot.
+    fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> DetectionShift {
+        let offset = attitude.inverse() * Vector3::from(faults.neighbour_offset_m);
+        DetectionShift {
             late: Span::from_secs(faults.images_late_s),
-            beside: body_from_camera().transpose() * beside,
+            offset: body_from_camera().transpose() * offset,
         }
     }
     fn shift(&self, header: &mut Header<DroneClock>, position: &mut [f64; 3]) {
         header.at += self.late;
         position
             .iter_mut()
-            .zip(self.beside.iter())
+            .zip(self.offset.iter())
             .for_each(|(p, by)| *p += by);
     }
 }
@@ -292,7 +292,7 @@ fn by_chance(sequence: u32, axis: u32) -> f64 {
     f64::from((mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b) >> 8) / f64::from(1_u32 << 24)
 }
 
-/// Of the autopilot and the wire to it.
+/// Faults of the autopilot and the wire to it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotFaults {
     /// It sends nothing.
@@ -307,11 +307,11 @@ pub struct AutopilotFaults {
     pub no_battery: bool,
     /// It reports the charge that it had.
     pub battery_stuck: bool,
-    /// Its battery loses so much more, 1/s.
+    /// Additional drain of its battery, 1/s.
     pub drain_per_s: f64,
     /// It reports this landed state.
     pub landed_report: Option<LandedState>,
-    /// Its position drifts to the north, m/s, as under a slow spoof.
+    /// Drift of its position to the north, m/s, as under a slow spoof.
     pub drift_mps: f64,
     /// The remote control's signal is lost.
     pub remote_control_lost: bool,
@@ -319,7 +319,7 @@ pub struct AutopilotFaults {
     pub data_link_lost: bool,
 }
 
-/// What the rotors give of what is asked of them, `[first, all]` being the fraction that the first lacks, and that all lack.
+/// Thrust fractions of weakened rotors, `[first, all]` being the fraction that the first lacks, and that all lack.
 pub(super) fn weakened([first, all]: [f64; 2], motors: [f64; MAX_ROTORS]) -> [f64; MAX_ROTORS] {
     let mut weak = motors.map(|m| m * (1.0 - all));
     if let Some(motor) = weak.first_mut() {

@@ -32,7 +32,7 @@ const CONTACT_S: f64 = 0.5;
 /// Ticks between the present and the furthest moment that is asked for: a forecast of 4 s that is up to 0.1 s old.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
-/// The same sea and vessel, so many ticks ahead of the world; drones move no deck. A course that a descent changes is not
+/// The world's sea and vessel, so many ticks ahead of the world; drones move no deck. A course that a descent changes is not
 /// known to it.
 pub(super) struct Foresight {
     config: ForesightConfig,

@@ -16,10 +16,10 @@ use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// What a successor is given of its crashed predecessor.
+/// Checkpoint of a crashed predecessor for its successor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Checkpoints {
-    /// Its checkpoint.
+    /// The predecessor's checkpoint.
     Kept,
     /// Nothing.
     Lost,
@@ -59,7 +59,7 @@ impl Wire {
             .map_or(arrival, |(last, _)| arrival.max(*last));
         self.under_way.push_back((arrival, bytes));
     }
-    /// What has arrived by `t`; nothing of it where the cable is out.
+    /// Bytes that have arrived by `t`; none where the cable is out.
     fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<Frame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
@@ -134,11 +134,11 @@ impl LinkedAutopilot {
         }
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
-    /// What has arrived at the link by `t`.
+    /// Bytes that have arrived at the link by `t`.
     pub fn received(&mut self, t: Time<TrueTime>) -> Vec<Frame> {
         self.up.received(t, self.cut)
     }
-    /// What the link sends.
+    /// Sends the link's output.
     pub fn send(&mut self, t: Time<TrueTime>, out: &AutopilotOut) {
         for message in &out.messages {
             self.commanded += u32::from(commands(message));

@@ -39,7 +39,7 @@ pub enum Mutant {
     StaleMission,
     /// Jumps of the autopilot's frame are not noticed.
     FramesIgnored,
-    /// A thrust that is not reported is none.
+    /// A thrust that is not reported counts as zero.
     ThrustMissing,
     /// A battery that is not reported is full, and so is one that is empty.
     ReserveWaived,
@@ -140,7 +140,7 @@ fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     }
 }
 
-/// What a row makes of messages and of the mission's newest state.
+/// Changes a row's messages by the mission's newest state.
 fn by_state<M: Plain>(
     bus: &LockStep,
     (row, way): (ProcessKind, Way),

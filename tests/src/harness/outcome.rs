@@ -8,9 +8,9 @@
 use alight_shared::msg::Reason;
 use serde::{Deserialize, Serialize};
 
-/// Greatest normal or tangential speed at any contact, m/s.
+/// Maximum normal or tangential speed at any contact, m/s.
 pub const MAX_CONTACT_MPS: f64 = 1.0;
-/// Greatest angle between the normals of deck and foot plane at first contact, rad.
+/// Maximum angle between the normals of deck and foot plane at first contact, rad.
 pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// The motors stop within this time of first contact, s.
 pub const MAX_STOP_S: f64 = 2.0;
@@ -28,10 +28,10 @@ pub const FAST_CONTACT_MPS: f64 = 2.0;
 pub const FALSE_STOP_M: f64 = 0.10;
 /// The ratio of what was not unsafe, at most.
 const BELOW_LIMIT: f64 = 1.0 - 1e-9;
-/// The first words of a reason: nothing else had gone wrong when the time was over.
+/// Beginning of a reason: nothing else had gone wrong when the time was over.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
-/// How a trial ended.
+/// Ending of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
@@ -43,7 +43,7 @@ pub enum Ending {
     Fast,
     /// First contact with too much tilt between deck and drone.
     Tilted,
-    /// First contact beside the deck.
+    /// First contact off the deck.
     Missed,
     /// A foot left the deck's edges after landing.
     Slid,
@@ -94,7 +94,7 @@ pub struct ContactEvent {
     pub tangential_mps: f64,
 }
 
-/// What the judge looks at in one tick.
+/// Input of the judge in one tick.
 #[derive(Clone, Debug)]
 pub struct Observation<'a> {
     /// Time since the start, s.
@@ -137,11 +137,11 @@ impl Observation<'_> {
 /// The outcome of a trial; null where there was no contact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// How it ended.
+    /// Ending of the trial.
     pub outcome: Ending,
     /// `outcome` is success.
     pub success: bool,
-    /// The ending in words, with the figure that decided.
+    /// The ending as text, with the value that decided.
     pub reason: String,
     /// Seed of the trial.
     pub seed: u64,
@@ -162,19 +162,19 @@ pub struct Outcome {
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// How near to a limit the contacts came: the maximum of each metric over its limit; 1 and more exactly where the trial
+    /// Ratio of the contacts to their limits: the maximum of each metric over its limit; 1 and more exactly where the trial
     /// was unsafe; 0 without a contact.
     #[serde(default)]
     pub limit_ratio: f64,
-    /// How often the drone entered a keep-out volume; absent where there is none.
+    /// Number of times that the drone entered a keep-out volume; absent without volumes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_collisions: Option<u32>,
-    /// Least distance from the drone's body to such a volume, m; negative within it.
+    /// Minimum distance from the drone's body to such a volume, m; negative within it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keep_out_gap_m: Option<f64>,
     /// In the deck plane, deck centre to the feet's centroid at first contact, m.
     pub position_error_m: Option<f64>,
-    /// The same at the end of the rest, m.
+    /// Position error at the end of the rest, m.
     pub rest_position_error_m: Option<f64>,
     /// Speed along the deck's normal at first contact, m/s.
     pub touchdown_speed_mps: Option<f64>,
@@ -201,10 +201,10 @@ pub struct Outcome {
     /// Age of the newest detection in the forecast at first contact, s.
     #[serde(default)]
     pub vision_age_s: Option<f64>,
-    /// The same when it has been watched for the scenario's `stay_s`, m; not watched: null.
+    /// Position error after the scenario's `stay_s`, m; not watched: null.
     #[serde(default)]
     pub stay_position_error_m: Option<f64>,
-    /// How likely the mission thought the last descent to succeed when it began; not known: null.
+    /// Mission's probability of success when the last descent began; not known: null.
     #[serde(default)]
     pub likelihood: Option<f64>,
     /// Simulated time, warm-up included, s.
@@ -249,7 +249,7 @@ pub struct Judge {
     fast_contacts: u32,
     /// Maximum of a contact's metrics over their limits.
     nearest: f64,
-    /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
+    /// Entries into keep-out volumes, the minimum distance from one, and whether it is within one, m.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
     attempts: u32,
@@ -321,18 +321,17 @@ impl Judge {
         if o.gave_up && self.first.is_none() {
             self.fail(
                 Ending::GaveUp,
-                format!("the mission gave up after {} attempts", o.attempts),
+                format!("the mission gave up at attempt {}", o.attempts),
             );
             self.ended = true;
         }
         if o.t_s >= TIME_LIMIT_S {
-            self.fail(
-                Ending::Timeout,
-                format!(
-                    "{NOT_AT_REST} after {TIME_LIMIT_S} s, mission waiting: {}",
-                    o.waiting
-                ),
-            );
+            let waiting = match o.waiting.to_string() {
+                empty if empty.is_empty() => empty,
+                reason => format!(", mission waiting: {reason}"),
+            };
+            let reason = format!("{NOT_AT_REST} after {TIME_LIMIT_S} s{waiting}");
+            self.fail(Ending::Timeout, reason);
             self.ended = true;
         }
         self.ended

@@ -32,7 +32,7 @@ use crate::physics::vessel::response::{HullFiles, ResponseVessel};
 use crate::physics::vessel::steering::SetPoint;
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
-use crate::sensors::outlet::Identity;
+use crate::sensors::outlet::SenderIdentity;
 use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
 /// The world's tick.
@@ -48,11 +48,11 @@ const BELOW_SURFACE_M: f64 = 0.05;
 
 /// One drone: its body once it has appeared, its sensors, what it has met.
 struct Plant {
-    identity: Identity,
+    identity: SenderIdentity,
     streams: Streams,
     sensors: DroneSensors,
     drone: Option<SimulatedDrone>,
-    /// Where its autopilot's NED begins.
+    /// Origin of its autopilot's NED.
     origin: Datum,
     sequence: u32,
     contacts: Vec<ContactEvent>,
@@ -66,7 +66,7 @@ struct Plant {
 impl Plant {
     fn new(k: usize, scenario: &Scenario, place: Option<Datum>, streams: &Streams) -> Plant {
         let streams = streams.of_drone(k);
-        let identity = Identity {
+        let identity = SenderIdentity {
             vessel: VESSEL_ID,
             drone: DRONE_ID + k as u32,
             boot: BOOT,
@@ -134,7 +134,7 @@ pub struct Physics {
     sea: Sea,
     carrier: DeckCarrier,
     neighbour: Option<Neighbour>,
-    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: that of vessel and drones is the true one.
     place: Option<Datum>,
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
@@ -168,7 +168,7 @@ impl Physics {
         let neighbour = Neighbour::new(scenario, &sea, &streams)?;
         let place = scenario.place.drawn(&streams);
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
-        let identity = Identity {
+        let identity = SenderIdentity {
             vessel: VESSEL_ID,
             drone: 0,
             boot: BOOT,
@@ -268,7 +268,7 @@ impl Physics {
             drone.stand();
         }
     }
-    /// The simulated autopilot of a drone that is in the air, in a person's mode, with its configuration.
+    /// The simulated autopilot of a drone that is in the air, in a pilot's mode, with its configuration.
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
@@ -299,7 +299,7 @@ impl Physics {
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// What a drone's camera and rangefinder measure now; None before it has appeared.
+    /// Readings of a drone's camera and rangefinder now; None before it has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let neighbour = self.neighbour_deck();
@@ -328,7 +328,7 @@ impl Physics {
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
     }
-    /// The same with motors: so many times a tick `motors` is given the number and the state of each drone, and gives
+    /// Advances with motors: so many times a tick `motors` is given the number and the state of each drone, and gives
     /// its motors as fractions of a rotor's maximum thrust; None with all off.
     pub fn advance_with(
         &mut self,
@@ -420,7 +420,7 @@ impl Physics {
     pub fn vessel_clock(&self) -> ClockModel {
         self.vessel_clock
     }
-    /// What the vessel's clock reads.
+    /// Time of the vessel's clock.
     pub fn vessel_now(&self) -> Time<VesselClock> {
         self.vessel_clock.read(self.t)
     }
@@ -428,7 +428,7 @@ impl Physics {
     pub fn drone_clock(&self, k: usize) -> ClockModel {
         self.drones.get(k).map_or(self.vessel_clock, |p| p.identity.clock)
     }
-    /// What a drone's clock reads.
+    /// Time of a drone's clock.
     pub fn drone_now(&self, k: usize) -> Time<DroneClock> {
         self.drone_clock(k).read(self.t)
     }
@@ -440,15 +440,15 @@ impl Physics {
     pub fn sea(&self) -> &Sea {
         &self.sea
     }
-    /// What the vessel's GNSS displaces its NED plane by now, m.
+    /// Displacement of the vessel's NED plane by its GNSS now, m.
     pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
         self.vessel_sensors.gnss_bias()
     }
-    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: that of vessel and drones is the true one.
     pub fn place(&self) -> Option<Datum> {
         self.place
     }
-    /// How far a drone is from the deck's centre, m.
+    /// Distance of a drone from the deck's centre, m.
     pub fn deck_distance_m(&self, k: usize) -> f64 {
         let apart = self.drone(k).map(|d| d.position - self.deck().position);
         apart.map_or(f64::INFINITY, |apart| apart.norm())
@@ -506,7 +506,7 @@ impl Physics {
     pub fn touches(&self, k: usize) -> bool {
         self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
     }
-    /// What the judge of a drone's landing looks at, beside its mission's newest state.
+    /// Input of the judge of a drone's landing, to which `mission`, its mission's newest state, is added.
     pub fn observation(&self, k: usize, mission: &MissionState) -> Observation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let plant = self.drones.get(k);

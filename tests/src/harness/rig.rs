@@ -14,11 +14,11 @@ use crate::autopilots::simulated::SimulatedAutopilot;
 pub struct Rig {
     /// The world.
     pub world: World,
-    /// Its scenario.
+    /// Scenario of the world.
     pub scenario: Scenario,
-    /// Its nodes.
+    /// Configurations of the nodes.
     pub nodes: NodeConfigs,
-    /// Of each drone: states, with the time after the start at which each was entered, s.
+    /// States of each drone, with the time after the start at which each was entered, s.
     visited: Vec<Vec<(State, f64)>>,
     /// When the first drone first touched something, after the start, s.
     touched_s: Option<f64>,
@@ -29,7 +29,7 @@ impl Rig {
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         Rig::tapped(scenario, nodes, seed, &mut NoTap)
     }
-    /// The same, with a warm-up that is shown to a tap.
+    /// A rig with a warm-up that is shown to a tap.
     pub fn tapped(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -40,7 +40,7 @@ impl Rig {
         world.warm_up(tap);
         Ok(Rig::of(world, scenario, nodes))
     }
-    /// Of a world after its warm-up.
+    /// A rig of a world after its warm-up.
     pub fn of(world: World, scenario: &Scenario, nodes: &NodeConfigs) -> Rig {
         Rig {
             world,
@@ -90,7 +90,7 @@ impl Rig {
         }
         done(self)
     }
-    /// With `after` behind every tick until that says that the flight is over, `limit_s` at most.
+    /// Runs with `after` behind every tick until it returns that the flight is over, `limit_s` at most.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             self.tick(&mut NoTap);
@@ -100,7 +100,7 @@ impl Rig {
         }
     }
 
-    /// A fault of this kind and size begins, beside which nothing fails.
+    /// Begins a fault of this kind and size, as the only one.
     pub fn begin(&mut self, kind: Kind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
@@ -118,11 +118,11 @@ impl Rig {
             Effect::Lasting(_) => self.world.fail(&Failing::default()),
         }
     }
-    /// The vessel's computer starts anew, with what it kept.
+    /// Restarts the vessel's computer, with what it kept.
     pub fn restart_vessel(&mut self) {
         self.world.restart_vessel();
     }
-    /// A person takes a drone away and starts it anew.
+    /// The crew takes a drone away and restarts it.
     pub fn restart_drone(&mut self, k: usize) {
         self.world.restart_drone(k);
     }
@@ -135,7 +135,7 @@ impl Rig {
     pub fn mission(&self, k: usize) -> &MissionState {
         &self.world.drones()[k].mission_state
     }
-    /// Its state.
+    /// State of a drone's mission.
     pub fn state(&self, k: usize) -> State {
         self.mission(k).state
     }

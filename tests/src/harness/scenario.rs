@@ -30,7 +30,7 @@ use crate::sensors::SensorConfig;
 use crate::sensors::noise::Noise;
 
 config! {
-    /// Where a drone starts, relative to the vessel at the start.
+    /// Start of a drone, relative to the vessel at the start.
     pub struct StartConfig {
         /// Horizontal distance, drawn uniformly between these, m.
         /// Source: at least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
@@ -41,10 +41,10 @@ config! {
         /// The vessel's estimator runs this long before the landing is commanded, s.
         /// Source: it works from an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
-        /// The drone stands in the middle of the deck, disarmed, instead of hovering beside the vessel.
+        /// The drone stands in the middle of the deck, disarmed, instead of hovering next to the vessel.
         pub on_deck: bool = false;
         /// The drone hovers this long before the landing is commanded, s.
-        /// Source: ours, the link has found the autopilot, and a person has given it the mode.
+        /// Source: ours, the link has found the autopilot, and a pilot has given it the mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;
     }
     check |this, at| {
@@ -58,15 +58,15 @@ config! {
 }
 
 config! {
-    /// Where on Earth the scene is, and where the drones' frames begin. The vessel's begins at her first fix.
+    /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame begins at its first fix.
     pub struct PlaceConfig {
-        /// Where the scene's own NED begins: one of these by the seed. None: both craft's frames are the scene's.
+        /// Origin of the scene's own NED: one of these by the seed. None: both craft's frames are the scene's.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub among: Vec<Datum> = Vec::new();
         /// A drone's autopilot began so far from where the drone starts, drawn uniformly between these, m.
         /// Chosen: switched on ashore, or aboard some time before.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
-        /// The same for its height above the still water, m.
+        /// Height of that beginning above the still water, drawn uniformly between these, m.
         pub origin_height_m: [f64; 2] = [0.0, 30.0], in 0.0..=1000.0;
     }
     check |this, at| {
@@ -107,7 +107,7 @@ impl PlaceConfig {
 }
 
 config! {
-    /// A simulated scene. True figures; no node reads them.
+    /// A simulated scene. True parameters; no node reads them.
     pub struct Scenario {
         /// The sea.
         pub sea: SeaConfig;
@@ -128,15 +128,15 @@ config! {
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
-        /// Where on Earth it is.
+        /// Place on Earth.
         pub place: PlaceConfig;
-        /// Another boat with the same tags lies so far from this one, between the decks' centres, m, and rocks by itself. None:
-        /// there is none.
+        /// Another boat with the same tags lies so far from this one, between the decks' centres, m, and rocks by itself.
+        /// None: no neighbour.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
-        /// What differs from what the nodes know.
+        /// Differences from what the nodes know.
         pub draws: DrawConfig;
-        /// Where the drone starts.
+        /// Start of the drone.
         pub start: StartConfig;
         /// Drones, each with its own computer. With several, each asks for a reservation of the deck.
         pub drones: u32 = 1, in 1.0..=4.0;
@@ -147,7 +147,7 @@ config! {
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;
-        /// What the forecasts have of the truth, for an error budget.
+        /// Parts of the truth that the forecasts have, for an error budget.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub foresight: Option<ForesightConfig> = None;
         /// From the planner's step to the plan's arrival at the pilot, s.
@@ -156,7 +156,7 @@ config! {
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// The world runs on for so long after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
-        /// What fails, as in a storm's list; `lasts_s` may be `inf`.
+        /// Faults, as in a storm's list; `lasts_s` may be `inf`.
         #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
         pub faults: Vec<Fault> = Vec::new();
     }
@@ -167,7 +167,7 @@ config! {
                 this.deck_motion.is_none(),
                 "hull",
                 &hull.table,
-                "nothing beside `deck_motion`: one of them moves the deck",
+                "left out where `deck_motion` is given: one of the two moves the deck",
             )?;
         }
         if let Some(motion) = &this.deck_motion {
@@ -179,7 +179,7 @@ config! {
 
 impl Scenario {
     /// Puts a hull into the world: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and
-    /// sensors stand where its file says, and the nodes know it as an installer would have measured it.
+    /// sensors stand where its file puts them, and the nodes know it as an installer would have measured it.
     pub fn install_hull(&mut self, nodes: &mut NodeConfigs, hull: &str) -> Result<(), SetupError> {
         let places = HullFiles::load(hull)?.places;
         self.hull = Some(HullConfig {
@@ -239,7 +239,7 @@ pub struct NodeConfigs {
     pub autopilot: AutopilotLinkConfig,
     /// The drone's other processes.
     pub drone: DroneSettings,
-    /// What flies in place of the drone's planner.
+    /// Baseline that flies in place of the drone's planner.
     pub baseline: Option<Baseline>,
 }
 

@@ -23,6 +23,6 @@ pub trait Tap {
     fn step(&mut self, _t: Time<TrueTime>, _step: &Step<'_>) {}
 }
 
-/// Nobody looks: compiles to nothing.
+/// An observer that does nothing: compiles to nothing.
 pub struct NoTap;
 impl Tap for NoTap {}

@@ -12,7 +12,7 @@ use crate::harness::tap::{NoTap, Tap};
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
-/// Something that a person wants to see as it happens.
+/// Something to show to people as it happens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// The mission entered a state.
@@ -26,7 +26,7 @@ pub enum Event {
     },
 }
 
-/// What a caller wants to see.
+/// Outputs that a caller asks for.
 pub struct Watch<'a> {
     /// Called for every event.
     pub on_event: &'a mut dyn FnMut(&Event),
@@ -36,9 +36,9 @@ pub struct Watch<'a> {
 
 /// A flown trial.
 pub struct FlownTrial {
-    /// How it ended.
+    /// Outcome of the trial.
     pub outcome: Outcome,
-    /// Its history, when it was asked for.
+    /// History of the trial, when it was asked for.
     pub trace: Option<Trace>,
 }
 
@@ -67,7 +67,7 @@ pub fn outcome(
     Ok(fly(scenario, nodes, seed, sea, watch)?.outcome)
 }
 
-/// The same as [`fly`], shown to a tap.
+/// Flies as [`fly`] does, shown to a tap.
 pub fn fly_with(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -80,7 +80,7 @@ pub fn fly_with(
     Ok(land(world, scenario, nodes, seed, sea, watch, tap))
 }
 
-/// The same in a world that was prepared, before its warm-up.
+/// Flies in a world that was prepared, before its warm-up.
 pub fn land(
     mut world: World,
     scenario: &Scenario,

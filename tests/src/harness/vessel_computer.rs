@@ -19,7 +19,7 @@ use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 /// Readings that arrive late, at most: ticks of half a second and more.
 const MAX_LATE: usize = 256;
 
-/// Its rows, and who gives it orders.
+/// Rows of the computer, and who gives it orders.
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
@@ -29,21 +29,21 @@ pub(super) struct VesselSide {
     sensors: SensorEdge,
     /// It stands still: orders wait, what was measured is lost.
     stands_still: bool,
-    /// What has waited meanwhile.
+    /// Input that has waited meanwhile.
     waiting: ComputerIn,
 }
 
 /// The sensors between their quantities and their bytes, with what they do wrong.
 struct SensorEdge {
     faults: VesselSensorFaults,
-    /// What stuck ones repeat.
+    /// Readings that stuck sensors repeat.
     held: Held,
-    /// What arrives late.
+    /// Readings that arrive late.
     late: DelayLine<Readings>,
 }
 
 impl SensorEdge {
-    /// What arrives at `t` of what was measured then.
+    /// Readings that arrive at `t` of those measured then.
     fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
@@ -91,7 +91,7 @@ impl VesselSide {
         let Ok(row) = Row::join(&self.bus, node);
         self.rows.vessel = Some(row);
     }
-    /// The vessel's process starts anew; what it kept.
+    /// Restarts the vessel's process; returns what it kept.
     pub(super) fn restart_vessel(&mut self, nodes: &NodeConfigs) -> Option<VesselCheckpoint> {
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
@@ -113,7 +113,7 @@ impl VesselSide {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// One step of each row with what the sensors have measured, the second with what `edge` has beside; shown to `look`.
+    /// One step of each row with what the sensors have measured, the second also with what `edge` has; shown to `look`.
     pub(super) fn tick(
         &mut self,
         (t, now): (Time<TrueTime>, Time<VesselClock>),
@@ -139,7 +139,7 @@ impl VesselSide {
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
         };
-        let beside = |input: &mut ComputerIn| {
+        let add_edge = |input: &mut ComputerIn| {
             let (sensors, crew) = (
                 core::mem::take(&mut input.sensors),
                 core::mem::take(&mut input.crew),
@@ -151,7 +151,7 @@ impl VesselSide {
             };
         };
         let (process, boot, now_ns) = (ProcessKind::Vessel, self.boot, now.nanos());
-        row.step(now, beside, |input, output| {
+        row.step(now, add_edge, |input, output| {
             look(&Step {
                 process,
                 boot,
@@ -173,19 +173,19 @@ fn sources(scenario: &Scenario) -> SourcesConfig {
         s.vessel_gnss.latency_s,
         s.vessel_heading.latency_s,
     ];
-    let least_s = latencies_s
+    let min_s = latencies_s
         .into_iter()
         .chain(attitude_s)
         .fold(f64::INFINITY, f64::min);
     SourcesConfig {
         sources: vec![SourceConfig {
-            latency_s: (least_s / TICK.secs() - 1e-6).ceil() * TICK.secs(),
+            latency_s: (min_s / TICK.secs() - 1e-6).ceil() * TICK.secs(),
             ..SourceConfig::default()
         }],
     }
 }
 
-/// What has arrived of the device, dated by its clock.
+/// Measurements that have arrived from the device, dated by its clock.
 fn samples(measured: &Readings) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

@@ -32,7 +32,7 @@ use core::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-/// A push rises with this time constant, s: as a person shifts his weight.
+/// A push rises with this time constant, s: as a crew member shifts weight.
 const PUSH_RISE_S: f64 = 0.4;
 /// A steady clock reads this when the processes of a computer that was without power begin, s.
 const BOOT_S: f64 = 20.0;
@@ -42,16 +42,16 @@ const WAKE_S: f64 = 2.5;
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
-    /// What computers start anew with.
+    /// Scenario with which computers restart.
     scenario: Scenario,
     nodes: NodeConfigs,
-    /// Where forecasts have the true motion.
+    /// Foresight, where forecasts have the true motion.
     foresight: Option<Foresight>,
     // The vessel's computer.
     vessel: VesselSide,
     /// The boat's own autopilot.
     boat: BoatAutopilot,
-    /// What its crew, its operators and its former start have given it since the last tick.
+    /// Input by its crew, its operators and its former start since the last tick.
     given: ComputerIn,
     operator_sequence: u32,
     /// Drones report to the vessel, and it grants its deck and passes commands on: the load that a drone which flies alone
@@ -61,7 +61,7 @@ pub struct World {
     drones: Vec<DroneComputer>,
     /// So much faster than true time the steady clocks run, the vessel's and the first drone's, s/s.
     clock_rates: [f64; 2],
-    /// What pushes the vessel now, and what is to push it, N and Nm.
+    /// Present and coming force and moment on the vessel, N and Nm.
     push: [f64; 6],
     wanted_push: [f64; 6],
     /// Amplitude of the roll moment of another ship's wake, Nm.
@@ -172,7 +172,7 @@ impl World {
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
         self.given.deck_inputs = inputs;
     }
-    /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
+    /// The crew takes a drone away and restarts it, its computer too: it appears in the air where it began.
     pub fn restart_drone(&mut self, k: usize) {
         let before = &self.drones[k];
         let radio = before.radio.clone();
@@ -199,7 +199,7 @@ impl World {
     pub fn kill(&mut self, k: usize, process: ProcessKind) {
         self.drones[k].kill(process);
     }
-    /// It starts anew, with or without the checkpoint of the one before it.
+    /// Restarts the process, with or without its predecessor's checkpoint.
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
@@ -207,7 +207,7 @@ impl World {
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].kill_all();
     }
-    /// It starts anew, and all of them.
+    /// Restarts the supervisor and all processes.
     pub fn start_computer(&mut self, k: usize, checkpoints: Checkpoints) {
         self.drones[k].start_all(checkpoints, (&self.scenario, &self.nodes, &self.physics));
     }
@@ -229,19 +229,19 @@ impl World {
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
-    /// The estimator of a drone's autopilot begins its heading anew, wrong by this much more, rad.
+    /// The estimator of a drone's autopilot resets its heading, wrong by this much more, rad.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
         }
     }
-    /// The estimator of a drone's autopilot begins its position anew, this much further on (m); it counts that or not.
+    /// The estimator of a drone's autopilot resets its position, this much further on (m); it counts that or not.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_position(by, counted);
         }
     }
-    /// The vessel's computer starts anew, with what it kept.
+    /// Restarts the vessel's computer, with what it kept.
     pub fn restart_vessel(&mut self) {
         self.given = ComputerIn {
             checkpoint: self.vessel.restart_vessel(&self.nodes),
@@ -311,7 +311,7 @@ impl World {
             first.apart.set(self.vessel_ahead - first.ahead);
         }
     }
-    /// What pushes the vessel, rising as a person shifts his weight, and another ship's wake.
+    /// Pushes the vessel, rising as the crew shifts its weight, and by another ship's wake.
     fn push_vessel(&mut self, t: Time<TrueTime>) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
@@ -320,7 +320,7 @@ impl World {
         push[3] += self.wake_nm * (TAU / WAKE_S * t.secs()).sin();
         self.physics.push(push);
     }
-    /// What the vessel's computer has for the drones.
+    /// Broadcasts the output of the vessel's computer to the drones.
     fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
         self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate);
         self.broadcast(t, PacketKind::Wave, &output.vessel.wave);
@@ -333,7 +333,7 @@ impl World {
         }
     }
 
-    /// What has come over the radios of the drones.
+    /// Receives what has come over the radios of the drones.
     fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
@@ -369,7 +369,7 @@ impl World {
         }
     }
 
-    /// What the vessel's clock reads.
+    /// Time of the vessel's clock.
     fn vessel_now(&self) -> Time<VesselClock> {
         self.physics.vessel_now() + self.vessel_ahead
     }
@@ -388,7 +388,7 @@ impl World {
     pub fn boat(&mut self) -> &mut BoatAutopilot {
         &mut self.boat
     }
-    /// Where the handshake about the helm stands.
+    /// State of the handshake about the helm.
     pub fn helm(&self) -> HelmStatus {
         self.vessel
             .vessel()
@@ -403,11 +403,11 @@ impl World {
     pub fn mission_state(&self) -> &MissionState {
         &self.drones[0].mission_state
     }
-    /// What the judge of the first drone looks at.
+    /// Input of the judge of the first drone.
     pub fn observation(&self) -> Observation<'_> {
         self.observation_of(0)
     }
-    /// The same of another.
+    /// Input of the judge of another drone.
     pub fn observation_of(&self, k: usize) -> Observation<'_> {
         self.physics.observation(k, &self.drones[k].mission_state)
     }

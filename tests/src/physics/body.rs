@@ -5,14 +5,14 @@ use nalgebra::Vector3;
 
 use super::spline::Jet;
 
-/// Where a rigid body's reference point is and how it moves. `B` is its FRD body frame.
+/// Position and motion of a rigid body's reference point. `B` is its FRD body frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
     /// Position of the reference point.
     pub position: Point<TrueNed>,
-    /// Its velocity, m/s.
+    /// Velocity, m/s.
     pub velocity: Vector<TrueNed>,
-    /// Its acceleration, m/s² (without gravity: the second derivative of position).
+    /// Acceleration, m/s² (without gravity: the second derivative of position).
     pub acceleration: Vector<TrueNed>,
     /// Rotation NED from body.
     pub attitude: Rotation<TrueNed, B>,

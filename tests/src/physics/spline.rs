@@ -21,7 +21,7 @@ impl Jet {
             dd: a.dd + b.dd * y + 2.0 * b.d * d + b.y * dd,
         }
     }
-    /// The same, `offset` further.
+    /// The jet, `offset` further.
     pub fn shifted(self, offset: f64) -> Jet {
         Jet {
             y: self.y + offset,

@@ -51,7 +51,7 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
-    /// The same with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 redraws
+    /// These streams with every number moved by a step drawn from `seed`, uniform over `2^-bits` of the range: 0 redraws
     /// all, 6 changes each by 0.8 % at most. After [`MOVES`] moves they stay.
     #[must_use]
     pub fn moved(&self, seed: u64, bits: u32) -> Self {
@@ -92,7 +92,7 @@ impl From<u64> for Streams {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stream {
     plain: ChaCha8Rng,
-    /// What is added to its numbers, one after the other.
+    /// Steps that are added to its numbers, one after the other.
     steps: Vec<(ChaCha8Rng, u32)>,
 }
 
@@ -120,8 +120,8 @@ impl TryRng for Stream {
     }
     fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
         for part in bytes.chunks_mut(8) {
-            let word = self.next_u64().to_le_bytes();
-            part.iter_mut().zip(word).for_each(|(b, w)| *b = w);
+            let random = self.next_u64().to_le_bytes();
+            part.iter_mut().zip(random).for_each(|(b, r)| *b = r);
         }
         Ok(())
     }

@@ -26,7 +26,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// Its random stream.
+    /// Random stream of the direction.
     const fn stream(self) -> &'static str {
         match self {
             Direction::ToDrone => "radio.to_drone",
@@ -35,7 +35,7 @@ impl Direction {
     }
 }
 
-/// What happened to the packets so far.
+/// Counts of the packets so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChannelCounts {
     /// Packets given to the channel.
@@ -50,7 +50,7 @@ pub struct ChannelCounts {
     pub doubled: u64,
 }
 
-/// What a channel does in addition to its usual losses, as long as it does.
+/// Faults of a channel in addition to its usual losses, as long as they last.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelFault {
     /// Fraction of packets that is lost, 0 to 1.
@@ -98,7 +98,7 @@ impl Channel {
         };
         Channel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
     }
-    /// The channel of what is sent beside the messages, with a random stream of its own.
+    /// The channel of traffic in addition to the messages, with a random stream of its own.
     pub fn probe(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -167,7 +167,7 @@ impl Channel {
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.outage = Some(self.outage.unwrap_or(window));
     }
-    /// What happened so far.
+    /// Counts of the packets so far.
     pub const fn counts(&self) -> ChannelCounts {
         self.counts
     }
@@ -177,7 +177,7 @@ impl Channel {
     }
 
     /// Whether this packet falls into a burst: a Markov chain of two states over the packets, in
-    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all. While nobody speaks it
+    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all. While nothing is sent it
     /// goes on once in [`BURST_STEP_S`]: a fade does not wait for a sender that backs off.
     fn burst(&mut self, t: Time<TrueTime>) -> bool {
         let fraction = self.config.burst_loss;
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn burst_loss_beside_random_loss() {
+    fn burst_loss_with_random_loss() {
         let random = RadioConfig { loss: 0.1, ..clean() };
         let both = RadioConfig {
             burst_loss: 0.1,

@@ -1,6 +1,6 @@
 //! The radio between vessel and drone: rate, delay, loss, duplication, outages, one direction each.
 //!
-//! [`channel`] says what becomes of a packet, the same for the lock-step world, for the impairment
+//! [`channel`] decides what happens to a packet, the same for the lock-step world, for the impairment
 //! inside a process and for the link emulator; [`Radio`] carries what is in the packets.
 
 pub mod channel;
@@ -32,7 +32,7 @@ pub const fn on_air(length: usize) -> usize {
     length + FRAMING + DATAGRAM_HEADERS
 }
 
-/// What carries the messages.
+/// Transport of the messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Transport {
@@ -45,13 +45,13 @@ pub enum Transport {
     Quic,
 }
 
-/// How a kernel's stream answers a loss.
+/// Congestion control of a kernel's stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Congestion {
     /// It sends less (Linux's default).
     Cubic,
-    /// It keeps to what it has seen pass (Linux: `net.ipv4.tcp_congestion_control = bbr`), which a radio
+    /// It keeps to the rate that it has measured (Linux: `net.ipv4.tcp_congestion_control = bbr`), which a radio
     /// that loses packets without being full needs.
     #[default]
     Bbr,
@@ -63,7 +63,7 @@ impl Transport {
     pub const fn bytes(self, length: usize) -> usize {
         match self {
             Transport::Udp => on_air(length),
-            // Two bytes tell a message's length in a stream.
+            // Two bytes hold a message's length in a stream.
             Transport::Tcp => length + FRAMING + 2,
             Transport::Quic => on_air(length) + QUIC_FRAME,
         }
@@ -92,7 +92,7 @@ config! {
         /// Mean of the delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
-        /// Its standard deviation, s. Delays are independent, so packets overtake each other, unless
+        /// Standard deviation of the delay, s. Delays are independent, so packets overtake each other, unless
         /// the link keeps their order.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
         /// Shortest delay, s.
@@ -104,7 +104,7 @@ config! {
         pub to_vessel_extra_s: f64 = 0.0, in 0.0..=10.0;
         /// Probability that a packet is lost.
         pub loss: f64 = 0.02, in 0.0..=1.0;
-        /// Share of the packets that are lost in bursts beside (Gilbert-Elliott).
+        /// Fraction of the packets that are lost in bursts in addition (Gilbert-Elliott).
         pub burst_loss: f64 = 0.0, in 0.0..=0.95;
         /// Mean length of a burst, packets.
         /// Chosen: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
@@ -119,18 +119,18 @@ config! {
         pub queue_bytes: u32 = 4096, in 100.0..=1e9;
         /// Packets arrive in the order in which they were sent.
         pub keep_order: bool = false;
-        /// What carries the messages; in lock-step only: live, the processes' own configuration says it.
+        /// Transport of the messages; in lock-step only: live, the processes' own configuration has it.
         pub transport: Transport = Transport::Udp;
-        /// How a stream answers a loss.
+        /// Congestion control of a stream.
         pub congestion: Congestion = Congestion::Bbr;
         /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
         /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
         /// `alight_transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
-        /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
+        /// A session over datagrams that receives nothing for this long is closed and opened again, s.
         /// Source: `alight_transport::radio`.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
-        /// The same of a session over a stream, s.
+        /// Lease of a session over a stream, s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
         /// Windows `[start, end)` in which everything sent is lost, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -138,7 +138,7 @@ config! {
 }
 
 impl RadioConfig {
-    /// A session that hears nothing for this long is closed and opened anew, s.
+    /// A session that receives nothing for this long is closed and opened again, s.
     pub const fn session_lease_s(&self) -> f64 {
         match self.transport {
             Transport::Udp => self.lease_s,
@@ -195,7 +195,7 @@ impl<T: Clone> Radio<T> {
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.channel.set_outage(window);
     }
-    /// What happened so far.
+    /// Counts of the packets so far.
     pub const fn counts(&self) -> ChannelCounts {
         self.channel.counts()
     }

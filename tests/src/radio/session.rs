@@ -1,5 +1,5 @@
 //! The radio as the two computers have it: the channels, the transport over them, and the session
-//! that a silence ends and a handshake opens anew.
+//! that a silence ends and a handshake opens again.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
@@ -10,19 +10,19 @@ use crate::physics::streams::Streams;
 /// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
 /// after it, s.
 const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
-/// The same of a stream's first packet, before any round trip is known (Linux since 6.5: once a
+/// Tries of a stream's first packet, before any round trip is known (Linux since 6.5: once a
 /// second at first).
 const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
-/// The same of QUIC's.
+/// Tries of QUIC's first packet.
 const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
 /// From the end of a failed attempt to the next, s (the middleware's slowest retry).
 const RETRY_S: f64 = 0.5;
-/// A side that has nothing to say says so this often within a lease.
+/// A side without messages sends so many keep-alives within a lease.
 const KEEP_ALIVES: f64 = 4.0;
 /// Bytes of a handshake's packet and of a keep-alive.
 const SMALL: usize = 80;
 
-/// What goes one way.
+/// Messages of one direction.
 #[derive(Clone, Debug)]
 enum OneWayLink<T> {
     Datagrams(Box<Radio<T>>),
@@ -85,10 +85,10 @@ pub struct Session<A, B> {
     config: RadioConfig,
     to_drone: OneWayLink<A>,
     to_vessel: OneWayLink<B>,
-    /// What handshakes and keep-alives meet: to the drone, to the vessel. Random streams of their
+    /// Channels of handshakes and keep-alives: to the drone, to the vessel. Random streams of their
     /// own, so that they do not shift the messages' fates.
     probes: [Channel; 2],
-    /// When each side last heard the other: the drone, the vessel. None before the first time.
+    /// Time at which each side last received the other: the drone, the vessel. None before the first time.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
     /// When the next attempt to open is over and has succeeded or not; None while it is open.
@@ -123,14 +123,14 @@ impl<A: Clone, B: Clone> Session<A, B> {
                 .send(t, self.config.transport.bytes(length), packet);
         }
     }
-    /// What the drone has heard by `t`, with the times of arrival.
+    /// Messages that the drone has received by `t`, with the times of arrival.
     pub fn at_drone(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, A)> {
         let came = self.to_drone.receive(t);
         self.note_received(0, came.last().map(|c| c.0));
         self.poll(t);
         came
     }
-    /// What the vessel has heard by `t`, with the times of arrival.
+    /// Messages that the vessel has received by `t`, with the times of arrival.
     pub fn at_vessel(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, B)> {
         let came = self.to_vessel.receive(t);
         self.note_received(1, came.last().map(|c| c.0));
@@ -154,7 +154,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
     pub fn counts(&self) -> [ChannelCounts; 2] {
         [self.to_drone.counts(), self.to_vessel.counts()]
     }
-    /// How often it was opened anew.
+    /// Number of times that it was reopened.
     pub const fn reopened(&self) -> u32 {
         self.reopened
     }
@@ -183,7 +183,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
         let lease = Span::from_secs(self.config.session_lease_s());
         if t >= self.keep_alive {
             self.keep_alive = t + Span::from_secs(self.config.session_lease_s() / KEEP_ALIVES);
-            // The vessel speaks all the time; only the drone has nothing to say now and then.
+            // The vessel sends all the time; only the drone has nothing to send now and then.
             let arrival = self.probes[1].send(t, SMALL)[0];
             self.note_received(1, arrival);
         }

@@ -3,10 +3,10 @@
 //!
 //! The sender is that of a present-day kernel as far as the age of a message depends on it: a
 //! congestion window in segments that shrinks to 0.7 at a loss (CUBIC, RFC 9438) or does not and has
-//! at least four segments (BBR, Cardwell et al. 2017), losses told by what was
+//! at least four segments (BBR, Cardwell et al. 2017), losses detected by what was
 //! sent later and came first, with a timer for those that are not late enough yet (RFC 8985, RACK), a
 //! probe of the tail after two round trips while nothing is known to be missing, a retransmission
-//! timer from round-trip times of at least 200 ms that doubles (RFC 6298) and counts anew with every
+//! timer from round-trip times of at least 200 ms that doubles (RFC 6298) and is restarted by every
 //! round trip that is measured, also by a selective acknowledgement, as Linux has it. A message that
 //! does not fit into the socket's buffer is dropped, as the middleware drops it.
 
@@ -27,7 +27,7 @@ const QUEUE: usize = 4096;
 const FIRST_WINDOW: f64 = 10.0;
 /// Segments that BBR leaves under way whatever was lost.
 const MIN_WINDOW: f64 = 4.0;
-/// Segments that BBR has under way when it is the sender that has no more to say: twice what one
+/// Segments that BBR has under way when it is the sender that has no more to send: twice what one
 /// round trip takes of these messages (measured on a running kernel: 10 to 35).
 const USUAL_WINDOW: f64 = 24.0;
 /// Shortest retransmission time-out, s.
@@ -36,7 +36,7 @@ const MIN_TIMEOUT_S: f64 = 0.2;
 const MAX_TIMEOUT_S: f64 = 120.0;
 /// Recoveries after which a patience that was not needed ends.
 const REORDER_WINDOW_RECOVERIES: u8 = 16;
-/// Ranges that an acknowledgement names beside the first.
+/// Ranges that an acknowledgement names after the first.
 const RANGES: usize = 4;
 
 /// Bytes `[from, until)`.
@@ -53,7 +53,7 @@ struct Segment {
     again: bool,
 }
 
-/// What a timer is for.
+/// Purpose of a timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Timer {
     /// Packets that a later one overtook are late enough to be lost.
@@ -159,7 +159,7 @@ impl<T: Clone> Stream<T> {
             dropped: 0,
         }
     }
-    /// The same channels with a stream that has just been opened: what was under way is lost.
+    /// Reopens the stream over the same channels: what was under way is lost.
     pub fn reopen(&mut self, config: &RadioConfig) {
         let fresh = Stream::new(config, self.there.clone(), self.back.clone());
         let dropped = self.dropped + self.messages.len() as u64;
@@ -169,7 +169,7 @@ impl<T: Clone> Stream<T> {
     pub fn channels(&mut self) -> [&mut Channel; 2] {
         [&mut self.there, &mut self.back]
     }
-    /// What happened to the packets that carry it.
+    /// Counts of the packets that carry it.
     pub const fn counts(&self) -> ChannelCounts {
         self.there.counts()
     }
@@ -366,7 +366,7 @@ impl<T: Clone> Stream<T> {
         }
         self.after_time_out &= self.acknowledged < self.recover;
         self.probed &= !progress;
-        // What was sent after the head says nothing about how long the head has been away.
+        // What was sent after the head does not show for how long the head has been away.
         if progress || head_at.is_some_and(|at| sent_at < at) {
             self.time_out_at = Some(t + self.time_out());
         }
@@ -374,7 +374,7 @@ impl<T: Clone> Stream<T> {
         self.set_timer(t);
     }
 
-    /// What was sent again for nothing was overtaken, not lost: more patience, once a round trip, for as
+    /// A segment sent again for nothing was overtaken, not lost: widens the window once a round trip, for as
     /// long as sixteen recoveries.
     fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
         if double && self.reorder_window_until.is_none_or(|at| t >= at) {
@@ -386,7 +386,7 @@ impl<T: Clone> Stream<T> {
         }
     }
 
-    /// How long a later segment may be ahead of one that is not lost, s: quarters of the shortest round
+    /// Time by which a later segment may be ahead of one that is not lost, s: quarters of the shortest round
     /// trip, a usual one at most.
     fn reordering_s(&self) -> f64 {
         let usual_s = self.round_trip.map_or(f64::INFINITY, |r| r.0);

@@ -6,8 +6,8 @@ use alight_shared::msg::AttitudeFix;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
 
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -44,20 +44,20 @@ pub(super) struct VesselAttitude {
     config: VesselAttitudeConfig,
     /// Misalignment: roll, pitch, yaw, rad.
     alignment: Vector3<f64>,
-    tilt: GaussMarkov,
-    heave: GaussMarkov,
+    tilt: GaussMarkovError,
+    heave: GaussMarkovError,
     white: Noise,
     outlet: Outlet<AttitudeFix, VesselClock>,
 }
 
 impl VesselAttitude {
-    pub(super) fn new(config: &VesselAttitudeConfig, identity: Identity, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselAttitudeConfig, identity: SenderIdentity, streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.attitude.{what}"));
         let tau = config.bias_correlation_s;
         VesselAttitude {
             alignment: noise("mount").normal3() * config.alignment_sd_deg.to_radians(),
-            tilt: GaussMarkov::new(noise("tilt"), config.bias_sd_deg.to_radians(), tau),
-            heave: GaussMarkov::new(noise("heave"), config.heave_sd_m, tau),
+            tilt: GaussMarkovError::new(noise("tilt"), config.bias_sd_deg.to_radians(), tau),
+            heave: GaussMarkovError::new(noise("heave"), config.heave_sd_m, tau),
             white: noise("white"),
             outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),

@@ -7,15 +7,15 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{BeaconSource, DeckBeacon};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
     /// A beacon of the vessel.
     ///
-    /// Defaults: a phone or an AIS transponder on deck; figures ours.
+    /// Defaults: a phone or an AIS transponder on deck; values chosen here.
     pub struct BeaconConfig {
         /// Messages per second.
         pub rate_hz: f64 = 1.0, in 0.1..=10.0;
@@ -27,9 +27,9 @@ config! {
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e6;
         /// Standard deviation of its white error, each axis, m.
         pub white_sd_m: f64 = 1.0, in 0.0..=100.0;
-        /// The same of its velocity, m/s.
+        /// Standard deviation of its velocity, m/s.
         pub velocity_sd_mps: f64 = 0.2, in 0.01..=10.0;
-        /// What it states of its error of place over the true one.
+        /// Stated error of its place over the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Windows `[start, end)` without messages, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -40,9 +40,9 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct Beacon {
     config: BeaconConfig,
-    /// Where the true NED begins; None: that of vessel and drones is the true one.
+    /// Origin of the true NED; None: that of vessel and drones is the true one.
     place: Option<Datum>,
-    bias: GaussMarkov,
+    bias: GaussMarkovError,
     white: Noise,
     velocity: Noise,
     outlet: Outlet<DeckBeacon, DroneClock>,
@@ -52,21 +52,21 @@ impl Beacon {
     pub(super) fn new(
         config: &BeaconConfig,
         place: Option<Datum>,
-        identity: Identity,
+        identity: SenderIdentity,
         streams: &Streams,
     ) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.beacon.{what}"));
         let (rate_hz, latency_s) = (config.rate_hz, config.latency_s);
         Beacon {
             place,
-            bias: GaussMarkov::new(noise("bias"), config.bias_sd_m, config.bias_correlation_s),
+            bias: GaussMarkovError::new(noise("bias"), config.bias_sd_m, config.bias_correlation_s),
             white: noise("white"),
             velocity: noise("velocity"),
             outlet: Outlet::new(rate_hz, latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
-    /// What has arrived by `t`.
+    /// Reports that have arrived by `t`.
     pub(super) fn step(&mut self, t: Time<TrueTime>, deck: &RigidState<Deck>) -> Vec<DeckBeacon> {
         if let Some(dt) = self.outlet.due(t) {
             let c = &self.config;

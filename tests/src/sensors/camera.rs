@@ -32,7 +32,7 @@ pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     )))
 }
 
-/// Where the camera really sits.
+/// True mount of the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMount {
     /// Optical centre in the body frame, m.
@@ -55,10 +55,10 @@ impl CameraMount {
         }
     }
     /// The camera's motion on a drone that moves like `drone`.
-    pub fn view(&self, drone: &RigidState<DroneBody>) -> View {
+    pub fn view(&self, drone: &RigidState<DroneBody>) -> CameraMotion {
         let at = drone.at::<DroneBody>(self.position);
         let camera_from_body = self.attitude.inverse();
-        View {
+        CameraMotion {
             centre: at.position,
             velocity: at.velocity,
             camera_from_world: camera_from_body * at.attitude.inverse(),
@@ -69,10 +69,10 @@ impl CameraMount {
 
 /// The camera at one instant.
 #[derive(Clone, Copy, Debug)]
-pub struct View {
+pub struct CameraMotion {
     /// Optical centre.
     pub centre: Point<TrueNed>,
-    /// Its velocity, m/s.
+    /// Velocity of the camera, m/s.
     pub velocity: Vector<TrueNed>,
     /// Rotation camera from world.
     pub camera_from_world: Rotation<Camera, TrueNed>,
@@ -80,31 +80,31 @@ pub struct View {
     pub rates: Vector<Camera>,
 }
 
-impl View {
+impl CameraMotion {
     /// A point of the world in camera coordinates, m.
     pub fn to_camera_frame(&self, point: Point<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (point - self.centre)).0
     }
-    /// Velocity in camera coordinates of a point that is at `seen` and moves with `velocity`:
+    /// Velocity in camera coordinates of a point that is at `point` and moves with `velocity`:
     /// `R (v - v_camera) - w x p`, m/s.
-    pub fn drift(&self, seen: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
-        (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&seen)
+    pub fn drift(&self, point: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
+        (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&point)
     }
 }
 
 /// A pinhole lens without distortion (what is left after rectification).
 #[derive(Clone, Copy, Debug)]
-pub struct Lens {
+pub struct PinholeLens {
     /// Image size, px.
     pub size_px: [f64; 2],
     /// Focal length, px.
     pub focal_px: f64,
 }
 
-impl Lens {
+impl PinholeLens {
     /// A lens whose image is `width_px` wide over the horizontal field of view `fov_rad`.
     pub fn new(width_px: f64, height_px: f64, fov_rad: f64) -> Self {
-        Lens {
+        PinholeLens {
             size_px: [width_px, height_px],
             focal_px: 0.5 * width_px / (0.5 * fov_rad).tan(),
         }
@@ -147,7 +147,7 @@ mod tests {
             position: Point::new(0.0, 0.0, -10.0),
             ..Default::default()
         });
-        let lens = Lens::new(640.0, 480.0, 90_f64.to_radians());
+        let lens = PinholeLens::new(640.0, 480.0, 90_f64.to_radians());
         let px = lens
             .project(view.to_camera_frame(Point::new(2.0, 1.0, 0.0)))
             .unwrap();
@@ -174,7 +174,7 @@ mod tests {
         let moves = Vector::new(0.2, 0.1, -0.6);
         let view = mount.view(&drone);
         let h = 1e-5;
-        let seen = |s: f64| {
+        let projected = |s: f64| {
             let turned = drone.attitude
                 * Rotation::<DroneBody, DroneBody>::from(UnitQuaternion::from_scaled_axis(drone.rates.0 * s));
             let later = RigidState {
@@ -184,7 +184,7 @@ mod tests {
             };
             mount.view(&later).to_camera_frame(point + moves * s)
         };
-        let numerical = (seen(h) - seen(-h)) / (2.0 * h);
+        let numerical = (projected(h) - projected(-h)) / (2.0 * h);
         let analytical = view.drift(view.to_camera_frame(point), moves);
         assert!((numerical - analytical).norm() < 1e-7, "{numerical} {analytical}");
     }

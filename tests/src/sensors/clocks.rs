@@ -1,15 +1,15 @@
 //! The two computers' clocks: offset and drift, drawn per seed.
 
 use alight_shared::config;
-use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime, VesselClock};
+use alight_shared::time::{Clock, Span, Time, TrueTime};
 
 use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// How far the clocks are apart.
+    /// Differences of the clocks.
     #[derive(Copy)]
-    pub struct ClockConfig {
+    pub struct ClockErrorConfig {
         /// Both clocks read about this at the true time zero, s.
         /// Chosen: no node may take its clock to begin at zero.
         pub epoch_s: f64 = 100.0, in 0.0..=1e9;
@@ -35,22 +35,22 @@ impl ClockModel {
             drift,
         }
     }
-    /// The same clock, ahead by this.
+    /// This clock, ahead by `by`.
     pub fn ahead(self, by: Span) -> Self {
         ClockModel {
             offset: self.offset + by,
             ..self
         }
     }
-    /// What it shows at the true time zero.
+    /// Time that it shows at the true time zero.
     pub const fn offset(&self) -> Span {
         self.offset
     }
-    /// How much faster it runs, 1 = one second per second.
+    /// Relative excess of its rate, 1 = one second per second.
     pub const fn drift(&self) -> f64 {
         self.drift
     }
-    /// What the clock reads at `t`.
+    /// Time of the clock at `t`.
     pub fn read<C: Clock>(&self, t: Time<TrueTime>) -> Time<C> {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
         Time::<C>::from_nanos(t.nanos()) + self.offset + ahead
@@ -76,7 +76,7 @@ impl Clocks {
     /// Draws the clocks of this seed: the difference of the offsets is uniform within
     /// `offset_s`, the difference of the drifts is `drift_ppm` with a random sign, and half of
     /// each belongs to either clock.
-    pub fn new(config: &ClockConfig, streams: &Streams) -> Self {
+    pub fn new(config: &ClockErrorConfig, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "clocks");
         let offset = 0.5 * config.offset_s * (2.0 * noise.uniform() - 1.0);
         let sign = if noise.chance(0.5) { 1.0 } else { -1.0 };
@@ -86,42 +86,42 @@ impl Clocks {
             drone: ClockModel::new(config.epoch_s + offset, drift),
         }
     }
-    /// What the vessel's clock reads at `t`.
-    pub fn vessel_time(&self, t: Time<TrueTime>) -> Time<VesselClock> {
-        self.vessel.read(t)
-    }
-    /// What the drone's clock reads at `t`.
-    pub fn drone_time(&self, t: Time<TrueTime>) -> Time<DroneClock> {
-        self.drone.read(t)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::{DroneClock, VesselClock};
+
+    fn drone_time(c: &Clocks, t: Time<TrueTime>) -> Time<DroneClock> {
+        c.drone.read(t)
+    }
+    fn vessel_time(c: &Clocks, t: Time<TrueTime>) -> Time<VesselClock> {
+        c.vessel.read(t)
+    }
 
     #[test]
     fn simulated_clocks_as_configured() {
-        let config = ClockConfig::default();
+        let config = ClockErrorConfig::default();
         let mut signs = [0, 0];
         for seed in 0..200 {
             let c = Clocks::new(&config, &Streams::new(seed));
             let apart = |s: f64| {
                 let t = Time::from_secs(s);
-                c.drone_time(t).secs() - c.vessel_time(t).secs()
+                drone_time(&c, t).secs() - vessel_time(&c, t).secs()
             };
             assert!(apart(0.0).abs() <= 0.5);
             let drift = (apart(1000.0) - apart(0.0)) / 1000.0;
             assert!((drift.abs() - 20e-6).abs() < 1e-9, "{drift}");
             signs[usize::from(drift > 0.0)] += 1;
             let t = Time::from_secs(123.456);
-            assert!((c.drone.true_time(c.drone_time(t)) - t).abs() <= Span::from_nanos(1));
-            assert!((c.vessel.true_time(c.vessel_time(t)) - t).abs() <= Span::from_nanos(1));
+            assert!((c.drone.true_time(drone_time(&c, t)) - t).abs() <= Span::from_nanos(1));
+            assert!((c.vessel.true_time(vessel_time(&c, t)) - t).abs() <= Span::from_nanos(1));
         }
         assert!(signs.iter().all(|n| *n > 70), "{signs:?}");
         let spread: f64 = (0..200)
             .map(|s| Clocks::new(&config, &Streams::new(s)))
-            .map(|c| (c.drone_time(Time::EPOCH).secs() - c.vessel_time(Time::EPOCH).secs()).powi(2))
+            .map(|c| (drone_time(&c, Time::EPOCH).secs() - vessel_time(&c, Time::EPOCH).secs()).powi(2))
             .sum::<f64>()
             / 200.0;
         // Uniform within +-0.5 s: variance 1/12.

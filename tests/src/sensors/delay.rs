@@ -53,7 +53,7 @@ impl<T> DelayLine<T> {
     pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
         core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()
     }
-    /// How many are under way.
+    /// Number of items under way.
     pub fn len(&self) -> usize {
         self.queue.len()
     }
@@ -61,7 +61,7 @@ impl<T> DelayLine<T> {
     pub fn is_empty(&self) -> bool {
         self.queue.is_empty()
     }
-    /// How many were dropped because the line was full.
+    /// Number of items that were dropped because the line was full.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -79,16 +79,16 @@ mod tests {
             for (k, d) in delays.iter().enumerate() {
                 prop_assert!(line.push(Time::from_nanos(k as i64 + d), k));
             }
-            let (mut seen, mut last) = (vec![], Time::EPOCH);
+            let (mut received, mut last) = (vec![], Time::EPOCH);
             for now in 0..200 {
                 while let Some((at, k)) = line.pop(Time::from_nanos(now)) {
                     prop_assert!(at.nanos() <= now && at >= last);
                     last = at;
-                    seen.push(k);
+                    received.push(k);
                 }
             }
-            seen.sort_unstable();
-            prop_assert_eq!(seen, (0..delays.len()).collect::<Vec<_>>());
+            received.sort_unstable();
+            prop_assert_eq!(received, (0..delays.len()).collect::<Vec<_>>());
         }
     }
 

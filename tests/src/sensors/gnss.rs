@@ -7,15 +7,15 @@ use alight_shared::msg::GnssFix;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
 
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
     /// The errors of one GNSS receiver.
     ///
-    /// Defaults: A single-frequency receiver without corrections; figures ours (issue 2).
+    /// Defaults: A single-frequency receiver without corrections; values chosen here (issue 2).
     #[derive(Copy)]
     pub struct GnssErrorConfig {
         /// Standard deviation of the slow bias, each axis, m.
@@ -34,7 +34,7 @@ config! {
 #[derive(Clone, Debug)]
 pub struct GnssError {
     config: GnssErrorConfig,
-    bias: GaussMarkov,
+    bias: GaussMarkovError,
     white: Noise,
     velocity: Noise,
 }
@@ -46,7 +46,7 @@ impl GnssError {
         let noise = |what: &str| Noise::new(streams, &format!("{craft}.gnss.{what}"));
         GnssError {
             config: *config,
-            bias: GaussMarkov::new(noise("bias"), config.bias_sd_m, config.bias_correlation_s),
+            bias: GaussMarkovError::new(noise("bias"), config.bias_sd_m, config.bias_correlation_s),
             white: noise("white"),
             velocity: noise("velocity"),
         }
@@ -88,12 +88,12 @@ config! {
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// What its heights are wrong by, up positive, m: a receiver that leaves out the geoid's height (field 11 of GGA) is
+        /// Error of its heights, up positive, m: a receiver that leaves out the geoid's height (field 11 of GGA) is
         /// wrong by 22 to 51 m in seven of 56 logs of vessels.
         pub height_error_m: f64 = 0.0, in -200.0..=200.0;
-        /// What it states of its white noise, over the true one.
+        /// Stated white noise over the true one.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
-        /// Its errors.
+        /// Errors of the receiver.
         pub error: GnssErrorConfig;
     }
 }
@@ -102,7 +102,7 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct VesselGnss {
     config: VesselGnssConfig,
-    /// Where the true NED begins; None: the vessel's own is the true one.
+    /// Origin of the true NED; None: the vessel's own is the true one.
     place: Option<Datum>,
     antenna: Vector3<f64>,
     error: GnssError,
@@ -114,7 +114,7 @@ impl VesselGnss {
     pub(super) fn new(
         config: &VesselGnssConfig,
         place: Option<Datum>,
-        identity: Identity,
+        identity: SenderIdentity,
         streams: &Streams,
     ) -> Self {
         let mut mount = Noise::new(streams, "vessel.gnss.mount");

@@ -5,8 +5,8 @@ use alight_shared::frames::{VesselBody, wrap_angle};
 use alight_shared::msg::HeadingFix;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -24,7 +24,7 @@ config! {
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;
-        /// What it states of its errors, over the true ones.
+        /// Stated errors over the true ones.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Probability that a measurement is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
@@ -37,17 +37,17 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct VesselHeading {
     config: VesselHeadingConfig,
-    bias: GaussMarkov,
+    bias: GaussMarkovError,
     white: Noise,
     dropout: Noise,
     outlet: Outlet<HeadingFix, VesselClock>,
 }
 
 impl VesselHeading {
-    pub(super) fn new(config: &VesselHeadingConfig, identity: Identity, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselHeadingConfig, identity: SenderIdentity, streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.heading.{what}"));
         VesselHeading {
-            bias: GaussMarkov::new(
+            bias: GaussMarkovError::new(
                 noise("bias"),
                 config.bias_sd_deg.to_radians(),
                 config.bias_correlation_s,

@@ -7,8 +7,8 @@ use alight_shared::msg::ImuSample;
 use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -48,7 +48,7 @@ config! {
     }
 }
 
-/// What an ideal inertial sensor at the state's reference point measures: the angular rate
+/// Measurement of an ideal inertial sensor at the state's reference point: the angular rate
 /// (rad/s) and the specific force `R' (a - g)` (m/s²), both in the body frame (Groves 2013,
 /// section 4.1).
 pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
@@ -64,8 +64,8 @@ pub(super) struct VesselImu {
     lever_arm: Vector3<f64>,
     /// Rotation sensor from body.
     alignment: UnitQuaternion<f64>,
-    gyro_bias: GaussMarkov,
-    accelerometer_bias: GaussMarkov,
+    gyro_bias: GaussMarkovError,
+    accelerometer_bias: GaussMarkovError,
     gyro_white: Noise,
     accelerometer_white: Noise,
     dropout: Noise,
@@ -73,7 +73,7 @@ pub(super) struct VesselImu {
 }
 
 impl VesselImu {
-    pub(super) fn new(config: &VesselImuConfig, identity: Identity, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselImuConfig, identity: SenderIdentity, streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.imu.{what}"));
         let mut mount = noise("mount");
         let tau = config.bias_correlation_s;
@@ -82,8 +82,8 @@ impl VesselImu {
             alignment: UnitQuaternion::from_scaled_axis(
                 mount.normal3() * config.alignment_sd_deg.to_radians(),
             ),
-            gyro_bias: GaussMarkov::new(noise("gyro.bias"), config.gyro_bias_sd_radps, tau),
-            accelerometer_bias: GaussMarkov::new(
+            gyro_bias: GaussMarkovError::new(noise("gyro.bias"), config.gyro_bias_sd_radps, tau),
+            accelerometer_bias: GaussMarkovError::new(
                 noise("accelerometer.bias"),
                 config.accelerometer_bias_sd_mps2,
                 tau,

@@ -42,7 +42,7 @@ use crate::physics::streams::Streams;
 use camera::CameraMount;
 use noise::Windows;
 use occlusion::Occlusion;
-use outlet::{Identity, Outlet};
+use outlet::{Outlet, SenderIdentity};
 
 config! {
     /// All sensors of both craft.
@@ -53,7 +53,7 @@ config! {
         pub vessel_gnss: gnss::VesselGnssConfig;
         /// The vessel's heading sensor.
         pub vessel_heading: heading::VesselHeadingConfig;
-        /// Its attitude sensor, where it has one.
+        /// Attitude sensor of the vessel, where it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub vessel_attitude: Option<attitude::VesselAttitudeConfig> = None;
         /// A beacon of the vessel, where it has one.
@@ -66,8 +66,8 @@ config! {
         /// The drone's rangefinder.
         pub rangefinder: rangefinder::RangefinderConfig;
         /// The two computers' clocks.
-        pub clocks: clocks::ClockConfig;
-        /// What the camera's mount is wrong by.
+        pub clocks: clocks::ClockErrorConfig;
+        /// Error of the camera's mount.
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
@@ -89,7 +89,7 @@ config! {
     }
 }
 
-/// What the drone's deck sensors delivered in one tick.
+/// Readings of the drone's deck sensors in one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
     /// Messages of the vessel's beacon.
@@ -98,7 +98,7 @@ pub struct DroneReadings {
     pub tags: Vec<TagPose>,
     /// Images that were begun, where they take the detections' place.
     pub shots: Vec<render::Shot>,
-    /// The same of the ultraviolet camera.
+    /// Images of the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,
     /// UVDAR fixes.
     pub uvdar: Vec<UvdarFix>,
@@ -131,7 +131,12 @@ pub struct VesselSensors {
 
 impl VesselSensors {
     /// The sensors of this seed, at a place on Earth where it matters.
-    pub fn new(config: &SensorConfig, place: Option<Datum>, identity: Identity, streams: &Streams) -> Self {
+    pub fn new(
+        config: &SensorConfig,
+        place: Option<Datum>,
+        identity: SenderIdentity,
+        streams: &Streams,
+    ) -> Self {
         VesselSensors {
             imu: imu::VesselImu::new(&config.vessel_imu, identity, streams),
             gnss: gnss::VesselGnss::new(&config.vessel_gnss, place, identity, streams),
@@ -140,7 +145,7 @@ impl VesselSensors {
                 .map(|c| attitude::VesselAttitude::new(c, identity, streams)),
         }
     }
-    /// What the GNSS bias displaces the vessel's NED plane by now, m (truth): positions in the vessel's
+    /// Displacement of the vessel's NED plane by the GNSS bias now, m (truth): positions in the vessel's
     /// NED are true positions plus this.
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
@@ -164,18 +169,18 @@ impl VesselSensors {
 pub struct DroneSensors {
     beacon: Option<beacon::Beacon>,
     mount: CameraMount,
-    tag: tag::TagDetector,
-    /// The same camera's view of another boat's tags.
-    other_tag: tag::TagDetector,
+    tag: tag::SimulatedTagDetector,
+    /// This camera's view of another boat's tags.
+    other_tag: tag::SimulatedTagDetector,
     other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
     /// By night, where no image is rendered.
     light: Option<Outlet<CameraLight, DroneClock>>,
-    /// Of the ultraviolet camera, and of the belly camera by day, s.
+    /// Exposure of the ultraviolet camera, and of the belly camera by day, s.
     exposure_s: f64,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
-    uvdar: uvdar::Uvdar,
+    uvdar: uvdar::SimulatedUvdar,
     rangefinder: rangefinder::Rangefinder,
 }
 
@@ -186,14 +191,14 @@ impl DroneSensors {
         drone: &DroneGeometry,
         deck: &DeckGeometry,
         place: Option<Datum>,
-        identity: Identity,
+        identity: SenderIdentity,
         streams: &Streams,
     ) -> Self {
         let mount = CameraMount::new(&config.camera_mount, drone, streams);
         let shutter = |on: bool, rate_hz: f64| on.then(|| render::Shutter::new(rate_hz, identity.clock));
         let tag = |name: &str| {
             let sun = render::sun(&config.render, streams);
-            tag::TagDetector::new(&config.tag, deck, name, streams)
+            tag::SimulatedTagDetector::new(&config.tag, deck, name, streams)
                 .below(Occlusion::new(drone, &mount, sun))
                 .at_night(config.night.as_ref())
         };
@@ -221,7 +226,7 @@ impl DroneSensors {
             ),
             shutter: shutter(config.render.on, config.tag.rate_hz),
             uv_shutter: shutter(config.render.markers, config.uvdar.rate_hz),
-            uvdar: uvdar::Uvdar::new(&config.uvdar, &mount, identity, streams),
+            uvdar: uvdar::SimulatedUvdar::new(&config.uvdar, &mount, identity, streams),
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }

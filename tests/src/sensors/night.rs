@@ -30,7 +30,7 @@ config! {
         /// Luminous intensity of a lamp on the deck towards the drone, cd; 0: none. A floodlight of 10 W has 150, of 100 W behind a
         /// narrow mirror 10 000.
         pub lamp_cd: f64 = 0.0, in 0.0..=1e6;
-        /// Where it is from the deck's centre: forward, right, down, m.
+        /// Place of the lamp from the deck's centre: forward, right, down, m.
         pub lamp_m: [f64; 3] = [-1.5, 0.0, -0.5], in -50.0..=50.0;
         /// Part of the light of scene and lamp that the camera's filter passes; all of lit tags' passes.
         /// Source: an infra-red filter before 850 nm passes a hundredth of white LEDs' and next to none of the moon's.
@@ -114,10 +114,10 @@ impl NightConfig {
     }
     /// Ranges of exposure and gain as a device states them.
     pub fn ranges(&self, longest_s: f64) -> [alight_uav::camera::metering::Range; 2] {
-        let range = |least, most, step| alight_uav::camera::metering::Range { least, most, step };
-        let least_s = MIN_EXPOSURE_S.min(longest_s);
+        let range = |low, most, step| alight_uav::camera::metering::Range { low, most, step };
+        let min_s = MIN_EXPOSURE_S.min(longest_s);
         [
-            range(least_s, longest_s, 0.1 * least_s),
+            range(min_s, longest_s, 0.1 * min_s),
             range(1.0, self.max_gain, (self.max_gain - 1.0).max(1e-3) / 256.0),
         ]
     }

@@ -42,30 +42,30 @@ impl Noise {
 /// 2.9): `db/dt = -b / tau + w`, stationary with the standard deviation `sd` and the correlation
 /// `exp(-dt / tau)`, discretised exactly and begun in its stationary distribution.
 #[derive(Clone, Debug)]
-pub struct GaussMarkov {
+pub struct GaussMarkovError {
     noise: Noise,
     sd: f64,
     correlation_s: f64,
     value: Vector3<f64>,
 }
 
-impl GaussMarkov {
+impl GaussMarkovError {
     /// A process with `sd` (unit of the value) and `correlation_s` (s), from its own stream.
     pub fn new(noise: Noise, sd: f64, correlation_s: f64) -> Self {
         let mut noise = noise;
         let value = noise.normal3() * sd;
-        GaussMarkov {
+        GaussMarkovError {
             noise,
             sd,
             correlation_s,
             value,
         }
     }
-    /// Its value now.
+    /// Present value.
     pub fn value(&self) -> Vector3<f64> {
         self.value
     }
-    /// Its value `dt` seconds later.
+    /// Value `dt` seconds later.
     pub fn step(&mut self, dt: f64) -> Vector3<f64> {
         let keep = (-dt.max(0.0) / self.correlation_s).exp();
         let fresh = self.sd * (1.0 - keep * keep).max(0.0).sqrt();
@@ -78,15 +78,15 @@ impl GaussMarkov {
 /// rate alternates between neighbouring intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); the stamp
 /// is the tick's exact time either way.
 #[derive(Clone, Copy, Debug)]
-pub struct Schedule {
+pub struct SampleSchedule {
     rate_hz: f64,
     last: Option<(i64, Time<TrueTime>)>,
 }
 
-impl Schedule {
+impl SampleSchedule {
     /// Measures `rate_hz` times per second.
     pub const fn new(rate_hz: f64) -> Self {
-        Schedule { rate_hz, last: None }
+        SampleSchedule { rate_hz, last: None }
     }
     /// The seconds since the previous measurement (0 at the first) when one is due at `t`.
     pub fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
@@ -142,7 +142,7 @@ mod tests {
         let (tau, sd, dt) = (300.0, 1.0, 30.0);
         let (mut var, mut lag, mut n) = (0.0, 0.0, 0.0);
         for seed in 0..40 {
-            let mut p = GaussMarkov::new(Noise::new(&Streams::new(seed), "test"), sd, tau);
+            let mut p = GaussMarkovError::new(Noise::new(&Streams::new(seed), "test"), sd, tau);
             let mut last = p.value();
             for _ in 0..400 {
                 let v = p.step(dt);
@@ -162,7 +162,7 @@ mod tests {
         let spread = |steps: usize| {
             let mut sum = 0.0;
             for seed in 0..600 {
-                let mut p = GaussMarkov::new(Noise::new(&Streams::new(seed), "test"), 2.0, 100.0);
+                let mut p = GaussMarkovError::new(Noise::new(&Streams::new(seed), "test"), 2.0, 100.0);
                 let start = p.value();
                 for _ in 0..steps {
                     p.step(60.0 / steps as f64);
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn schedule_mean_rate() {
         for (hz, expected) in [(100.0, 1000), (50.0, 500), (30.0, 300), (20.0, 200), (10.0, 100)] {
-            let mut s = Schedule::new(hz);
+            let mut s = SampleSchedule::new(hz);
             let n = (0..1000)
                 .filter(|k| s.due(Time::from_nanos(k * 10_000_000)).is_some())
                 .count();

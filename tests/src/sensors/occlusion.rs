@@ -4,7 +4,7 @@ use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Vector2, Vector3};
 
-use super::camera::{CameraMount, View};
+use super::camera::{CameraMotion, CameraMount};
 
 /// Radius of a leg, m.
 /// Chosen: a carbon tube of 16 mm with its clamps.
@@ -27,7 +27,7 @@ pub struct Occlusion {
     sun: Vector<TrueNed>,
 }
 
-/// What the body takes the sun from: a cylinder along the sun's direction.
+/// Region that the body shades from the sun: a cylinder along the sun's direction.
 pub(super) struct Shadow {
     body: Vector3<f64>,
     radius_m: f64,
@@ -44,7 +44,7 @@ impl Shadow {
 }
 
 impl Occlusion {
-    /// Of this drone with this mount of its camera in this light.
+    /// Occlusion by this drone with this mount of its camera in this light.
     pub fn new(drone: &DroneGeometry, mount: &CameraMount, sun: Vector<TrueNed>) -> Occlusion {
         let to_camera = |p: Vector3<f64>| mount.attitude.inverse().0 * (p - mount.position);
         let [x, y] = drone.feet_span_m.map(|span| 0.5 * span);
@@ -67,7 +67,7 @@ impl Occlusion {
         }
     }
     /// The body's shadow in the camera's axes.
-    pub(super) fn shadow(&self, view: &View) -> Shadow {
+    pub(super) fn shadow(&self, view: &CameraMotion) -> Shadow {
         Shadow {
             body: self.body,
             radius_m: self.radius_m,

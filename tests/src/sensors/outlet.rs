@@ -7,25 +7,25 @@ use alight_shared::time::{Clock, Span, Time, TrueTime};
 
 use super::clocks::ClockModel;
 use super::delay::DelayLine;
-use super::noise::{Schedule, Windows};
+use super::noise::{SampleSchedule, Windows};
 
 /// Most measurements of one sensor under way at a time.
 const QUEUE: usize = 256;
 
-/// What a sender writes into headers.
+/// Identity that a sender writes into headers.
 #[derive(Clone, Copy, Debug)]
-pub struct Identity {
+pub struct SenderIdentity {
     /// The vessel.
     pub vessel: u32,
     /// The drone; 0 from the vessel.
     pub drone: u32,
     /// The start of the sender.
     pub boot: u32,
-    /// Its clock.
+    /// Clock of the sender.
     pub clock: ClockModel,
 }
 
-impl Identity {
+impl SenderIdentity {
     /// The header of its message number `sequence` at `t`.
     pub fn header<C: Clock>(&self, sequence: u32, t: Time<TrueTime>) -> Header<C> {
         Header::new(self.vessel, self.drone, self.boot, sequence, self.clock.read(t))
@@ -35,19 +35,19 @@ impl Identity {
 /// The way of a sensor's measurements `M`, stamped on the clock `C`.
 #[derive(Clone, Debug)]
 pub(crate) struct Outlet<M, C> {
-    schedule: Schedule,
+    schedule: SampleSchedule,
     latency: Span,
     outages: Windows,
-    identity: Identity,
+    identity: SenderIdentity,
     sequence: u32,
     line: DelayLine<M>,
     clock: PhantomData<C>,
 }
 
 impl<M, C: Clock> Outlet<M, C> {
-    pub(crate) fn new(rate_hz: f64, latency_s: f64, outages: &Windows, identity: Identity) -> Self {
+    pub(crate) fn new(rate_hz: f64, latency_s: f64, outages: &Windows, identity: SenderIdentity) -> Self {
         Outlet {
-            schedule: Schedule::new(rate_hz),
+            schedule: SampleSchedule::new(rate_hz),
             latency: Span::from_secs(latency_s),
             outages: outages.clone(),
             identity,
@@ -75,7 +75,7 @@ impl<M, C: Clock> Outlet<M, C> {
             self.line.push(t + self.latency, measurement);
         }
     }
-    /// What has arrived by `t`.
+    /// Messages that have arrived by `t`.
     pub(crate) fn arrived(&mut self, t: Time<TrueTime>) -> Vec<M> {
         self.line.arrived(t)
     }

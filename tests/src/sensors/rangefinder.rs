@@ -9,11 +9,11 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::noise::{Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// How a rangefinder fails.
+/// Fault of a rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RangefinderFault {
@@ -36,9 +36,9 @@ config! {
         pub rate_hz: f64 = 50.0, in 0.1..=100.0;
         /// From measurement to arrival, s.
         pub latency_s: f64 = 0.01, in 0.0..=2.0;
-        /// Furthest reading, m; beyond it there is none.
+        /// Furthest reading, m; no reading beyond it.
         pub max_range_m: f64 = 30.0, in 0.1..=500.0;
-        /// Nearest reading, m; below it there is none.
+        /// Nearest reading, m; no reading below it.
         pub min_range_m: f64 = 0.05;
         /// White noise, m.
         pub white_sd_m: f64 = 0.03, in 0.0..=5.0;
@@ -48,7 +48,7 @@ config! {
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// How it fails, for good, once it comes as near to the deck as `fails_below_m`.
+        /// Fault, for good, once it comes as near to the deck as `fails_below_m`.
         pub fault: RangefinderFault = RangefinderFault::None;
         /// Reading from the deck at which it fails, m.
         pub fails_below_m: f64 = 0.8, in 0.0..=500.0;
@@ -58,7 +58,7 @@ config! {
     }
 }
 
-/// What the beam met.
+/// Echo of the beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Echo {
     Deck(f64),
@@ -73,7 +73,7 @@ pub(super) struct Rangefinder {
     place: Vector3<f64>,
     /// Half length and half width of the deck, m.
     half: [f64; 2],
-    /// What it reads with the feet on the deck, m.
+    /// Reading with the feet on the deck, m.
     feet_m: f64,
     failed: bool,
     white: Noise,
@@ -86,7 +86,7 @@ impl Rangefinder {
         config: &RangefinderConfig,
         drone: &DroneGeometry,
         deck: &DeckGeometry,
-        identity: Identity,
+        identity: SenderIdentity,
         streams: &Streams,
     ) -> Self {
         Rangefinder {

@@ -13,7 +13,7 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// What takes the tag out of the camera's sight for a while. With these figures 7 % of the images are lost.
+    /// Causes for which the camera loses the tag for a while. With the defaults 7 % of the images are lost.
     #[derive(Copy)]
     pub struct SightLossConfig {
         /// Mean time between two glares (the sun's mirror image on a wet deck or in the lens), s.
@@ -88,7 +88,7 @@ impl Cause {
         self.until = Some(until);
         self.present
     }
-    /// How long it stays in its state; exponential, and a millisecond at least, so that time goes on.
+    /// Time for which it stays in its state; exponential, and a millisecond at least, so that time goes on.
     fn stay(&mut self) -> Span {
         let mean_s = if self.present {
             self.duration_s

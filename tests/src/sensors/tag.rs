@@ -3,7 +3,7 @@
 //!
 //! Chance of a detection and noise of the corners follow the camera node on rendered images
 //! (`studies::camera`): 4000 of them at random over range, incidence and motion. Two measures of the
-//! image tell it: the tag's narrowest width in it `w` (area over longest side) and its motion during the
+//! image predict it: the tag's narrowest width in it `w` (area over longest side) and its motion during the
 //! exposure `b`, both in px. Incidence needs nothing of its own, because an oblique tag is a narrow one.
 //!
 //! ```text
@@ -21,8 +21,8 @@
 //! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! `m0` is 16 grey levels, the least margin of the node's detector without its sharpening by a quarter, with `m1` 0.5: of images
-//! with `c/2` of 17 all are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and `k` 1.05.
+//! `m0` is 16 grey levels, the minimum margin of the node's detector without its sharpening by a quarter, with `m1` 0.5:
+//! of images with `c/2` of 17 all are decoded, with 9 none. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9 and `k` 1.05.
 //!
 //! Not in it is what hides the tag for a while, of which [`super::sight_loss`] has a model of
 //! its own.
@@ -36,7 +36,7 @@ use alight_shared::time::{Time, TrueTime};
 use alight_uav::camera::metering::Setting;
 use nalgebra::{Vector2, Vector3};
 
-use super::camera::{Lens, View};
+use super::camera::{CameraMotion, PinholeLens};
 use super::night::{NightConfig, veil};
 use super::noise::{Noise, Windows};
 use super::occlusion::Occlusion;
@@ -65,18 +65,18 @@ config! {
         /// calibrated perfectly and no paint is flat; the camera's mount is wrong by far more than
         /// that.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
-        /// What is added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
+        /// Standard deviation added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
         /// Source: Rendered images, these six.
         pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
         /// Width in the image from which on that falls with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// What motion adds, as a share of blur²/width.
+        /// Standard deviation by motion, as a fraction of blur²/width.
         pub blur_sd: f64 = 0.2, in 0.0..=20.0;
         /// The detector states at least this much, px.
         /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of
         /// it.
         pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
-        /// How exactly the detector takes several tags to lie where it has them, m, each axis.
+        /// Standard deviation that the detector assumes of several tags' places, m, each axis.
         /// Source: the camera node's.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
         /// The tags as the camera's node has them; none: as they are. Of what is drawn.
@@ -100,7 +100,7 @@ config! {
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Largest motion of the tag in the image during the exposure, px.
         pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
-        /// What hides the tag for a while: glare, spray, a cover.
+        /// Losses of the tag for a while: glare, spray, a cover.
         pub loss: SightLossConfig;
         /// Windows `[start, end)` without detections, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -109,9 +109,9 @@ config! {
 
 /// The tag detector at work.
 #[derive(Clone, Debug)]
-pub(crate) struct TagDetector {
+pub(crate) struct SimulatedTagDetector {
     config: TagConfig,
-    lens: Lens,
+    lens: PinholeLens,
     /// As they are, and as the camera's node has them.
     tags: Tags,
     known: Tags,
@@ -122,11 +122,11 @@ pub(crate) struct TagDetector {
     read: Noise,
 }
 
-impl TagDetector {
+impl SimulatedTagDetector {
     /// With the streams `NAME.corner` and `NAME.read`.
     pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, name: &str, streams: &Streams) -> Self {
-        TagDetector {
-            lens: Lens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
+        SimulatedTagDetector {
+            lens: PinholeLens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
             tags: deck.tags(),
             known: if config.known.is_empty() {
                 deck.tags()
@@ -141,27 +141,27 @@ impl TagDetector {
             config: config.clone(),
         }
     }
-    /// The same below a drone that hides part of the deck.
+    /// The detector below a drone that hides part of the deck.
     pub(crate) fn below(self, occlusion: Occlusion) -> Self {
-        TagDetector {
+        SimulatedTagDetector {
             occlusion: Some(occlusion),
             ..self
         }
     }
-    /// The same by night, if it is night.
+    /// The detector by night, if it is night.
     pub(crate) fn at_night(self, night: Option<&NightConfig>) -> Self {
-        TagDetector {
+        SimulatedTagDetector {
             night: night.copied(),
             ..self
         }
     }
     /// Exposure and gain of an image from there: by day fixed, by night settled on the tags' light.
-    pub(crate) fn setting(&self, view: &View, deck: &RigidState<Deck>) -> Setting {
+    pub(crate) fn setting(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Setting {
         let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
         self.settled(&sights)
     }
     /// The light in such an image; None by day.
-    pub(crate) fn light(&self, view: &View, deck: &RigidState<Deck>) -> Option<CameraLight> {
+    pub(crate) fn light(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Option<CameraLight> {
         let night = self.night.as_ref()?;
         let sights: Vec<_> = self.sights(view, deck).into_iter().flatten().collect();
         let setting = self.settled(&sights);
@@ -200,12 +200,12 @@ impl TagDetector {
         (lost && in_image && part > MIN_GLARE).then_some(part)
     }
     /// The lamp in the camera's axes, m.
-    fn lamp(&self, view: &View, deck: &RigidState<Deck>) -> Vector3<f64> {
+    fn lamp(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vector3<f64> {
         let lamp_m = self.night.map_or([0.0; 3], |night| night.lamp_m);
         view.to_camera_frame(deck.at::<Deck>(Vector3::from(lamp_m)).position)
     }
     /// Each tag as it is in the image, where it is.
-    fn sights(&self, view: &View, deck: &RigidState<Deck>) -> Vec<Option<Sight>> {
+    fn sights(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vec<Option<Sight>> {
         self.tags.iter().map(|tag| self.sight(view, deck, tag)).collect()
     }
     fn settled(&self, sights: &[Sight]) -> Setting {
@@ -225,14 +225,14 @@ impl TagDetector {
     pub(crate) fn detect(
         &mut self,
         t: Time<TrueTime>,
-        view: &View,
+        view: &CameraMotion,
         deck: &RigidState<Deck>,
     ) -> Option<TagPose> {
         let hidden = self.loss.hides(t);
         let sights = self.sights(view, deck);
         let shown: Vec<_> = sights.iter().flatten().copied().collect();
         let setting = self.settled(&shown);
-        let seen: Vec<SeenTag> = (0..self.tags.len())
+        let detected: Vec<SeenTag> = (0..self.tags.len())
             .filter_map(|k| {
                 // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
                 // noise at the same time.
@@ -244,7 +244,7 @@ impl TagDetector {
                 self.measure(self.known.get(k)?, &image, &noise)
             })
             .collect();
-        let s = solve(&seen)?;
+        let s = solve(&detected)?;
         let q = s.attitude.quaternion();
         Some(TagPose {
             position: s.position.into(),
@@ -254,14 +254,19 @@ impl TagDetector {
         })
     }
     /// The only tag in an image; None when it cannot be decoded at all.
-    pub(crate) fn image_of(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagImage> {
+    pub(crate) fn image_of(
+        &self,
+        view: &CameraMotion,
+        deck: &RigidState<Deck>,
+        tag: &DeckTag,
+    ) -> Option<TagImage> {
         let sight = self.sight(view, deck, tag)?;
         let setting = self.settled(&[sight]);
         (sight.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
             .then(|| self.image(&sight, &setting))
     }
     /// A tag as the camera has it before it; None when it is not wholly in the image.
-    fn sight(&self, view: &View, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<Sight> {
+    fn sight(&self, view: &CameraMotion, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<Sight> {
         let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
         let centre = view.to_camera_frame(state.position);
         let rotation = view.camera_from_world * state.attitude;
@@ -281,7 +286,7 @@ impl TagDetector {
             }
         }
         if let Some(drone) = &self.occlusion {
-            // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is seen whole.
+            // Shadow is far larger than a tag of a few centimetres, and far away where a larger one is whole in the image.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
             // What lights the night comes from everywhere.
@@ -307,7 +312,7 @@ impl TagDetector {
             }),
         })
     }
-    /// What an image with this exposure and gain has of it.
+    /// Image of it with this exposure and gain.
     fn image(&self, sight: &Sight, setting: &Setting) -> TagImage {
         let (width, blur) = (sight.width, sight.speed_pxps * setting.exposure_s);
         let night = self.night.map(|night| {
@@ -334,7 +339,7 @@ impl TagDetector {
             sd_px: self.config.sd_px(width, blur).hypot(noise_px),
         }
     }
-    /// What the detector makes of it: noisy corners, and the noise that it states of them.
+    /// Detection of it: noisy corners, and the noise that it states of them.
     fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<SeenTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
@@ -363,7 +368,7 @@ const MIN_CHANCE: f64 = 0.05;
 const NOISE_LIMIT: f64 = 7.0;
 const NOISE_WIDTH: f64 = -0.23;
 const NOISE_STEEPNESS: f64 = 9.0;
-/// What noise over contrast adds to a corner, px.
+/// Corner error by noise over contrast, px.
 const CORNER_NOISE: f64 = 1.05;
 /// Noise of the sensor in the dark, grey levels, as rendered images have it.
 const DARK_SD: f64 = 2.0;
@@ -373,9 +378,9 @@ const OWN_VEIL: f64 = 0.01;
 /// A tag before the camera.
 #[derive(Clone, Copy, Debug)]
 struct Sight {
-    /// Its corners' true pixels.
+    /// True pixels of its corners.
     pixels: [Vector2<f64>; 4],
-    /// Its narrowest width, px.
+    /// Narrowest width of the tag, px.
     width: f64,
     /// Speed of its centre in the image, px/s.
     speed_pxps: f64,
@@ -386,7 +391,7 @@ struct Sight {
 /// The tag as an image holds it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TagImage {
-    /// Its corners' true pixels.
+    /// True pixels of its corners.
     pixels: [Vector2<f64>; 4],
     /// Chance that it is decoded.
     pub(crate) chance: f64,

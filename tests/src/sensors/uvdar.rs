@@ -1,4 +1,4 @@
-//! UVDAR: blinking ultraviolet markers on the deck, seen by a fisheye camera from further away
+//! UVDAR: blinking ultraviolet markers on the deck, detected by a fisheye camera from further away
 //! than the tag (Walter et al. 2019, "UVDAR system for visual relative localization").
 //!
 //! Share of images with a fix and errors of a fix follow the camera node on rendered markers
@@ -18,9 +18,9 @@ use alight_shared::msg::UvdarFix;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::camera::{CameraMount, View};
-use super::noise::{GaussMarkov, Noise, Windows};
-use super::outlet::{Identity, Outlet};
+use super::camera::{CameraMotion, CameraMount};
+use super::noise::{GaussMarkovError, Noise, Windows};
+use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -39,7 +39,7 @@ config! {
         /// Full cone of the fisheye lens, deg.
         /// Chosen: one fisheye lens that sees from straight ahead to straight down and behind.
         pub fov_deg: f64 = 180.0, in 10.0..=360.0;
-        /// Its axis below the body's forward axis, deg.
+        /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
         /// Standard deviation of the bearing of far markers, each of two axes, deg: `b`.
         /// Source: Rendered markers.
@@ -50,10 +50,10 @@ config! {
         pub distance_sd: f64 = 0.022, in 1e-4..=1.0;
         /// Distance from which on both grow with its eighth power, m: `far`.
         pub far_m: f64 = 24.0, in 0.1..=500.0;
-        /// Least standard deviation of the bearing that a fix states, deg.
+        /// Minimum standard deviation of the bearing that a fix states, deg.
         /// Source: The node's.
         pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
-        /// The same of the distance, relative to it.
+        /// Standard deviation of the distance that a fix states, relative to it.
         pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
         /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
         /// changes slowly.
@@ -68,36 +68,41 @@ config! {
 
 /// The UVDAR system at work.
 #[derive(Clone, Debug)]
-pub(super) struct Uvdar {
+pub(super) struct SimulatedUvdar {
     config: UvdarConfig,
     /// Axis of the lens in camera coordinates.
     axis: Vector3<f64>,
-    distance: GaussMarkov,
+    distance: GaussMarkovError,
     bearing: Noise,
     miss: Noise,
     outlet: Outlet<UvdarFix, DroneClock>,
 }
 
-impl Uvdar {
+impl SimulatedUvdar {
     pub(super) fn new(
         config: &UvdarConfig,
         mount: &CameraMount,
-        identity: Identity,
+        identity: SenderIdentity,
         streams: &Streams,
     ) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("drone.uvdar.{what}"));
         let (down, forward) = config.tilt_down_deg.to_radians().sin_cos();
         let axis = mount.attitude.inverse() * Vector::<DroneBody>::new(forward, 0.0, down);
-        Uvdar {
+        SimulatedUvdar {
             axis: axis.0,
-            distance: GaussMarkov::new(noise("distance"), 1.0, config.distance_correlation_s),
+            distance: GaussMarkovError::new(noise("distance"), 1.0, config.distance_correlation_s),
             bearing: noise("bearing"),
             miss: noise("miss"),
             outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
-    pub(super) fn step(&mut self, t: Time<TrueTime>, view: &View, deck: &RigidState<Deck>) -> Vec<UvdarFix> {
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &CameraMotion,
+        deck: &RigidState<Deck>,
+    ) -> Vec<UvdarFix> {
         if let Some(dt) = self.outlet.due(t) {
             let stretch = self.distance.step(dt).x;
             let turn = self.bearing.normal3();
@@ -145,7 +150,7 @@ impl UvdarConfig {
             self.distance_sd * grown,
         ]
     }
-    /// The same as a fix states them.
+    /// Standard deviations as a fix states them.
     fn stated(&self, range_m: f64) -> [f64; 2] {
         let [bearing, far] = self.sd(range_m);
         [

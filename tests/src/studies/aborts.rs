@@ -19,12 +19,12 @@ const CLEAR_M: f64 = 3.0;
 /// ... no further from above its centre than this, m.
 const STRAYED_M: f64 = 3.0;
 
-/// What ends a landing.
+/// Interruption of a landing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interruption {
     /// An operator aborts it.
     Abort,
-    /// An operator says hold.
+    /// An operator commands a hold.
     Hold,
     /// The planner's process dies for good.
     PlanLost,
@@ -42,7 +42,7 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
     vessel.power_for(speed_mps);
 }
 
-/// What came of a landing that was interrupted.
+/// Result of an interrupted landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interrupted {
     /// The hardest impact afterwards along the deck's normal, m/s; 0 without one.
@@ -51,7 +51,7 @@ pub struct Interrupted {
     pub unsafe_contact: bool,
     /// In the water, motors on.
     pub water: bool,
-    /// How far from above the deck's centre it came before it was clear of the deck, m.
+    /// Distance from above the deck's centre that it reached before it was clear of the deck, m.
     pub strayed_m: f64,
     /// It entered a keep-out volume.
     pub collided: bool,

@@ -1,6 +1,7 @@
-//! What the belly camera sees of the tag in rendered images, beside the measurement model that stands
+//! Detections of the tag by the belly camera in rendered images, compared with the measurement model that stands
 //! for it in lock-step: range, incidence, blur, glare, false sightings.
 
+use alight_shared::estimation::quantile;
 use alight_shared::frames::{Camera, Deck, Point, Rotation, TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::TagPose;
@@ -14,12 +15,12 @@ use serde::Serialize;
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use crate::sensors::SensorConfig;
-use crate::sensors::camera::View;
+use crate::sensors::camera::CameraMotion;
 use crate::sensors::noise::Noise;
 use crate::sensors::render::{Renderer, Shot};
 use crate::sensors::sight_loss::SightLossConfig;
 use crate::sensors::square_pose::corners;
-use crate::sensors::tag::{TagConfig, TagDetector};
+use crate::sensors::tag::{SimulatedTagDetector, TagConfig};
 
 /// One cell of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -46,10 +47,10 @@ impl Default for Condition {
     }
 }
 
-/// How well poses were measured.
+/// Quality of measured poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
-    /// Share of the images in which the tag was seen.
+    /// Fraction of the images in which the tag was detected.
     pub rate: f64,
     /// Mean position error, m.
     pub position_m: f64,
@@ -59,14 +60,14 @@ pub struct Quality {
     pub attitude_deg: f64,
     /// Squared error over stated variance, mean of the three axes of position; 1 when consistent.
     pub nees_position: f64,
-    /// The same of attitude.
+    /// Squared error over stated variance, mean of the three axes of attitude; 1 when consistent.
     pub nees_attitude: f64,
 }
 
-/// One row: what was seen in pixels, and what the model says.
+/// One row: detections in rendered images, and those of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CameraRow {
-    /// Where.
+    /// Condition of the row.
     pub condition: Condition,
     /// Images.
     pub images: usize,
@@ -76,25 +77,25 @@ pub struct CameraRow {
     pub model: Quality,
     /// Root mean square error of a corner's coordinate in the images, px.
     pub corner_rms_px: f64,
-    /// What the model says of corners in images in which it would see the tag, px.
+    /// The model's corner error in images in which it would detect the tag, px.
     pub model_corner_px: f64,
     /// Share of the images in which the model would see it.
     pub model_rate: f64,
 }
 
-/// How well the model fits rows of rendered images.
+/// Fit of the model to rows of rendered images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ModelFit {
-    /// Root mean square difference of the share of images in which the tag is seen.
+    /// Root mean square difference of the fraction of images in which the tag is detected.
     pub rate: f64,
     /// Geometric mean of the model's corner noise over that in the images; rows where both see the tag
     /// in a fifth of the images at least.
     pub corner: f64,
     /// Factor that holds two thirds of the rows' ratios about that mean.
     pub corner_spread: f64,
-    /// The same two of the mean position error.
+    /// Geometric mean of the ratios of the mean position errors.
     pub position: f64,
-    /// Its spread.
+    /// Spread of those ratios about their mean.
     pub position_spread: f64,
     /// Rows that were compared so.
     pub rows: usize,
@@ -146,7 +147,7 @@ pub(super) fn alone(deck: &DeckGeometry) -> DeckGeometry {
 pub struct CameraBench {
     renderer: Renderer,
     node: CameraNode,
-    model: TagDetector,
+    model: SimulatedTagDetector,
     sensors: SensorConfig,
     tag: DeckTag,
     draw: Noise,
@@ -177,7 +178,8 @@ impl CameraBench {
         CameraBench {
             renderer: Renderer::new(&sensors.render, &deck, &streams).at_night(sensors.night.as_ref()),
             node: CameraNode::new(settings, &tags, names),
-            model: TagDetector::new(&in_sight, &deck, "drone.tag", &streams).at_night(sensors.night.as_ref()),
+            model: SimulatedTagDetector::new(&in_sight, &deck, "drone.tag", &streams)
+                .at_night(sensors.night.as_ref()),
             sensors: sensors.clone(),
             tag: tags.first().copied().unwrap_or_default(),
             draw: Noise::new(&streams, "study.camera"),
@@ -234,7 +236,7 @@ impl CameraBench {
         let rate = c.blur_px / (exposure_s.max(1e-6) * self.sensors.render.lens.focal_px[0]);
         self.renderer_light(c, &deck, away);
         let t = Time::from_nanos((self.within(0.0, 600.0) * 1e9) as i64);
-        let view = View {
+        let view = CameraMotion {
             centre: Point::from(from),
             velocity: Vector::zero(),
             camera_from_world: Rotation::from(camera_from_world),
@@ -285,8 +287,8 @@ impl CameraBench {
             let detection = self
                 .image(&shot)
                 .map_or_else(Vec::new, |image| self.node.find(&image));
-            if let Some(seen) = detection.first() {
-                for (corner, at) in seen.corners.iter().zip(corners(self.tag.side_m)) {
+            if let Some(detected) = detection.first() {
+                for (corner, at) in detected.corners.iter().zip(corners(self.tag.side_m)) {
                     let p = truth.attitude.0 * at + truth.position;
                     if let Some(px) = self.sensors.render.lens.project(&p) {
                         square += 0.5 * (corner - px).norm_squared();
@@ -314,7 +316,7 @@ impl CameraBench {
         }
     }
 
-    /// Where the tag's centre is in an image, px, and the length of its side there.
+    /// Place of the tag's centre in an image, px, and the length of its side there.
     pub fn tag_px(&self, shot: &Shot) -> Option<([f64; 2], f64)> {
         let truth = Truth::of(shot);
         let px = self.sensors.render.lens.project(&truth.position)?;
@@ -350,9 +352,9 @@ impl PoseErrors {
         self.images += 1;
         let Some(pose) = pose else { return };
         let [w, x, y, z] = pose.attitude;
-        let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let detected = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
         let moved = Vector3::from(pose.position) - truth.position;
-        let turned = (seen * truth.attitude.0.inverse()).scaled_axis();
+        let turned = (detected * truth.attitude.0.inverse()).scaled_axis();
         self.position.push(moved.norm());
         self.attitude.push(turned.norm().to_degrees());
         for i in 0..3 {
@@ -361,19 +363,18 @@ impl PoseErrors {
         }
     }
     fn quality(mut self) -> Quality {
-        let seen = self.position.len();
-        if seen == 0 {
+        let size = self.position.len();
+        if size == 0 {
             return Quality::default();
         }
-        let n = seen as f64;
+        let n = size as f64;
         let mean = |v: &[f64]| v.iter().sum::<f64>() / n;
         let (position_m, attitude_deg) = (mean(&self.position), mean(&self.attitude));
-        self.position.sort_by(f64::total_cmp);
-        let p95 = self.position.get(((0.95 * n).ceil() as usize).clamp(1, seen) - 1);
+        let p95 = quantile(&mut self.position, 0.95);
         Quality {
             rate: n / self.images as f64,
             position_m,
-            position_p95_m: p95.copied().unwrap_or(f64::NAN),
+            position_p95_m: p95.unwrap_or(f64::NAN),
             attitude_deg,
             nees_position: self.nees[0] / n,
             nees_attitude: self.nees[1] / n,

@@ -12,7 +12,7 @@ use crate::harness::scenario::{Scenario, SetupError};
 
 /// `eta` and its derivative in the order of [`VesselEstimate`].
 #[derive(Clone, Copy, Debug)]
-pub struct Truth {
+pub struct VesselTruth {
     /// Position in the vessel's NED (m), roll, pitch, yaw (rad).
     pub eta: [f64; 6],
     /// Their derivatives.
@@ -24,11 +24,11 @@ pub struct Truth {
 /// Per stage of a prediction: standard deviations of what is predicted (m, rad), and of heave about the level, m.
 pub type StageDeviations = Vec<([f64; 6], f64)>;
 
-/// What vessel and truth did in one run, from the end of the warm-up on.
+/// Record of vessel and truth in one run, from the end of the warm-up on.
 #[derive(Clone, Debug)]
-pub struct Run {
+pub struct EstimatorRun {
     /// Truth at every tick since the world began.
-    pub truth: Vec<Truth>,
+    pub truth: Vec<VesselTruth>,
     /// Tick and estimate.
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Tick (fractional) of the first stage, and prediction.
@@ -41,10 +41,15 @@ pub struct Run {
 }
 
 /// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
-pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64) -> Result<Run, SetupError> {
+pub fn run(
+    scenario: &Scenario,
+    node: &VesselNodeConfig,
+    seed: u64,
+    span_s: f64,
+) -> Result<EstimatorRun, SetupError> {
     let mut physics = Physics::new(scenario, seed)?;
     let mut node = VesselNode::new(node, 1, 1);
-    let mut out = Run {
+    let mut out = EstimatorRun {
         truth: Vec::new(),
         estimates: Vec::new(),
         predictions: Vec::new(),
@@ -64,7 +69,7 @@ pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64)
         let (roll, pitch, yaw) = state.attitude.euler();
         let rates = euler_rates(roll, pitch, state.rates.0);
         let v = state.velocity.0;
-        out.truth.push(Truth {
+        out.truth.push(VesselTruth {
             eta: [p.x, p.y, p.z, roll, pitch, yaw],
             eta_dot: [v.x, v.y, v.z, rates.x, rates.y, rates.z],
             heave: state.position.0.z,
@@ -106,7 +111,7 @@ pub struct StateErrors {
 }
 
 /// Errors of the state.
-pub fn state_errors(runs: &[Run]) -> StateErrors {
+pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
     let (mut squares, mut nees) = ([const { Vec::new() }; 4], [const { Vec::new() }; 6]);
     for r in runs {
         for (k, e) in &r.estimates {
@@ -131,22 +136,22 @@ pub fn state_errors(runs: &[Run]) -> StateErrors {
 /// RMSE of one degree of freedom at one horizon.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PredictionError {
-    /// Of the broadcast prediction.
+    /// Error of the broadcast prediction.
     pub model: f64,
-    /// Of holding the last state.
+    /// Error of holding the last state.
     pub hold: f64,
-    /// Of rolling the last velocity on.
+    /// Error of rolling the last velocity on.
     pub velocity: f64,
 }
 
-/// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin.
+/// The broadcast prediction of `dof` `horizon_s` ahead, from its origin.
 pub fn predicted(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
     let (eta, _sd) = p.at(horizon_s)?;
     Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))
 }
 
 /// RMSE of the prediction in `dof`, `horizon_s` ahead.
-pub fn prediction_error(runs: &[Run], dof: usize, horizon_s: f64) -> PredictionError {
+pub fn prediction_error(runs: &[EstimatorRun], dof: usize, horizon_s: f64) -> PredictionError {
     let mut squares = [const { Vec::new() }; 3];
     for r in runs {
         let truth = |tick: f64| {

@@ -17,12 +17,12 @@ use crate::sensors::noise::Noise;
 use crate::sensors::render::{Renderer, Shot};
 use crate::studies::statistics::wilson;
 
-/// What an image shows.
+/// Content of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum SceneKind {
     /// Swell, ripples and the sun's glitter.
     Water,
-    /// The same with patches and streaks of foam.
+    /// Water with patches and streaks of foam.
     Foam,
     /// A deck without a tag, some of it wet.
     BareDeck,
@@ -49,7 +49,7 @@ impl SceneKind {
 /// One row.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FalseDetectionRow {
-    /// What the images show; None for all together.
+    /// Content of the images; None for all together.
     pub kind: Option<SceneKind>,
     /// Images.
     pub images: u64,
@@ -94,7 +94,7 @@ impl FalseDetectionRow {
     }
 }
 
-/// How often a rendered image is used: as it is, mirrored either way, and both.
+/// Number of uses of a rendered image: as it is, mirrored either way, and both.
 const TURNS: usize = 4;
 
 /// The bench with a bare deck and a brush.
@@ -113,7 +113,7 @@ impl FalseDetectionBench {
         seed: u64,
     ) -> FalseDetectionBench {
         let streams = Streams::new(seed);
-        // A tag of 1 mm is none.
+        // A tag of 1 mm is too small to be detected.
         let bare = DeckGeometry {
             tag_side_m: Some(0.001),
             ..*deck
@@ -343,7 +343,7 @@ impl Canvas {
             }
         }
     }
-    /// Sets the pixels whose middle lies in the rectangle to what `paint` says of it, from its centre.
+    /// Sets the pixels whose middle lies in the rectangle to the result of `paint` there, from its centre.
     fn stamp(&mut self, s: &Stamp, paint: impl Fn(f64, f64) -> Option<u8>) {
         let reach = s.half.norm();
         let [columns, rows] = [0, 1].map(|i| {

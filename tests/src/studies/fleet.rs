@@ -1,5 +1,5 @@
 //! Several drones above one deck: orders, aborts, outages of their radios, a deck that the crew closes and opens, drones
-//! that stay on the deck and drones that a person takes away, all at random. What must not happen: two drones below the
+//! that stay on the deck and drones that the crew takes away, all at random. What must not happen: two drones below the
 //! waiting height, a descent to an occupied or closed deck, a collision.
 
 use alight_shared::msg::{CommandKind, DeckOrder, State};
@@ -26,7 +26,7 @@ const KNOWN_AFTER_S: f64 = 2.5;
 /// After an outage of its radio the vessel has a drone's report again, s.
 const REPORTED_AFTER_S: f64 = 1.5;
 
-/// What came of a trial.
+/// Result of a trial.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FleetReport {
     /// Landings on the deck.
@@ -37,9 +37,9 @@ pub struct FleetReport {
     pub stops: u32,
     /// Outages of a drone's radio.
     pub outages: u32,
-    /// How often the crew closed the deck.
+    /// Number of times that the crew closed the deck.
     pub closures: u32,
-    /// How often a second drone came below the waiting height.
+    /// Number of times that a second drone came below the waiting height.
     pub two_below: u32,
     /// Ticks of a descent to a deck on which another drone stood.
     pub on_occupied: u32,
@@ -64,7 +64,7 @@ impl FleetReport {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     state: State,
-    /// Its mission has got its altitude once since it appeared.
+    /// Whether its mission has reached its altitude once since it appeared.
     risen: bool,
     below: bool,
     on_deck: bool,
@@ -124,12 +124,12 @@ impl Flight {
         }
     }
 
-    /// What is due: the crew opens the deck, a person takes a drone away that has landed. To open the deck is to say that
+    /// Acts of the crew that are due: it opens the deck, and takes a landed drone away. To open the deck is to report that
     /// no silent drone stands there, and the crew looks first.
     fn attend(&mut self, t: f64) {
         let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
-        let seen = self.drones.iter().any(silent);
-        if self.closed.is_some_and(|[_, until]| t >= until) && !seen {
+        let found = self.drones.iter().any(silent);
+        if self.closed.is_some_and(|[_, until]| t >= until) && !found {
             self.closed = None;
             self.world.deck_order(DeckOrder::Open);
         }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::harness::outcome::Outcome;
-use crate::studies::statistics::{Metric, bootstrap_mean, wilson};
+use crate::studies::statistics::{OutcomeMetric, bootstrap_mean, wilson};
 
-/// What is compared.
-pub const COMPARED: [Metric; 6] = [
+/// Metrics that are compared.
+pub const COMPARED: [OutcomeMetric; 6] = [
     ("position_error_m", |o| o.position_error_m),
     ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
     ("tangential_speed_mps", |o| o.tangential_speed_mps),
@@ -24,13 +24,13 @@ pub struct Difference {
     pub metric: &'static str,
     /// Mean difference.
     pub mean: f64,
-    /// Its 95 % bootstrap interval.
+    /// Bootstrap interval of 95 % of the difference.
     pub interval: [f64; 2],
     /// Pairs.
     pub pairs: usize,
 }
 
-/// How often each succeeds.
+/// Success rates of both.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rates {
     /// Successes of the first, and of the other.
@@ -41,7 +41,7 @@ pub struct Rates {
     pub only: [usize; 2],
     /// Difference of the rates, `other - first`.
     pub difference: f64,
-    /// Its 95 % bootstrap interval over pairs.
+    /// Bootstrap interval of 95 % of the difference over pairs.
     pub interval: [f64; 2],
 }
 
@@ -58,7 +58,7 @@ pub struct Comparison {
     pub pairs: usize,
     /// Successes.
     pub rates: Rates,
-    /// Figures.
+    /// Differences of the metrics.
     pub differences: Vec<Difference>,
 }
 

@@ -8,7 +8,7 @@ use alight_shared::msg::VesselPrediction;
 use alight_shared::time::VesselClock;
 use alight_usv::VesselNodeConfig;
 
-use super::estimator::{Run, StageDeviations, difference, predicted, run};
+use super::estimator::{EstimatorRun, StageDeviations, difference, predicted, run};
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{Scenario, SetupError};
 
@@ -110,7 +110,7 @@ pub fn vessel(
 }
 
 /// Heave (m), roll and pitch (rad) as predicted less the truth.
-fn errors(run: &Run, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
+fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
     let tick = start + AHEAD_S / TICK.secs();
     let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
     let (a, b) = (run.truth.get(i)?, run.truth.get(i + 1)?);

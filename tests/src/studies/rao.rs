@@ -23,7 +23,7 @@ const STEEPNESS: f64 = 0.02;
 pub struct RaoRow {
     /// Wave length, m.
     pub wavelength_m: f64,
-    /// Its period, s.
+    /// Period of the wave, s.
     pub period_s: f64,
     /// Surge amplitude over wave amplitude.
     pub surge: f64,

@@ -1,4 +1,4 @@
-//! How often a landing is unsafe where that is rare: splitting by how near to a limit a landing comes.
+//! Probability of an unsafe landing where that is rare: splitting by how near to a limit a landing comes.
 //!
 //! A population of landings is flown; the quarter that came nearest to a limit is kept, and each of it is moved some times:
 //! all its random numbers change, by much or by little, and the landing that follows takes its place where it comes at least
@@ -42,7 +42,7 @@ pub enum End {
 
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Run {
+pub struct SplittingRun {
     /// Probability that a landing is unsafe.
     pub probability: f64,
     /// Product of the fractions that were kept: the probability of what the last population is drawn from.
@@ -59,21 +59,21 @@ pub struct Run {
 
 /// Several runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Estimate {
+pub struct SplittingEstimate {
     /// Mean of the runs' probabilities.
     pub probability: f64,
-    /// Its interval of 95 %, by Student's distribution over the runs, from 0 with one run; its upper end at least what the
+    /// Interval of 95 %, by Student's distribution over the runs, from 0 with one run; its upper end at least what the
     /// last populations alone leave open (Clopper and Pearson 1934). Of few runs of a rare event it covers less.
     pub interval: [f64; 2],
     /// Landings that were flown.
     pub landings: usize,
     /// The runs.
-    pub runs: Vec<Run>,
+    pub runs: Vec<SplittingRun>,
 }
 
-impl Estimate {
-    /// Of these runs, with populations of `population`; none without any.
-    pub fn of(runs: Vec<Run>, population: usize) -> Option<Estimate> {
+impl SplittingEstimate {
+    /// Estimate of these runs, with populations of `population`; none without any.
+    pub fn of(runs: Vec<SplittingRun>, population: usize) -> Option<SplittingEstimate> {
         let probabilities: Vec<f64> = runs.iter().map(|r| r.probability).collect();
         let n = runs.len() as f64;
         let mean = probabilities.iter().sum::<f64>() / n;
@@ -82,7 +82,7 @@ impl Estimate {
         let open = reached * at_most_95(beyond, population * runs.len());
         let [low, high] = student_95(&probabilities)?;
         let interval = [low.max(0.0), high.max(open).min(1.0)];
-        Some(Estimate {
+        Some(SplittingEstimate {
             probability: mean,
             interval,
             landings: runs.iter().map(|r| r.landings).sum(),
@@ -99,7 +99,7 @@ pub fn split<E: Send>(
     population: usize,
     seed: u64,
     near: impl Fn(&Streams) -> Result<f64, E> + Sync,
-) -> Result<Run, E> {
+) -> Result<SplittingRun, E> {
     let mut draw = Streams::new(seed).stream("splitting");
     let first: Vec<Streams> = (0..population).map(|_| Streams::new(draw.random())).collect();
     let fly = |streams: Vec<Streams>| -> Result<Vec<Particle>, E> {
@@ -123,7 +123,7 @@ pub fn split<E: Send>(
             Ok(level) => level,
             Err(end) => {
                 let beyond = count(&particles, 1.0);
-                return Ok(Run {
+                return Ok(SplittingRun {
                     probability: reached * fraction(beyond),
                     reached,
                     beyond,
@@ -189,9 +189,9 @@ mod tests {
             Ok(if flies { largest / limit } else { 0.0 })
         }
     }
-    fn estimate(near: impl Fn(&Streams) -> Result<f64, ()> + Sync) -> Estimate {
+    fn estimate(near: impl Fn(&Streams) -> Result<f64, ()> + Sync) -> SplittingEstimate {
         let runs = (0..8).map(|seed| split(200, seed, &near).unwrap());
-        Estimate::of(runs.collect(), 200).unwrap()
+        SplittingEstimate::of(runs.collect(), 200).unwrap()
     }
 
     #[test]
@@ -219,10 +219,10 @@ mod tests {
             (always.probability, always.landings, always.end),
             (1.0, 20, End::Limit)
         );
-        assert_eq!(Estimate::of(Vec::new(), 20), None);
-        assert_eq!(Estimate::of(vec![always], 20).unwrap().interval[1], 1.0);
+        assert_eq!(SplittingEstimate::of(Vec::new(), 20), None);
+        assert_eq!(SplittingEstimate::of(vec![always], 20).unwrap().interval[1], 1.0);
         // Forty landings without an event leave 7 % open.
-        let estimate = Estimate::of(vec![never.clone(), never], 20).unwrap();
+        let estimate = SplittingEstimate::of(vec![never.clone(), never], 20).unwrap();
         assert!((estimate.interval[1] - 0.0722).abs() < 1e-3, "{estimate:?}");
     }
 }

@@ -1,5 +1,6 @@
-//! Figures over many trials, with intervals.
+//! Metrics over many trials, with intervals.
 
+use alight_shared::estimation::quantile;
 use serde::Serialize;
 
 use crate::harness::outcome::{Ending, Outcome};
@@ -18,19 +19,18 @@ pub struct SampleStatistics {
 }
 
 impl SampleStatistics {
-    /// Of the given values; None without any. Percentile and maximum are of the values as they
-    /// are: for signed figures the spread is `sd`.
+    /// Statistics of the given values; None without any. Percentile and maximum are of the values as they
+    /// are: for signed values the spread is `sd`.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
         let mut v: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
-        v.sort_by(f64::total_cmp);
+        let p95 = quantile(&mut v, 0.95)?;
         let n = v.len() as f64;
         let (last, mean) = (*v.last()?, v.iter().sum::<f64>() / n);
         let var = v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-        let rank = ((0.95 * n).ceil() as usize).clamp(1, v.len()) - 1;
         Some(SampleStatistics {
             mean,
             sd: var.sqrt(),
-            p95: v.get(rank).copied().unwrap_or(last),
+            p95,
             max: last,
         })
     }
@@ -119,10 +119,10 @@ pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
 }
 
 /// A named figure of an outcome.
-pub type Metric = (&'static str, fn(&Outcome) -> Option<f64>);
+pub type OutcomeMetric = (&'static str, fn(&Outcome) -> Option<f64>);
 
 /// Every figure of the summary: name (as in the outcome) and where it comes from.
-pub const METRICS: &[Metric] = &[
+pub const METRICS: &[OutcomeMetric] = &[
     ("position_error_m", |o| o.position_error_m),
     ("rest_position_error_m", |o| o.rest_position_error_m),
     ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
@@ -144,11 +144,11 @@ pub const METRICS: &[Metric] = &[
 /// Trials that ended in one way for one reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailureCount {
-    /// How they ended.
+    /// Ending of the trials.
     pub outcome: &'static str,
     /// Why; `N` stands for each figure.
     pub reason: String,
-    /// How many.
+    /// Number of the trials.
     pub count: u32,
     /// One of them: the first.
     pub seed: u64,
@@ -158,7 +158,7 @@ pub struct FailureCount {
 fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
     let mut counts: Vec<FailureCount> = Vec::new();
     for (ending, reason, seed) in failures {
-        let (outcome, reason) = (ending.name(), without_figures(reason));
+        let (outcome, reason) = (ending.name(), without_numbers(reason));
         match counts
             .iter_mut()
             .find(|c| (c.outcome, &c.reason) == (outcome, &reason))
@@ -176,25 +176,25 @@ fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) ->
     counts
 }
 
-/// A text with an `N` for each figure in it, its sign included.
-fn without_figures(text: &str) -> String {
-    let is_figure = |word: &str| {
-        let digits = word.trim_start_matches(['-', '+']);
+/// A text with an `N` for each number in it, its sign included.
+fn without_numbers(text: &str) -> String {
+    let is_figure = |part: &str| {
+        let digits = part.trim_start_matches(['-', '+']);
         digits.starts_with(|c: char| c.is_ascii_digit())
     };
     let mut out: Vec<String> = Vec::new();
-    for word in text.split(' ') {
-        let (before, figure) = word.split_at(word.len() - word.trim_start_matches('(').len());
+    for part in text.split(' ') {
+        let (before, figure) = part.split_at(part.len() - part.trim_start_matches('(').len());
         let end = figure.rfind(|c: char| c.is_ascii_digit()).map_or(0, |k| k + 1);
         out.push(match figure.get(end..) {
             Some(after) if is_figure(figure) => format!("{before}N{after}"),
-            Some(_) | None => word.to_owned(),
+            Some(_) | None => part.to_owned(),
         });
     }
     out.join(" ")
 }
 
-/// The summary of a set of trials: figures over all that touched.
+/// The summary of a set of trials: metrics over all that touched the deck.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Number of trials.
@@ -216,9 +216,9 @@ pub struct Summary {
     pub contacts_above_2_mps: u32,
     /// Why trials failed.
     pub failures: Vec<FailureCount>,
-    /// How the last descents of trials ended, by how likely they were thought to succeed.
+    /// Endings of the trials' last descents, by the mission's probability of success.
     pub likelihood: Vec<LikelihoodBin>,
-    /// Figures under the names of [`METRICS`].
+    /// Metrics under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
@@ -230,9 +230,9 @@ const BINS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
 pub struct LikelihoodBin {
     /// Their likelihoods lie between these.
     pub between: [f64; 2],
-    /// How many.
+    /// Number of descents.
     pub descents: usize,
-    /// How many ended at rest on the deck, and stayed within it while they were watched.
+    /// Number that ended at rest on the deck, and stayed within it while they were watched.
     pub landed: usize,
     /// Mean of their likelihoods.
     pub predicted: f64,
@@ -240,7 +240,7 @@ pub struct LikelihoodBin {
     pub interval: (f64, f64),
 }
 
-/// How far from the deck's centre a drone has left it for certain, m: half the diagonal of the default deck.
+/// Distance from the deck's centre at which a drone has left it for certain, m: half the diagonal of the default deck.
 const LEFT_M: f64 = 1.5;
 
 fn likelihood_bins(outcomes: &[Outcome]) -> Vec<LikelihoodBin> {
@@ -274,7 +274,7 @@ fn ended_badly(o: &Outcome) -> bool {
 }
 
 impl Summary {
-    /// Of these outcomes.
+    /// Summary of these outcomes.
     pub fn of(outcomes: &[Outcome]) -> Summary {
         let touched = || outcomes.iter().filter(|o| o.position_error_m.is_some());
         Summary {
@@ -383,7 +383,7 @@ mod tests {
     #[test]
     fn failures_by_ending_and_reason() {
         let failures = [
-            (Ending::GaveUp, "the mission gave up after 4 attempts", 2),
+            (Ending::GaveUp, "the mission gave up at attempt 4", 2),
             (Ending::Hard, "contact at 1.32 m/s (limit 1)", 3),
             (Ending::Hard, "contact at 1.05 m/s (limit 1)", 4),
             (Ending::Hard, "contact at -0.1 m/s (limit 1)", 5),
@@ -400,7 +400,7 @@ mod tests {
             counts,
             [
                 count("hard", "contact at N m/s (limit N)", 3, 3),
-                count("gave-up", "the mission gave up after N attempts", 1, 2),
+                count("gave-up", "the mission gave up at attempt N", 1, 2),
                 count("water", "in the water after N s", 1, 6),
             ]
         );

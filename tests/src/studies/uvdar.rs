@@ -1,4 +1,4 @@
-//! What the ultraviolet camera's node makes of rendered markers on a rocking deck, by range.
+//! Fixes of the ultraviolet camera's node by rendered markers on a rocking deck, by range.
 
 use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
 use alight_shared::time::Time;
@@ -45,9 +45,9 @@ pub struct UvdarRow {
     pub outliers: usize,
     /// Share of images with a fix as the measurement model has it.
     pub model_rate: f64,
-    /// Its bearing, deg.
+    /// Bearing error of the model, deg.
     pub model_bearing_deg: f64,
-    /// Its distance.
+    /// Distance error of the model.
     pub model_distance: f64,
 }
 
@@ -64,8 +64,67 @@ pub fn without_markers(settings: &UvdarSettings, glints: usize, flights: usize, 
     (row.images, fixes + row.outliers)
 }
 
+/// Motions of a drone past a rocking deck.
+struct Pass {
+    range_m: f64,
+    /// Elevation of the drone above the deck's horizon, rad.
+    up: f64,
+    bearing: f64,
+    heading: f64,
+    phase: f64,
+    speed: f64,
+    rock: f64,
+    begin: f64,
+}
+
+impl Pass {
+    fn drawn(draw: &mut Noise, range_m: f64, incidence_deg: Option<f64>) -> Pass {
+        let mut between = |low: f64, high: f64| low + (high - low) * draw.uniform();
+        let drawn = between(0.35, 1.3);
+        Pass {
+            range_m,
+            up: incidence_deg.map_or(drawn, |deg| (90.0 - deg).to_radians()),
+            bearing: between(-3.1, 3.1),
+            heading: between(-3.1, 3.1),
+            phase: between(0.0, 6.2),
+            speed: between(0.0, 2.0),
+            rock: between(0.02, 0.12),
+            begin: between(0.0, 600.0),
+        }
+    }
+    /// Image `s` seconds after the beginning: after 2 s the drone has the range.
+    fn shot(&self, s: f64, mount: &CameraMount) -> Shot {
+        let (up, bearing, rock) = (self.up, self.bearing, self.rock);
+        let wave = |shift: f64, period: f64| (core::f64::consts::TAU * s / period + self.phase + shift).sin();
+        let deck = RigidState::<Deck> {
+            position: Point::new(0.0, 0.0, -1.3 + 0.3 * wave(1.0, 5.0)),
+            attitude: Rotation::from_euler(rock * wave(0.0, 5.0), rock * wave(2.0, 4.0), self.heading),
+            ..Default::default()
+        };
+        let along = Vector3::new(bearing.cos(), bearing.sin(), 0.0);
+        let side = Vector3::new(-bearing.sin(), bearing.cos(), 0.0);
+        let from = -along * (self.range_m * up.cos()) - Vector3::z() * (self.range_m * up.sin())
+            + side * (self.speed * (s - 2.0));
+        let drone = RigidState::<DroneBody> {
+            position: Point::from(from + Vector3::new(0.0, 0.0, -1.3)),
+            velocity: Vector::from(side * self.speed),
+            attitude: Rotation::from_euler(0.05 * wave(0.5, 2.0), 0.05 * wave(1.5, 2.3), bearing),
+            ..Default::default()
+        };
+        let t = Time::from_nanos(((self.begin + s) * 1e9) as i64);
+        Shot {
+            t,
+            at: Time::from_nanos(t.nanos()),
+            exposure_s: 0.004,
+            gain: 1.0,
+            view: mount.view(&drone),
+            deck,
+        }
+    }
+}
+
 /// `flights` past a deck at a range in metres and an incidence in degrees, with so many glints in each
-/// image, beside what the measurement model says.
+/// image, compared with the measurement model.
 pub fn row(
     (settings, model): (&UvdarSettings, &UvdarConfig),
     (range_m, incidence_deg): (f64, Option<f64>),
@@ -88,49 +147,16 @@ pub fn row(
         let streams = Streams::new(seed.wrapping_mul(1000).wrapping_add(flight as u64));
         let mut camera = Ultraviolet::new(settings, glints, &streams);
         let mut node = UvdarNode::new(settings, names);
-        let mut between = |low: f64, high: f64| low + (high - low) * draw.uniform();
-        // As the deck sees it above the horizon, ahead of the drone.
-        let drawn = between(0.35, 1.3);
-        let up = incidence_deg.map_or(drawn, |deg| (90.0 - deg).to_radians());
-        let (bearing, heading, phase) = (between(-3.1, 3.1), between(-3.1, 3.1), between(0.0, 6.2));
-        let [speed, rock] = [between(0.0, 2.0), between(0.02, 0.12)];
-        let begin = between(0.0, 600.0);
+        let pass = Pass::drawn(&mut draw, range_m, incidence_deg);
         for k in 0..IMAGES {
-            let s = k as f64 / settings.rate_hz;
-            let wave = |shift: f64, period: f64| (core::f64::consts::TAU * s / period + phase + shift).sin();
-            let deck = RigidState::<Deck> {
-                position: Point::new(0.0, 0.0, -1.3 + 0.3 * wave(1.0, 5.0)),
-                attitude: Rotation::from_euler(rock * wave(0.0, 5.0), rock * wave(2.0, 4.0), heading),
-                ..Default::default()
-            };
-            let along = Vector3::new(bearing.cos(), bearing.sin(), 0.0);
-            let side = Vector3::new(-bearing.sin(), bearing.cos(), 0.0);
-            let from = -along * (range_m * up.cos()) - Vector3::z() * (range_m * up.sin())
-                + side * (speed * (s - 2.0));
-            let drone = RigidState::<DroneBody> {
-                position: Point::from(from + Vector3::new(0.0, 0.0, -1.3)),
-                velocity: Vector::from(side * speed),
-                attitude: Rotation::from_euler(0.05 * wave(0.5, 2.0), 0.05 * wave(1.5, 2.3), bearing),
-                ..Default::default()
-            };
-            let t = Time::from_nanos(((begin + s) * 1e9) as i64);
-            let at = Time::from_nanos(t.nanos());
-            let view = mount.view(&drone);
-            let shot = Shot {
-                t,
-                at,
-                exposure_s: 0.004,
-                gain: 1.0,
-                view,
-                deck,
-            };
-            let fix = camera.image(&shot).and_then(|image| node.detect(at, &image));
+            let shot = pass.shot(k as f64 / settings.rate_hz, &mount);
+            let fix = camera.image(&shot).and_then(|image| node.detect(shot.at, &image));
             if k < FIRST {
                 continue;
             }
             row.images += 1;
             let Some(fix) = fix else { continue };
-            let truth = view.to_camera_frame(deck.position);
+            let truth = shot.view.to_camera_frame(shot.deck.position);
             let e = Vector3::from(fix.position) - truth;
             if e.norm() > OUTLIER_FRACTION * truth.norm() {
                 row.outliers += 1;

@@ -49,25 +49,25 @@ fn node_after(
     node
 }
 
-/// What the deck does on this heading in three minutes: standard deviations of tilt (rad) and vertical speed (m/s), and the
+/// Motion of the deck on this heading in three minutes: standard deviations of tilt (rad) and vertical speed (m/s), and the
 /// root mean square of the steepest apparent slopes of two seconds each.
 fn deck_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> [f64; 3] {
     let mut physics = Physics::new(&on_heading(scenario, heading_deg), seed).unwrap();
     let mut slope = ApparentSlope::default();
     let every = (1.0 / RATE_HZ / TICK.secs()) as usize;
-    let mut figures: Vec<Vector3<f64>> = Vec::new();
+    let mut samples: Vec<Vector3<f64>> = Vec::new();
     for k in 0..(180.0 / TICK.secs()) as usize {
         physics.advance();
         let deck = physics.deck();
         if k % every == 0 {
             slope.push(physics.now(), &deck.attitude.0, deck.velocity.0);
             let (roll, pitch, _) = deck.attitude.euler();
-            figures.push(Vector3::new(roll, pitch, deck.velocity.0.z));
+            samples.push(Vector3::new(roll, pitch, deck.velocity.0.z));
         }
     }
-    let n = figures.len() as f64;
-    let mean = figures.iter().sum::<Vector3<f64>>() / n;
-    let [roll, pitch, sink]: [f64; 3] = (figures
+    let n = samples.len() as f64;
+    let mean = samples.iter().sum::<Vector3<f64>>() / n;
+    let [roll, pitch, sink]: [f64; 3] = (samples
         .iter()
         .map(|f| (f - mean).component_mul(&(f - mean)))
         .sum::<Vector3<f64>>()

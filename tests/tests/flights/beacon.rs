@@ -27,7 +27,7 @@ fn nodes(least_vessel: VesselLevel) -> NodeConfigs {
     nodes
 }
 
-/// How a flight went: when the tags were found, s, and how it ended.
+/// Course of a flight: when the tags were found, s, and how it ended.
 struct Flown {
     found_s: Option<f64>,
     outcome: Outcome,
@@ -101,7 +101,7 @@ fn beacon_that_the_mission_does_not_permit() {
     assert!(f.reasons.contains(&ReasonCode::ForecastStale), "{:?}", f.reasons);
 }
 
-/// Thirty metres beside its beacon no deck is found, and the search ends.
+/// Thirty metres to the side of its beacon no deck is found, and the search ends.
 #[test]
 fn deck_that_is_not_at_its_beacon() {
     let mut scenario = scenario();

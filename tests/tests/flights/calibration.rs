@@ -137,10 +137,10 @@ fn deck_calibration_with_receiver_offsets() {
         let (found, truly_at) = press(&scenario, &nodes, seed, 60.0, None);
         let found = found.unwrap();
         println!("{found:?}");
-        assert!(found.mount.is_none(), "a tag of 1 m is too near to be seen");
+        assert!(found.mount.is_none(), "a tag of 1 m is too near to be detected");
         let at = [truly_at[0], truly_at[1], 0.0];
         for k in 0..3 {
-            // Nobody has told it where on the deck it stands.
+            // Its place on the deck was not given to it.
             within(&found.centre[k], scenario.deck.centre_m[k] + at[k], "place");
         }
     }

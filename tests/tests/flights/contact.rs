@@ -28,14 +28,14 @@ const RESTS_M: f64 = 0.05;
 /// that sinks away from a drone which its autopilot holds is no take-off.
 const TAKES_OFF_M: f64 = 0.4;
 
-/// What a flight came to.
+/// Result of a flight.
 #[derive(Debug, Default)]
 struct Flown {
     /// The first contact, s.
     contact_s: Option<f64>,
     /// The hardest, m/s.
     hardest_mps: f64,
-    /// How far the drone has climbed above the deck after it had rested there, m.
+    /// Height that the drone has climbed above the deck after it had rested there, m.
     rose_m: f64,
     /// At rest on the deck since, s.
     rests_s: Option<f64>,
@@ -237,7 +237,7 @@ fn disarm_in_the_autopilots_own_landing() {
             after_s.is_some_and(|s| s < 6.0) && disarms > 0 && highest_m < 0.1 && !flown.water,
             "{firmware:?}: {after_s:?} s, {disarms} at {highest_m} m: {flown:?}"
         );
-        // Not where nobody has allowed it.
+        // Not where it is not permitted.
         let (flown, disarms, _) = own_landing(firmware, 80, false);
         assert_eq!(disarms, 0, "{firmware:?}: {flown:?}");
     }

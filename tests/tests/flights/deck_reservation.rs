@@ -40,7 +40,7 @@ fn fly_to(fleet: &mut Rig, limit_s: f64, k: usize, state: State) {
 fn assert_state(fleet: &Rig, k: usize, state: State) {
     assert_eq!(fleet.state(k), state, "{:?}", fleet.visited(k));
 }
-/// Its distance from above the deck, and its height over it, m.
+/// Distance of a drone from above the deck, and its height over it, m.
 fn place(fleet: &Rig, k: usize) -> [f64; 2] {
     let physics = fleet.world.physics();
     let r = physics.drone(k).unwrap().position.0 - physics.deck().position.0;
@@ -112,7 +112,7 @@ fn two_drones_without_radio() {
 fn deck_of_a_drone_landed_without_radio() {
     let (mut fleet, first, second) = pair(26);
     fleet.world.radio_outage(first, f64::INFINITY);
-    // Half way the vessel is started anew.
+    // Half way the vessel is restarted.
     fleet.run(60.0);
     fleet.restart_vessel();
     fleet.run(60.0);
@@ -256,7 +256,7 @@ fn low_battery_above_the_deck() {
 }
 
 #[test]
-fn low_battery_beside_a_closed_deck() {
+fn low_battery_near_a_closed_deck() {
     let mut fleet = low_battery_in(State::Tracking, &reserving(), 55);
     fleet.world.deck_order(DeckOrder::Closed);
     fleet.until(60.0, |f| f.state(0) == State::GaveUp);

@@ -16,7 +16,7 @@ fn scenario(firmware: Firmware) -> Scenario {
     scenario
 }
 
-/// Flights until the deck is seen; those that never see it, and how many wait for the heading first.
+/// Flights until the deck is detected; those that never detect it, and how many wait for the heading first.
 fn see_the_deck(seeds: core::ops::Range<u64>) {
     let (mut blind, mut waited) = (Vec::new(), 0);
     for firmware in BOTH {
@@ -37,13 +37,13 @@ fn see_the_deck(seeds: core::ops::Range<u64>) {
 }
 
 #[test]
-fn deck_seen_after_a_late_heading() {
+fn deck_detected_after_a_late_heading() {
     see_the_deck(0..3);
 }
 
 #[test]
 #[ignore = "120 flights: minutes"]
-fn deck_seen_after_a_late_heading_60_flights_each() {
+fn deck_detected_after_a_late_heading_60_flights_each() {
     see_the_deck(100..160);
 }
 
@@ -75,7 +75,7 @@ fn nothing_flown_before_the_heading_is_aligned() {
     }
 }
 
-/// How a landing ends in which the autopilot's position is reset by `by` (m) so long (s) after a state was entered.
+/// Ending of a landing in which the autopilot's position is reset by `by` (m) so long (s) after a state was entered.
 fn landed(
     firmware: Firmware,
     seed: u64,

@@ -4,14 +4,14 @@
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::vessel::{Course, VesselConfig};
-use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
+use alight_sim::studies::estimator::{EstimatorRun, difference, prediction_error, run as fly, state_errors};
 use alight_sim::studies::prediction::{Scores, vessel};
 use alight_usv::VesselNodeConfig;
 use alight_usv::review::review;
 use alight_usv::sensors::Mount;
 use rayon::prelude::*;
 
-fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> Run {
+fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> EstimatorRun {
     let scenario = Scenario {
         sea: sea.parse().unwrap(),
         vessel: VesselConfig {
@@ -28,12 +28,12 @@ fn rms(squares: &[f64]) -> f64 {
 
 #[test]
 fn estimate_accuracy_and_covariance() {
-    let runs: Vec<Run> = (0..3).map(|s| run(s, "moderate", Course::Drift, 60.0)).collect();
+    let runs: Vec<EstimatorRun> = (0..3).map(|s| run(s, "moderate", Course::Drift, 60.0)).collect();
     for r in &runs {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
     }
-    // Per axis, beside Procházka 2024. Position is at the sensor's own limit: a bias of 1 m with
+    // Per axis, compared with Procházka 2024. Position is at the sensor's own limit: a bias of 1 m with
     // 300 s wanders by 0.08 m a second under 0.3 m of white noise at 10 Hz, sqrt(q r) = 0.088 m.
     let errors = state_errors(&runs);
     let names = ["position", "attitude", "velocity", "rates"];
@@ -52,7 +52,7 @@ fn estimate_accuracy_and_covariance() {
 
 #[test]
 fn prediction_against_constant_state_and_velocity() {
-    let runs: Vec<Run> = (10..13)
+    let runs: Vec<EstimatorRun> = (10..13)
         .map(|s| run(s, "moderate", Course::Drift, 60.0))
         .collect();
     // Heave carries the 0.09 m of the receiver's wander.
@@ -160,7 +160,7 @@ fn assert_covariance(seas: &[&str], until: u64) {
 #[ignore = "a minute of runs: CI makes them by name"]
 fn prediction_covariance_at_1_s() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
-    // sea has harmonics that nobody identifies, and where there are no waves.
+    // sea has harmonics that are not identified, and where there are no waves.
     assert_covariance(
         &["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"],
         124,
@@ -203,7 +203,7 @@ fn estimator_determinism() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
+#[ignore = "needs ../shared/data/tank-platform.csv"]
 fn estimator_start_in_violent_motion() {
     // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
@@ -230,7 +230,7 @@ fn estimator_start_in_violent_motion() {
 /// Real boats under way, whose heel moves with each turn: roll is predicted as well as by a ridge regression on the same
 /// estimates, within a third, and pitch within a half.
 #[test]
-#[ignore = "needs ../shared/data/underway beside the project"]
+#[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_under_way() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/underway");
     for name in ["figure-of-eight.csv", "tight-circles.csv"] {

@@ -186,7 +186,7 @@ impl Flown {
             && (landed || away)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
-    /// Its one unsafe contact was a little harder than the limit.
+    /// Whether its one unsafe contact was a little harder than the limit.
     fn is_little_hard(&self) -> bool {
         let o = &self.outcome;
         o.outcome == Ending::Hard && o.unsafe_contacts == 1 && o.limit_ratio <= LITTLE_HARD
@@ -206,7 +206,7 @@ fn assert_all_safe(cases: &[Case]) {
     .map(|(c, f)| (c.seed, f.outcome.limit_ratio))
     .collect();
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
-    // For a person, with --nocapture.
+    // For people, with --nocapture.
     println!(
         "{landed} of {} landed, a little hard: {hard:?}, tilt at most {:.2} deg beyond the command",
         cases.len(),
@@ -274,11 +274,11 @@ fn faults_at_every_moment_over_both_autopilots() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data/decks beside the project"]
+#[ignore = "needs ../shared/data/decks"]
 fn faults_on_the_decks_beside_the_project() {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/decks");
     let decks = ["mono-5m-js15-6", "twin-5m-cross", "work-12m-js25-7"];
-    let decks = decks.map(|d| beside.join(d).with_extension("csv"));
+    let decks = decks.map(|d| folder.join(d).with_extension("csv"));
     let faults = [
         None,
         Some((Kind::MissionKilled, State::Descent)),

@@ -98,7 +98,7 @@ struct Cell {
     seed: u64,
 }
 
-/// How it ended.
+/// Ending of a flight.
 #[derive(Debug, Default)]
 struct End {
     bad: Option<String>,
@@ -109,11 +109,11 @@ struct End {
     disarmed_in_air: bool,
 }
 
-/// Its gap never began: the state was over before.
+/// Text of a gap that never began: the state was over before.
 const NEVER: &str = "never came so far";
 /// The drone is commanded again within this time after a gap, s.
 const RESUME_S: f64 = 5.0;
-/// What the autopilot does alone excuses contacts until so long after, s.
+/// Time after an act of the autopilot alone for which contacts are excused, s.
 const EXCUSED_S: f64 = 1.5;
 /// An order has been acted on within this time, s: the way up and out of a take-off.
 const ACTS_S: f64 = 35.0;
@@ -250,7 +250,7 @@ impl Cell {
     }
 }
 
-/// What a flight is watched for.
+/// Observations of a flight.
 #[derive(Default)]
 struct Watched {
     end: End,

@@ -129,11 +129,11 @@ fn deck_tilt_on_the_quietest_heading() {
         let there = tilt_on(&scenario, quiet.heading_rad.to_degrees(), 1);
         let now = tilt_on(&scenario, heading_deg, 1);
         assert!(there < 0.85 * now, "{hull}: {there:.2} deg of tilt, now {now:.2}");
-        let least = (0..6).map(|k| tilt_on(&scenario, 30.0 * f64::from(k), 1));
-        let least = least.fold(f64::INFINITY, f64::min);
+        let smallest = (0..6).map(|k| tilt_on(&scenario, 30.0 * f64::from(k), 1));
+        let smallest = smallest.fold(f64::INFINITY, f64::min);
         assert!(
-            there < 1.05 * least,
-            "{hull}: {there:.2} deg of tilt, elsewhere {least:.2}"
+            there < 1.05 * smallest,
+            "{hull}: {there:.2} deg of tilt, elsewhere {smallest:.2}"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! Another boat with the same tags beside the vessel: the drone lands on its own deck, or waits and says why.
+//! Another boat with the same tags alongside the vessel: the drone lands on its own deck, or waits and reports why.
 
 use alight_shared::msg::{ReasonCode, VesselLevel};
 use alight_sim::harness::outcome::{Judge, Outcome};
@@ -7,19 +7,19 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::sensors::noise::Windows;
 
-fn beside(neighbour_m: f64) -> Scenario {
+fn with_neighbour(neighbour_m: f64) -> Scenario {
     let mut scenario = Scenario {
         sea: SeaConfig::paper(0.5, 5.0),
         neighbour_m: Some(neighbour_m),
         ..Scenario::default()
     };
-    // Markers of one boat alone would tell them apart.
+    // Markers on one of the boats would distinguish them.
     scenario.sensors.uvdar.outages_s = Windows(vec![[0.0, 1e9]]);
     scenario
 }
 
-/// How a flight ends, how near the drone came to the other deck, along its normal, while it was over it, and what was given as
-/// reasons.
+/// Ending of a flight, how near the drone came to the other deck, along its normal, while it was over it, and what was
+/// given as reasons.
 struct Flown {
     outcome: Outcome,
     over_other_m: f64,
@@ -53,11 +53,11 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     }
 }
 
-/// Flights beside a boat at this distance: so many land on their own, and none goes down to the other.
+/// Flights with another boat at this distance: so many land on their own deck, and none descends to the other.
 fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
     let mut landed = 0;
     for seed in seeds {
-        let f = flown(&beside(neighbour_m), &NodeConfigs::default(), seed, 240.0);
+        let f = flown(&with_neighbour(neighbour_m), &NodeConfigs::default(), seed, 240.0);
         let o = &f.outcome;
         println!(
             "{neighbour_m} m, {seed}: {:?} {}, {:.1} m over the other, ambiguous {}, elsewhere {}",
@@ -77,7 +77,7 @@ fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
 }
 
 #[test]
-fn own_deck_beside_another_with_its_tags() {
+fn own_deck_near_another_with_its_tags() {
     // Nearer than both receivers err it may wait for long; it never goes down to the other.
     landed(3.0, 801..802);
     assert_eq!(landed(10.0, 802..803), 1);
@@ -85,16 +85,16 @@ fn own_deck_beside_another_with_its_tags() {
 
 #[test]
 #[ignore = "60 flights: minutes"]
-fn sixty_landings_beside_another_boat() {
+fn sixty_landings_alongside_another_boat() {
     let all: u32 = [3.0, 10.0, 30.0].map(|m| landed(m, 820..840)).iter().sum();
     println!("{all} of 60");
     assert!(all >= 40, "{all} of 60");
 }
 
-/// Without radio and beacon nothing tells two decks apart that are in sight from the beginning.
+/// Without radio and beacon two decks that are in sight from the beginning are not distinguished.
 #[test]
 fn two_decks_without_any_other_knowledge() {
-    let mut scenario = beside(4.0);
+    let mut scenario = with_neighbour(4.0);
     scenario.radio.loss = 1.0;
     scenario.start.distance_m = [0.0, 1.0];
     scenario.start.height_m = [9.0, 10.0];

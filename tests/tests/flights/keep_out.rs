@@ -45,7 +45,7 @@ fn land((scenario, nodes): &(Scenario, NodeConfigs), seed: u64) -> (Outcome, Vec
 }
 
 #[test]
-fn landing_beside_a_mast() {
+fn landing_next_to_a_mast() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
     // These come from the mast's side.

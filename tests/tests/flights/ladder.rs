@@ -1,4 +1,4 @@
-//! The ladder to a first landing: a person lands while Alight looks on, and a drone that follows the deck and climbs.
+//! The ladder to a first landing: a pilot lands while Alight looks on, and a drone that follows the deck and climbs.
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::step::Step;
@@ -23,7 +23,7 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
     nodes
 }
 
-/// What the mission received of the autopilot.
+/// States of the autopilot that the mission received.
 #[derive(Default)]
 struct Received(Vec<AutopilotState>);
 
@@ -33,7 +33,7 @@ impl Tap for Received {
     }
 }
 
-/// Height of a person's way over the deck after `t`, m: at the approach's height, at the tracking height, down to 2 m, there
+/// Height of a pilot's way over the deck after `t`, m: at the approach's height, at the tracking height, down to 2 m, there
 /// for a while, onto it.
 fn by_hand(t: f64) -> f64 {
     let down = [
@@ -105,13 +105,13 @@ fn match_over_the_deck() {
     let mut flown = Vec::new();
     for seed in 81..87 {
         let mut rig = Rig::landing(&scenario, &nodes, seed).unwrap();
-        let (mut least_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
+        let (mut lowest_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
         rig.each(180.0, |rig| {
             let (t, o, m) = (rig.t_s(), rig.world.observation(), rig.mission(0));
             assert!(o.contacts.is_empty(), "seed {seed}: a contact");
             // The lowest foot.
             let height_m = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
-            least_m = least_m.min(height_m);
+            lowest_m = lowest_m.min(height_m);
             near_s += if height_m < c.lowest_clearance_m + 1.5 {
                 TICK.secs()
             } else {
@@ -125,10 +125,10 @@ fn match_over_the_deck() {
             matched_at.is_some_and(|at| t > at + 12.0)
         });
         flown.push(format!(
-            "seed {seed}: lowest {least_m:.2} m, near for {near_s:.1} s, matched at {matched_at:?} s, \
+            "seed {seed}: lowest {lowest_m:.2} m, near for {near_s:.1} s, matched at {matched_at:?} s, \
              then up to {climbed_m:.1} m"
         ));
-        let sound = least_m >= c.lowest_clearance_m && near_s >= c.match_s && climbed_m > 10.0;
+        let sound = lowest_m >= c.lowest_clearance_m && near_s >= c.match_s && climbed_m > 10.0;
         assert!(sound && matched_at.is_some(), "{}", flown.join("\n"));
     }
     println!("{}", flown.join("\n"));

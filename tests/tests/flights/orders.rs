@@ -36,7 +36,7 @@ fn rests(rig: &Rig) -> bool {
     !o.motors_on && !o.in_water && o.horizontal_m < 1.0
 }
 
-/// An order that is given while a person flies: given the mode minutes later, the drone stays where it is.
+/// An order that is given while a pilot flies: given the mode minutes later, the drone stays where it is.
 #[test]
 fn order_given_in_a_persons_hands() {
     let mut rig = idle(&Scenario::default(), 41);
@@ -70,7 +70,7 @@ fn order_below_the_reserve_above_an_unlikely_deck() {
     }
 }
 
-/// An abort above the deck, and no word since: before the battery is empty the drone is down on the deck.
+/// An abort above the deck, and no order since: before the battery is empty the drone is down on the deck.
 #[test]
 fn battery_runs_low_after_an_abort() {
     for command in [CommandKind::Abort, CommandKind::Hold] {
@@ -106,7 +106,7 @@ fn gauge_that_steps_next_to_a_free_deck() {
 }
 
 /// A gauge that sticks at 40 % above a deck on which no landing is likely enough for a drone that has a choice: it is down before the
-/// battery is empty, also where its mission begins anew meanwhile.
+/// battery is empty, also where its mission is restarted meanwhile.
 #[test]
 fn gauge_that_sticks_above_the_deck() {
     let mut nodes = NodeConfigs::default();

@@ -1,4 +1,4 @@
-//! Landings at four places on Earth, where no configuration says where a frame begins: the vessel's at her first fix,
+//! Landings at four places on Earth, where no configuration has the origin of a frame: the vessel's at its first fix,
 //! the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
@@ -19,14 +19,14 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// What happens on the way, so long (s) after the mission entered a state.
+/// Event on the way, so long (s) after the mission entered a state.
 struct Event {
     state: State,
     after_s: f64,
     happen: fn(&mut Rig),
 }
 
-/// How a landing ends.
+/// Ending of a landing.
 fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
@@ -111,7 +111,7 @@ fn drifting_barometer_and_steel_below_the_compass() {
 }
 
 /// The vessel's receiver leaves out the geoid's height, so that its deck is 31 m, 55 m or 30 m too low by the radio, or 21 m too
-/// high: nobody flies into the sea, and where the camera sees the deck from a height that is safe under both, it lands.
+/// high: no drone flies into the sea, and where the camera sees the deck from a height that is safe under both, it lands.
 #[test]
 fn vessel_height_without_the_geoid() {
     let mut landed_low = 0;

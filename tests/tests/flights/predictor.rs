@@ -14,19 +14,19 @@ use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
 /// A forecast and its tick.
-pub(crate) struct Sample {
+pub(crate) struct ForecastSample {
     pub(crate) t: usize,
     pub(crate) forecast: DeckForecast,
 }
 
-/// What a tap collects from the warm-up on.
+/// Record that a tap collects from the warm-up on.
 #[derive(Default)]
 pub(crate) struct PredictorFlight {
     /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
     frames: Vec<Vector3<f64>>,
     /// Deck, per tick.
     pub(crate) truth: Vec<RigidState<Deck>>,
-    pub(crate) samples: Vec<Sample>,
+    pub(crate) samples: Vec<ForecastSample>,
     /// The vessel's estimates as the drone received them.
     pub(crate) estimates: Vec<VesselEstimate<DroneClock>>,
     /// Tick at which the test begins to fly.
@@ -56,7 +56,7 @@ impl Tap for PredictorFlight {
         self.estimates.extend(i.estimate);
         let t = self.truth.len() - 1;
         self.samples
-            .extend(o.forecast.map(|forecast| Sample { t, forecast }));
+            .extend(o.forecast.map(|forecast| ForecastSample { t, forecast }));
     }
 }
 

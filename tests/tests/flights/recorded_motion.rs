@@ -48,7 +48,7 @@ fn estimated_tilt_under_horizontal_acceleration() {
         .collect();
     std::fs::remove_file(file).unwrap();
     // Position, attitude, velocity, rates. An accelerometer bias of 0.1 m/s² is 0.01 rad of tilt; it
-    // was 0.1 rad while the force's fluctuation was taken to tell tilt from bias.
+    // was 0.1 rad while the force's fluctuation was taken to distinguish tilt from bias.
     let e = state_errors(&runs).per_axis;
     assert!(e[1] < 0.025, "attitude {} rad", e[1]);
     assert!(e[2] < 0.1, "velocity {} m/s", e[2]);
@@ -65,7 +65,7 @@ fn landing_on_a_fast_rocking_platform() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
+#[ignore = "needs ../shared/data/tank-platform.csv"]
 fn landing_on_the_recorded_platform() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for (scale, seed) in [(1.0, 101), (1.0, 107), (2.0, 103), (2.0, 109)] {

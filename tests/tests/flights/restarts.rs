@@ -51,14 +51,14 @@ const CLIMB_S: f64 = 15.0;
 /// Time after the fault until the drone is commanded again, at most, s.
 const RESUME_S: f64 = 1.5;
 
-/// How a flight ended.
+/// Ending of a flight.
 #[derive(Debug, Default)]
 struct End {
     state: State,
     motors_on: bool,
     /// Feet's centre above the deck, m.
     height_m: f64,
-    /// Its mean over the last wave, m: who holds at a fixed place is met by single waves.
+    /// Mean height over the last wave, m: who holds at a fixed place is met by single waves.
     mean_height_m: f64,
     /// When the motors stopped for good, s, and the height there, m.
     stopped: Option<(f64, f64)>,
@@ -90,7 +90,7 @@ impl End {
 }
 
 impl Flight {
-    /// Of its fault: 1 where the successor has no checkpoint.
+    /// Size of its fault: 1 where the successor has no checkpoint.
     fn size(&self) -> f64 {
         f64::from(u8::from(self.checkpoints == Checkpoints::Lost))
     }

@@ -8,20 +8,20 @@ use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_
 use alight_sim::harness::physics::Physics;
 use alight_sim::harness::scenario::Scenario;
 use alight_usv::VesselNodeConfig;
-use alight_usv::estimator::Channel;
-use alight_usv::log::{self, Recording};
+use alight_usv::estimator::InnovationChannel;
+use alight_usv::log::{self, SensorRecording};
 use alight_usv::review::{Review, review};
 use alight_usv::sensors::{Measurement, Mount};
 
-/// What the vessel's sensors recorded, what a motion sensor at 10 Hz would have, and the standard
+/// Recordings of the vessel's sensors and of a motion sensor at 10 Hz, and the standard
 /// deviations of the true heave (m), roll and pitch (rad), and the period of the highest wave (s).
-fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64; 4]) {
+fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRecording, [f64; 4]) {
     let scenario = Scenario {
         sea: sea.parse().unwrap(),
         ..Scenario::default()
     };
     let mut physics = Physics::new(&scenario, seed).unwrap();
-    let (mut real, mut motion) = (Recording::default(), Recording::default());
+    let (mut real, mut motion) = (SensorRecording::default(), SensorRecording::default());
     let mut truth = Vec::new();
     for k in 0..100 * seconds {
         let state = physics.vessel();
@@ -34,7 +34,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64
         truth.push([state.position.0.z, roll, pitch]);
         if k % 10 == 0 {
             let header = Header::new(1, 0, 1, k as u32, physics.vessel_now());
-            // A repeatable error of the size that the sensor is told to have.
+            // A repeatable error of the size configured for the sensor.
             let error = |n: f64| (0.7 * n * k as f64).sin() * 2.0_f64.sqrt();
             let sd = 0.003;
             motion.measurements.push(Measurement::Attitude(AttitudeFix {
@@ -118,10 +118,15 @@ fn review_of_a_simulated_recording() {
     // A motion sensor alone: no inertial sensor.
     let r = review(&config, &motion);
     assert_sea(&r, sd);
-    let channels: Vec<Channel> = r.innovations.iter().map(|f| f.channel).collect();
+    let channels: Vec<InnovationChannel> = r.innovations.iter().map(|f| f.channel).collect();
     assert_eq!(
         channels,
-        [Channel::Position, Channel::Heading, Channel::Tilt, Channel::Heave]
+        [
+            InnovationChannel::Position,
+            InnovationChannel::Heading,
+            InnovationChannel::Tilt,
+            InnovationChannel::Heave
+        ]
     );
 }
 
@@ -167,7 +172,7 @@ fn review_of_reordered_and_far_dated_measurements() {
 }
 
 #[test]
-#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
+#[ignore = "needs ../shared/data/tank-platform.csv"]
 fn review_of_a_recorded_platform() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     let bytes = std::fs::read(&file).unwrap();
@@ -218,12 +223,12 @@ fn review_of_quantities_on_rows_of_their_own() {
         r.notes
     );
     for channel in [
-        Channel::Position,
-        Channel::Velocity,
-        Channel::Heading,
-        Channel::Tilt,
-        Channel::Heave,
-        Channel::Rate,
+        InnovationChannel::Position,
+        InnovationChannel::Velocity,
+        InnovationChannel::Heading,
+        InnovationChannel::Tilt,
+        InnovationChannel::Heave,
+        InnovationChannel::Rate,
     ] {
         let fit = r.innovations.iter().find(|f| f.channel == channel);
         assert!(

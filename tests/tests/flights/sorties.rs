@@ -305,7 +305,7 @@ fn sortie_after_a_reboot() {
         let context = format!("{firmware:?}: {:?}, {}", rig.visited(0), rig.mission(0).waiting);
         assert!(landed && met.others == 0 && !met.water, "{context}, {met:?}");
 
-        // The mission ends while nobody looks.
+        // The mission ends while the computer restarts.
         let mut rig = on_its_mission(firmware, seed + 10, 60.0);
         assert!(rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > 50.0));
         reboots(&mut rig, 60.0);
@@ -317,7 +317,7 @@ fn sortie_after_a_reboot() {
 
 /// Nothing is received there: at the battery's reserve it takes the next place of its order.
 #[test]
-fn sortie_that_does_not_hear_its_vessel() {
+fn sortie_that_does_not_receive_its_vessel() {
     let mut rig = called_out_of_range(Firmware::Px4, 68, f64::INFINITY);
     let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 40.0);
     assert!(near, "{:?}", rig.visited(0));
@@ -390,7 +390,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(landings.iter().all(|n| *n >= 2), "{landings:?}: {context}");
     assert!(nearest_m > 15.0, "{nearest_m} m apart");
 }
-/// Of the two drones.
+/// Distance of the two drones, m.
 fn apart_m(rig: &Rig) -> f64 {
     let at = |k| rig.world.physics().drone(k).map(|d| d.position.0);
     at(0).zip(at(1)).map_or(f64::INFINITY, |(a, b)| (a - b).norm())

@@ -16,7 +16,7 @@ const ABEAM: Station = Station {
     for_min: 10,
 };
 
-/// How far the drone is from its station by the true deck and heading, m; the deck's heave is no part of it.
+/// Distance of the drone from its station by the true deck and heading, m; the deck's heave is no part of it.
 fn off_m(rig: &Rig) -> f64 {
     let physics = rig.world.physics();
     let (deck, drone) = (physics.deck(), physics.drone(0).unwrap());
@@ -27,7 +27,7 @@ fn off_m(rig: &Rig) -> f64 {
 
 /// Around a square at 2 m/s in Moderate and wind: the drone keeps its place for a minute, and lands when that is ordered.
 #[test]
-fn station_beside_a_vessel_that_turns() {
+fn station_off_a_vessel_that_turns() {
     let mut scenario = Scenario::default();
     scenario.vessel.course = Course::Square;
     scenario.drone.wind.mean_mps = 5.0;

@@ -1,5 +1,5 @@
 //! Storms: several faults in one flight. Those in `tests/storm` broke a rule once; those drawn here are the same in each run,
-//! so that a change which breaks a rule often is seen at once (`alight study storm` flies thousands).
+//! so that a change which breaks a rule often is noticed at once (`alight study storm` flies thousands).
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{Ending, Rule};

@@ -35,7 +35,7 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
     rig
 }
 
-/// What the drone's parts met on its way, and how far it was from the deck.
+/// Contacts of the drone's parts on its way, and its distance from the deck.
 #[derive(Debug, Default)]
 pub(super) struct Contacts {
     pub(super) others: u32,
@@ -57,15 +57,15 @@ pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contact
             met.predicted += rig.mission(0).entered.value;
         }
         before = rig.state(0);
-        let seen = rig.world.observation();
-        for touch in seen.contacts {
+        let observed = rig.world.observation();
+        for touch in observed.contacts {
             met.others += u32::from(!touch.foot);
             let speed_mps = touch.normal_mps.max(touch.tangential_mps);
             if speed_mps > met.fastest_mps {
                 (met.fastest_mps, met.fastest_in) = (speed_mps, rig.state(0));
             }
         }
-        met.water |= seen.in_water;
+        met.water |= observed.in_water;
         rig.state(0) == state
     });
     (rig.state(0) == state, met)
@@ -103,7 +103,7 @@ fn take_off_and_landing_with_both_autopilots() {
     }
 }
 
-/// Nothing starts without the word from aboard, and nothing goes on once the deck is closed.
+/// No take-off starts without the crew's clearance, and nothing goes on once the deck is closed.
 #[test]
 fn take_off_without_clearance_or_after_its_end() {
     let (scenario, nodes) = on_deck(0.3, Firmware::Px4);
@@ -167,7 +167,7 @@ fn take_off_aborted_in_the_countdown_and_armed() {
     }
 }
 
-/// What each firmware says when it does not arm on a deck that rocks: it is passed on, and nothing else happens.
+/// The text of each firmware that does not arm on a rocking deck is passed on, and nothing else happens.
 #[test]
 fn autopilots_that_do_not_arm() {
     for (firmware, parameter) in [
@@ -229,7 +229,7 @@ fn feet_that_are_held() {
     }
 }
 
-/// What became of the cycles of one world.
+/// Result of the cycles of one world.
 #[derive(Debug, Default)]
 struct Cycles {
     done: u32,

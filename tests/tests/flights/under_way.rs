@@ -39,8 +39,8 @@ fn above_the_boat(start_s: f64, seed: u64) -> PredictorFlight {
     })
 }
 
-/// Standard deviation of what the forecasts' roll and pitch are off by, so far ahead (s), deg: an error that stays is the
-/// trim of her inertial unit, which nobody measures.
+/// Standard deviation of the forecasts' roll and pitch errors, so far ahead (s), deg: an error that stays is the
+/// trim of its inertial unit, which is not measured.
 fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     let mut errors = [Vec::new(), Vec::new()];
     for s in &flight.samples {

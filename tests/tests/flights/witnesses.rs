@@ -1,4 +1,4 @@
-//! Two witnesses of the deck that contradict each other: no descent begins, and one that is high is broken off, with words.
+//! Two witnesses of the deck that contradict each other: no descent begins, and a high one is broken off, with its reason.
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::failing::Failing;
@@ -6,24 +6,24 @@ use alight_sim::harness::outcome::{Ending, Judge, Outcome};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 
-/// How a flight ends, the largest disagreement about the height on the way down, and what was said of the two witnesses.
+/// Outcome of a flight, largest disagreement about the height on the way down, and reported reasons of the two witnesses.
 struct Flown {
     outcome: Outcome,
     height_sd: f64,
-    said: Vec<ReasonCode>,
+    reported: Vec<ReasonCode>,
 }
 
 fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig)) -> Flown {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     mislead(&mut rig);
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let (mut judge, mut height_sd, mut said) = (Judge::default(), 0.0_f64, Vec::new());
+    let (mut judge, mut height_sd, mut reported) = (Judge::default(), 0.0_f64, Vec::new());
     rig.each(limit_s, |rig| {
         let m = *rig.mission(0);
         for code in [m.waiting.code, m.entered.code] {
             let names = matches!(code, ReasonCode::DeckElsewhere | ReasonCode::HeightContradicted);
-            if names && !said.contains(&code) {
-                said.push(code);
+            if names && !reported.contains(&code) {
+                reported.push(code);
             }
         }
         if matches!(m.state, State::TrackingStable | State::Descent | State::Flare) {
@@ -35,18 +35,18 @@ fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig
     Flown {
         outcome: judge.outcome(seed, "", "", 0.0),
         height_sd,
-        said,
+        reported,
     }
 }
 
-/// In a sound world two witnesses are never said to contradict each other.
+/// In a sound world no contradiction of two witnesses is reported.
 fn agreement(seeds: core::ops::Range<u64>) {
     let mut refused = Vec::new();
     for seed in seeds {
         let f = flown(&Scenario::default(), seed, 200.0, |_| {});
         println!("sound {seed}: {:.2} sd, {:?}", f.height_sd, f.outcome.outcome);
-        if !f.said.is_empty() || f.outcome.outcome != Ending::Success {
-            refused.push((seed, f.said, f.outcome));
+        if !f.reported.is_empty() || f.outcome.outcome != Ending::Success {
+            refused.push((seed, f.reported, f.outcome));
         }
     }
     assert!(refused.is_empty(), "{refused:#?}");
@@ -76,10 +76,10 @@ fn late_images(seeds: core::ops::Range<u64>) {
         });
         println!(
             "late {seed}: {:.2} sd, {:?}, {:?} at {:?}",
-            f.height_sd, f.said, f.outcome.outcome, f.outcome.touchdown_speed_mps
+            f.height_sd, f.reported, f.outcome.outcome, f.outcome.touchdown_speed_mps
         );
         if f.outcome.touchdown_speed_mps.is_some_and(|v| v > 1.0) {
-            hard.push((seed, f.said, f.outcome));
+            hard.push((seed, f.reported, f.outcome));
         }
     }
     assert!(hard.is_empty(), "{hard:#?}");
@@ -98,14 +98,14 @@ fn twenty_flights_with_images_stamped_late() {
 
 #[test]
 fn deck_of_a_neighbour() {
-    for (seed, beside_m) in [(331, [0.0, 9.0, 0.0]), (332, [-8.0, 6.0, 0.0])] {
+    for (seed, offset_m) in [(331, [0.0, 9.0, 0.0]), (332, [-8.0, 6.0, 0.0])] {
         let f = flown(&Scenario::default(), seed, 60.0, |rig| {
             let mut failing = Failing::default();
-            failing.drone.beside_m = beside_m;
+            failing.drone.neighbour_offset_m = offset_m;
             rig.world.fail(&failing);
         });
         let touched = f.outcome.touchdown_speed_mps.is_some() || f.outcome.water_contacts > 0;
         assert!(!touched && f.outcome.attempts == 0, "{seed}: {:?}", f.outcome);
-        assert_eq!(f.said, [ReasonCode::DeckElsewhere], "{seed}");
+        assert_eq!(f.reported, [ReasonCode::DeckElsewhere], "{seed}");
     }
 }

@@ -1,5 +1,5 @@
 //! A landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly
-//! where its plan says) over a deck that heaves, rolls and pitches as sines, predicted without error.
+//! where its plan has it) over a deck that heaves, rolls and pitches as sines, predicted without error.
 //!
 //! The parent module brings `planner` into scope.
 
@@ -82,7 +82,7 @@ impl Sea {
     }
 }
 
-/// How a touch looked.
+/// State at a touch.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact {
     /// Since the descent began, s.
@@ -99,7 +99,7 @@ pub struct Contact {
 
 /// An ideal follower: the drone is exactly where its plan has it, every 10 ms.
 pub struct Follower {
-    /// Its odometry.
+    /// Odometry of the drone.
     pub drone: DroneState,
     /// The plan that it follows.
     pub plan: Option<Plan>,
@@ -119,11 +119,11 @@ impl Follower {
             tick: 0,
         }
     }
-    /// Its time.
+    /// Time of the tick.
     pub fn now(&self) -> Time<DroneClock> {
         Time::from_nanos(self.tick * 10_000_000)
     }
-    /// Of a message of this tick.
+    /// Header of a message of this tick.
     pub fn header(&self) -> Header<DroneClock> {
         Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
     }
@@ -223,7 +223,7 @@ impl Approach {
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
     }
 
-    /// The same with this planner.
+    /// Lands with this planner.
     pub fn land_with(
         mut self,
         mut planner: Planner,

@@ -1,5 +1,5 @@
 //! The yardstick of benchmark and tests: the paper's eq. 6-7 written down directly. All 12 states
-//! and 4 inputs condensed to dense matrices, built anew at every solve, Clarabel with defaults.
+//! and 4 inputs condensed to dense matrices, built again at every solve, Clarabel with defaults.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
@@ -31,7 +31,7 @@ pub struct Data<'a> {
     pub highest: [f64; 4],
     /// Hard bounds of the increments.
     pub slew: [f64; 4],
-    /// Soft bounds of the states; infinite where there is none.
+    /// Soft bounds of the states; infinite without a bound.
     pub limit: [f64; 12],
     /// Linear and quadratic cost of slack.
     pub slack: [f64; 2],

@@ -27,7 +27,7 @@ pub enum ControlAuthority {
     /// No heartbeat of a multirotor's autopilot was received yet.
     #[default]
     Searching,
-    /// Its heartbeats have ceased.
+    /// The autopilot's heartbeats have ceased.
     LinkLost,
     /// Another vehicle's autopilot is received as well, and which of them is ours is not configured.
     SeveralAutopilots,
@@ -45,7 +45,7 @@ pub enum ControlAuthority {
     OptionMissing,
     /// A person flies, or the autopilot on its own; ready.
     Standby {
-        /// How it flies.
+        /// Mode in which it flies.
         mode: AutopilotMode,
     },
     /// In our mode and disarmed.
@@ -54,7 +54,7 @@ pub enum ControlAuthority {
     Commanding,
     /// Somebody else took the drone.
     TakenOver {
-        /// How it flies now.
+        /// Mode in which it flies now.
         mode: AutopilotMode,
     },
     /// The battery's reserve was reached: the autopilot was commanded to return or to land.
@@ -70,7 +70,7 @@ impl ControlAuthority {
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
     }
-    /// The autopilot's mode was given to us and nobody took it back.
+    /// The autopilot's mode was given to us and no pilot took it back.
     pub(crate) fn has_the_mode(self) -> bool {
         match self {
             ControlAuthority::Commanding
@@ -132,20 +132,20 @@ fn flies_itself(mode: AutopilotMode) -> bool {
     }
 }
 
-/// What the decision rests on.
+/// Evidence for the decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Evidence {
     /// A heartbeat of a multirotor's autopilot was ever received.
     pub(crate) found: bool,
-    /// Its heartbeats arrive.
+    /// The autopilot's heartbeats arrive.
     pub(crate) alive: bool,
     /// Another vehicle's autopilot is received as well.
     pub(crate) several: bool,
-    /// Its clock is known.
+    /// The autopilot's clock is known.
     pub(crate) clock: bool,
-    /// Where its NED begins is known, or need not be.
+    /// The origin of its NED is known, or need not be.
     pub(crate) origin: bool,
-    /// Its heading is aligned, or was when this flight's odometry began.
+    /// The heading is aligned, or was when this flight's odometry began.
     pub(crate) heading: bool,
     /// Odometry arrives.
     pub(crate) odometry: bool,
@@ -153,7 +153,7 @@ pub(crate) struct Evidence {
     pub(crate) thrust: Option<bool>,
     /// A heartbeat arrived in this step.
     pub(crate) heartbeat: bool,
-    /// Its mode.
+    /// Mode of the autopilot.
     pub(crate) mode: AutopilotMode,
     /// Motors may turn.
     pub(crate) armed: bool,
@@ -258,7 +258,7 @@ impl AuthorityStateMachine {
         self.control_authority
     }
     /// The autopilot holds by itself because nothing was commanded. A stream brings it back only to the mode that the
-    /// person chose, so nobody is overruled.
+    /// pilot chose, so no choice is overruled.
     fn fell_back(&self, f: &Evidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
         commanded && f.lapsed && f.mode == AutopilotMode::Hold

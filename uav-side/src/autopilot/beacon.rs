@@ -2,7 +2,7 @@
 //! the boat's own autopilot, `FOLLOW_TARGET` of a ground station or a phone. They come over the autopilot's link, as routed.
 //! The same by AIS, of the one vessel (MMSI) that is configured: `AIS_VESSEL` of the autopilot, or a receiver's sentences.
 //!
-//! Their clocks are nobody's: a report counts from its arrival, and what it is late is in the error that it is given.
+//! Their clocks are unknown: a report counts from its arrival, and its delay is part of the error that it is given.
 
 use alight_shared::msg::{BeaconSource, DeckBeacon, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
 
@@ -12,8 +12,8 @@ use super::message::{Frame, Message};
 use super::place_report::{AisReport, PlaceReport};
 use super::{AutopilotLink, DroneTime, Output};
 
-/// A place is off by this where the message does not say, standard deviation of each axis, m: a receiver without corrections,
-/// and a second on its way at 2 m/s.
+/// A place is off by this where the message does not state it, standard deviation of each axis, m: a receiver without
+/// corrections, and a second on its way at 2 m/s.
 const PLACE_SD_M: f64 = 5.0;
 /// The velocity of one that reports it, m/s, and of one that does not.
 const VELOCITY_SD_MPS: f64 = 0.3;
@@ -28,7 +28,7 @@ const AIS_LATE_S: f64 = 2.0;
 const AIS_VELOCITY_SD_MPS: f64 = 0.3;
 /// It counts for so long, s: class B of a vessel below 2 kn reports every three minutes. Its place grows vague meanwhile.
 const AIS_LASTS_S: f64 = 200.0;
-/// The same report that comes again is not taken, unless it was received so recently, s.
+/// A repeated report is not taken, unless it was received so recently, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
 impl AutopilotLink {

@@ -47,7 +47,7 @@ impl AutopilotLink {
         match validate(now, self.drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
-                // The airframe stays what it is: on a deck the thrust that hovers cannot be learned anew.
+                // The airframe stays what it is: on a deck the thrust that hovers cannot be learned again.
                 let aged = why == CheckpointRejection::Age && m.header.at <= now;
                 if aged && m.check().is_ok() {
                     self.hover.resume(m.hover_thrust, m.hover_learned_s);
@@ -93,7 +93,7 @@ impl AutopilotLink {
         self.authority.resume();
     }
 
-    /// What a successor has to know, when it is to be written.
+    /// Checkpoint for a successor, when it is due.
     pub(super) fn checkpoint(&mut self, now: DroneTime) -> Option<LinkCheckpoint> {
         if !self.has_begun || !self.timers.checkpoint.is_due_spaced(now, PERIOD) {
             return None;

@@ -31,13 +31,13 @@ struct Exchange {
 }
 
 impl Exchange {
-    /// Its uncertainty now, s.
+    /// Present uncertainty of the offset, s.
     fn uncertainty_s(&self, now: DroneTime) -> f64 {
         0.5 * self.round_trip.secs() + DRIFT * (now - self.at).secs()
     }
 }
 
-/// What is known of the autopilot's clock.
+/// State of knowledge of the autopilot's clock.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
     exchanges: VecDeque<Exchange>,
@@ -126,7 +126,7 @@ impl RemoteClock {
         Some(at.min(now))
     }
     /// This computer stood still with its clock, as samples show that are dated ahead of it: since when that is known, and for
-    /// how long it did, s. For a while: they are dated anew with the next answer.
+    /// how long it did, s. For a while: they are dated again with the next answer.
     pub(crate) fn stood_still(&self, now: DroneTime) -> Option<(DroneTime, f64)> {
         self.stood_still
             .filter(|(at, _)| (now - *at).secs() <= MAX_SAMPLE_AGE_S)

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::message::COMPANION_COMPONENT;
 
-/// What is done when the battery reaches the reserve.
+/// Action when the battery reaches the reserve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Diversion {
@@ -32,7 +32,7 @@ pub enum DeckMessage {
 config! {
     /// The link to the autopilot.
     pub struct AutopilotLinkConfig {
-        /// Where the autopilot is: udpin, udpout, tcpout, tcpin or serial, as MAVSDK writes them. One that listens
+        /// Address of the autopilot: udpin, udpout, tcpout, tcpin or serial, as MAVSDK writes them. One that listens
         /// beyond this computer names the autopilot's address: `udpin://0.0.0.0:14540?from=192.168.7.20`.
         /// Source: PX4's onboard API link.
         pub connect: String = "udpin://127.0.0.1:14540".into();
@@ -52,7 +52,7 @@ config! {
         /// MMSI of the vessel, whose AIS reports are a beacon, too: `AIS_VESSEL` over this link (ArduPilot with an AIS receiver),
         /// or sentences of `ais`; 0: none.
         pub beacon_mmsi: u32 = 0, in 0.0..=999_999_999.0;
-        /// Where a receiver's AIS sentences (NMEA 0183 `!AIVDM`) come from, written as `connect`; empty: nowhere.
+        /// Address of a receiver's AIS sentences (NMEA 0183 `!AIVDM`), written as `connect`; empty: none.
         pub ais: String = String::new();
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
@@ -163,7 +163,7 @@ config! {
         pub height_m: f64 = 0.35, in 0.02..=1.0;
         /// Greatest speed relative to the deck (without a forecast: over ground), m/s.
         pub speed_mps: f64 = 1.5, in 0.1..=5.0;
-        /// Least specific force as a fraction of gravity: it is less in a fall.
+        /// Minimum specific force as a fraction of gravity: it is less in a fall.
         pub min_load_factor: f64 = 0.75, in 0.5..=1.0;
         /// Greatest thrust as a fraction of hover: flight needs more.
         pub max_thrust_of_hover: f64 = 0.7, in 0.1..=0.9;
@@ -187,7 +187,7 @@ config! {
         pub reserve: f64 = 0.1, in 0.0..=0.9;
         /// Time for which the charge must be below, s.
         pub for_s: f64 = 3.0, in 0.1..=60.0;
-        /// What the autopilot is commanded to do.
+        /// Command to the autopilot.
         pub diversion: Diversion = Diversion::Return;
         /// Greatest number of commands.
         pub tries: u32 = 3, in 1.0..=20.0;

@@ -29,7 +29,7 @@ impl AutopilotLink {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
     }
-    /// The deck is known by more than a beacon: what nobody authenticates is not passed on.
+    /// The deck is known by more than a beacon: an unauthenticated position is not passed on.
     fn is_known(&self, now: DroneTime) -> bool {
         let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
         forecast.is_some_and(|f| f.vessel_level() != VesselLevel::Beacon)
@@ -93,7 +93,7 @@ impl AutopilotLink {
             size_m: self.config.deck_tag_m,
         })
     }
-    /// The deck as PX4's vision target estimator takes a marker that was seen: from the vehicle, at the time of its newest
+    /// The deck as PX4's vision target estimator takes a detected marker: from the vehicle, at the time of its newest
     /// odometry.
     fn target_relative(&self) -> Option<TargetRelative> {
         let state = self.state?;
@@ -128,7 +128,7 @@ impl AutopilotLink {
             velocity_sd: deck.velocity_sd,
         })
     }
-    /// Where the deck's centre is, and its height above the sea, m; None until the origin is known.
+    /// Place of the deck's centre, and its height above the sea, m; None until the origin is known.
     fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
         let (datum, geoid_m) = self.datum.zip(self.geoid_m)?;
         let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;

@@ -14,13 +14,13 @@ use serde::{Deserialize, Serialize};
 use super::DroneTime;
 use super::config::DisarmConfig;
 
-/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its figures.
+/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its measurements.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
 /// Once the quick commands are used up, time between two, s: an autopilot that denied for a moment is disarmed after all.
 const RARE_S: f64 = 2.0;
 
-/// What is known of the contact, apart from the pilot's touchdown detection.
+/// Evidence of the contact, apart from the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
     /// The mission lands.
@@ -48,7 +48,7 @@ pub(crate) const RESTS_MPS: f64 = 0.5;
 /// Pressed down at half of hover from here a drone meets the deck at 1 m/s, the limit of a successful landing, m:
 /// `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
-/// The same by the forecast alone, which errs by as much.
+/// Height to press from by the forecast alone, which errs by as much.
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
@@ -92,7 +92,7 @@ impl fmt::Display for DisarmInhibit {
     }
 }
 
-/// What inhibits a disarm now; None: nothing does.
+/// Reason that inhibits a disarm now; None: nothing does.
 pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInhibit> {
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
@@ -125,7 +125,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     None
 }
 
-/// What to do when the pilot reports that the drone is on the deck.
+/// Decision when the pilot reports that the drone is on the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DisarmDecision {
     /// Keep pressing down while evidence is awaited.
@@ -296,7 +296,7 @@ mod tests {
                 DisarmInhibit::NotSupported,
             ),
             (|e| e.load_factor = None, DisarmInhibit::NotSupported),
-            // Nobody knows the thrust; it was commanded, but the drone moves over the deck, or falls.
+            // The thrust is not known; it was commanded, but the drone moves over the deck, or falls.
             (
                 |e| (e.thrust, e.commanded_low) = (None, false),
                 DisarmInhibit::NotSupported,

@@ -297,7 +297,7 @@ mod tests {
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // No reading, of a rangefinder that states no least distance.
+        // No reading, of a rangefinder that states no minimum distance.
         let none = DistanceReport {
             time_ms: 0,
             range_m: 0.0,

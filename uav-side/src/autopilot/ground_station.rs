@@ -18,7 +18,7 @@ const VALUES: Span = Span::from_millis(500);
 const WAITS: Span = Span::from_millis(3000);
 /// A clause of a text that is cut ends no sooner than this, characters.
 const MIN_CLAUSE: usize = 30;
-/// Words at which a text does not end.
+/// Terms at which a text does not end.
 const DANGLING: [&str; 16] = [
     "a", "an", "and", "at", "by", "for", "from", "in", "is", "of", "on", "or", "than", "the", "to", "with",
 ];
@@ -31,12 +31,12 @@ pub const AGE: &str = "link_age_s";
 /// Names of the true wind's speed, m/s, and of where it comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
-/// What was reported so far.
+/// Reports sent so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct GroundReports {
     /// The state, and when it was entered.
     entered: Option<(State, DroneTime)>,
-    /// What the mission waits for, since when, and whether that was reported.
+    /// Condition that the mission waits for, since when, and whether that was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
     /// Why the newest order is not carried out, while the mission states it.
     rejected: Option<ReasonCode>,
@@ -148,7 +148,7 @@ impl GroundReports {
     }
 }
 
-/// How much a ground station makes of a state that was entered.
+/// Severity of a state that was entered, for ground stations.
 fn severity_of(m: &MissionState) -> u8 {
     match m.state {
         _ if m.was_entered_in_trouble() => severity::WARNING,
@@ -170,7 +170,7 @@ fn severity_of(m: &MissionState) -> u8 {
 }
 
 /// `text` in the ASCII characters of one STATUSTEXT: without its remarks in brackets where it is too long, then without its
-/// last clauses, then without its last words.
+/// last clauses, then without its last terms.
 pub(super) fn fit(text: &str) -> String {
     let ascii = |c: char| match c {
         '²' => '2',
@@ -189,14 +189,14 @@ pub(super) fn fit(text: &str) -> String {
     let short = text.get(..=MAX_TEXT).unwrap_or(&text);
     let clause = short.rfind([':', ';', ',']).filter(|k| *k >= MIN_CLAUSE);
     let end = clause.or_else(|| short.rfind(' ')).unwrap_or(MAX_TEXT);
-    let mut words: Vec<&str> = short.get(..end).unwrap_or(short).split(' ').collect();
-    while words.len() > 1 && words.last().is_some_and(|w| DANGLING.contains(w)) {
-        words.pop();
+    let mut terms: Vec<&str> = short.get(..end).unwrap_or(short).split(' ').collect();
+    while terms.len() > 1 && terms.last().is_some_and(|w| DANGLING.contains(w)) {
+        terms.pop();
     }
-    words.join(" ").trim_end_matches([':', ';', ',']).to_owned()
+    terms.join(" ").trim_end_matches([':', ';', ',']).to_owned()
 }
 
-/// Where the last remark in brackets is, the space before it included.
+/// Position of the last remark in brackets, the space before it included.
 fn last_remark(text: &str) -> Option<(usize, usize)> {
     let begin = text.rfind(" (")?;
     let length = text.get(begin..)?.find(')')?;
@@ -210,7 +210,7 @@ mod tests {
     use alight_shared::time::Time;
 
     #[test]
-    fn texts_of_whole_words_in_fifty_characters() {
+    fn texts_of_whole_terms_in_fifty_characters() {
         for (text, expected) in [
             ("Landed: touchdown", "Landed: touchdown"),
             (
@@ -240,7 +240,7 @@ mod tests {
         ] {
             assert_eq!(fit(text), expected);
         }
-        // One word, and no character that takes several bytes is cut in two.
+        // One long term, and no character that takes several bytes is cut in two.
         assert_eq!(fit(&"ü".repeat(80)).len(), MAX_TEXT);
         assert_eq!(fit(""), "");
     }
@@ -314,7 +314,7 @@ mod tests {
                 other => panic!("{other:?}"),
             }));
         }
-        let waits = "Waits: deck not seen yet";
+        let waits = "Waits: deck not detected yet";
         assert_eq!(
             texts,
             [

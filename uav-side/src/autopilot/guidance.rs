@@ -1,8 +1,8 @@
 //! The end of a landing that the autopilot flies by itself, towards the deck that is sent to it: where the operator allows that,
 //! the disarm that its land detector, made for ground that lies still, does not give.
 //!
-//! Nobody detects a touchdown for it, so the evidence is that of [`super::disarm`] with the deck's forecast in any case, for
-//! longer, and on a drone that goes with the deck.
+//! The mission detects no touchdown for it, so the evidence is that of [`super::disarm`] with the deck's forecast in any
+//! case, for longer, and on a drone that goes with the deck.
 
 use alight_shared::msg::{AutopilotMode, LandingMode};
 

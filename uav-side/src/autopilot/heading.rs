@@ -18,7 +18,7 @@ const STATUS_STALE: Span = Span::from_millis(3000);
 /// Without any status: a heading that has not jumped for so long, s. Five times the latest alignment measured.
 const STEADY_S: f64 = 10.0;
 
-/// What is known of the alignment.
+/// State of the heading's alignment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeadingAlignment {
     /// The newest status: the heading is aligned.

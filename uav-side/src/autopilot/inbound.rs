@@ -419,7 +419,7 @@ impl AutopilotLink {
         self.datum = Some(origin);
     }
 
-    /// What was known in its frame is void.
+    /// Forgets what was known in the former frame.
     fn new_frame(&mut self) {
         self.drone_state.restart();
         self.smooth.restart();

@@ -24,7 +24,7 @@ const PREDECESSOR: Span = Span::from_millis(5000);
 /// because a person chose the hold.
 const RETURNS_WITHIN_S: f64 = 3.0;
 
-/// What the link knows in a step.
+/// Observation of the link in a step.
 #[derive(Clone, Copy, Debug)]
 struct Observed {
     /// The autopilot's mode.
@@ -75,7 +75,7 @@ pub(super) struct LapseMonitor {
     streams: Option<DroneTime>,
     /// The step before this one.
     stepped: Option<DroneTime>,
-    /// Of our set-points, and of what the autopilot sends.
+    /// Gaps of our set-points, and of the autopilot's messages.
     sent: Gaps,
     received: Gaps,
 }
@@ -176,7 +176,7 @@ mod tests {
         (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
     }
 
-    /// Whether a hold that is seen so long after the last set-point is a lapse.
+    /// Whether a hold that is observed so long after the last set-point is a lapse.
     fn lapsed(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
         let mut m = LapseMonitor::default();
         for t in steps(-1.0, after_s) {
@@ -242,14 +242,14 @@ mod tests {
                 goes_on(&mut m, t, Offboard, false);
             }
             // The step's own set-point goes out after it.
-            let seen = |m: &mut LapseMonitor, t: f64, mode| {
+            let observe = |m: &mut LapseMonitor, t: f64, mode| {
                 let sent_s = if t > gap_s || !own { t - 0.01 } else { -0.01 };
                 m.step(at(t), &observed(mode, sent_s, Some(0.25)));
             };
             for t in steps(gap_s, gap_s + after_s) {
-                seen(&mut m, t, Offboard);
+                observe(&mut m, t, Offboard);
             }
-            seen(&mut m, gap_s + after_s, Hold);
+            observe(&mut m, gap_s + after_s, Hold);
             assert_eq!(m.is_lapsed(), expected, "own {own}, {gap_s} s, {after_s} s after");
         }
     }
@@ -280,7 +280,7 @@ mod tests {
         };
         step(0.0, AutopilotMode::Offboard, 0.0);
         step(0.3, AutopilotMode::Hold, 0.0);
-        // The pilot is away: nobody knows.
+        // The pilot does not react, so that nothing shows who chose the mode.
         assert!(step(60.0, AutopilotMode::Hold, 0.0));
         for k in 0..40 {
             let t = 60.0 + 0.1 * f64::from(k);

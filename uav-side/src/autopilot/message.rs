@@ -14,7 +14,7 @@ use super::place_report::{AisReport, PlaceReport};
 pub struct Address {
     /// Number of the vehicle.
     pub system: u8,
-    /// Its part; 1 is the autopilot.
+    /// Component; 1 is the autopilot.
     pub component: u8,
 }
 
@@ -176,7 +176,7 @@ pub enum CommandResult {
 /// The frame of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum VelocityFrame {
-    /// The same NED as the position.
+    /// The NED of the position.
     Ned,
     /// The body: forward, right, down.
     Body,
@@ -191,7 +191,7 @@ pub struct CommandLong {
     pub command: u16,
     /// Number of repetitions.
     pub confirmation: u8,
-    /// Its parameters.
+    /// Parameters of the command.
     pub parameters: [f64; 7],
 }
 
@@ -315,7 +315,7 @@ pub struct ImuReport {
 pub struct ParameterValue {
     /// The message's float.
     pub bits: u32,
-    /// Of an integer type, by the message.
+    /// It is of an integer type, by the message.
     pub integer: bool,
 }
 
@@ -326,7 +326,7 @@ pub struct DistanceReport {
     pub time_ms: u32,
     /// m.
     pub range_m: f64,
-    /// Least and greatest distance that it can measure, m.
+    /// Minimum and maximum distance that it can measure, m.
     pub limits_m: [f64; 2],
     /// m²; None when not known.
     pub variance: Option<f64>,
@@ -337,7 +337,7 @@ pub struct DistanceReport {
 pub struct RcChannels {
     /// Channels that it has.
     pub count: u8,
-    /// Of each channel, us; 65535: not there.
+    /// Pulse of each channel, us; 65535: not there.
     pub pulses_us: [u16; 18],
 }
 
@@ -355,7 +355,7 @@ pub enum TargetFrame {
 impl TargetFrame {
     /// All.
     pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
-    /// Its `MAV_FRAME`.
+    /// `MAV_FRAME` of the frame.
     pub const fn number(self) -> u8 {
         match self {
             TargetFrame::LocalNed => 1,
@@ -389,7 +389,7 @@ pub struct TargetRelative {
     pub time_us: u64,
     /// From the vehicle, NED, m.
     pub position: [f64; 3],
-    /// Its standard deviations, m.
+    /// Standard deviations of the position, m.
     pub position_sd: [f64; 3],
     /// NED from target (w, x, y, z).
     pub attitude: [f64; 4],
@@ -402,13 +402,13 @@ pub struct TargetRelative {
 pub struct TargetAbsolute {
     /// Our time, us.
     pub time_us: u64,
-    /// Where it is; height above the sea.
+    /// Place of the system; height above the sea.
     pub place: Datum,
     /// Standard deviations of that, horizontal and vertical, m.
     pub place_sd: [f64; 2],
     /// NED, m/s.
     pub velocity: [f64; 3],
-    /// Its standard deviations, m/s.
+    /// Standard deviations of the velocity, m/s.
     pub velocity_sd: [f64; 3],
 }
 
@@ -487,18 +487,18 @@ pub enum Message {
         to: Address,
         /// At most 16 characters.
         name: String,
-        /// Its value.
+        /// Value of the parameter.
         value: ParameterValue,
     },
     /// `PARAM_VALUE`.
     Parameter {
         /// At most 16 characters.
         name: String,
-        /// Its value.
+        /// Value of the parameter.
         value: ParameterValue,
-        /// Its place among the sender's.
+        /// Index among the sender's parameters.
         index: u16,
-        /// How many those are.
+        /// Number of the sender's parameters.
         count: u16,
     },
     /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
@@ -525,7 +525,7 @@ pub enum Message {
         to: Address,
         /// Which.
         command: u16,
-        /// Its first four parameters; no order of ours has a place on earth.
+        /// First four parameters of the command; no order of ours has a place on earth.
         first: [f64; 4],
     },
     /// `COMMAND_ACK`.
@@ -582,7 +582,7 @@ pub enum Message {
     },
     /// `MISSION_ITEM_REACHED`.
     MissionItemReached {
-        /// Its number.
+        /// Number of the item.
         item: u16,
     },
     /// `RC_CHANNELS`.
@@ -664,7 +664,7 @@ pub struct HilGps {
 /// A message and its sender.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
-    /// Its sender.
+    /// Sender of the message.
     pub from: Address,
     /// The message.
     pub message: Message,

@@ -96,14 +96,14 @@ const HEARTBEAT: Span = Span::from_millis(1000);
 const STILL_ARMED: Span = Span::from_millis(10_000);
 /// Period of the autopilot's state to the other nodes.
 const STATE: Span = Span::from_millis(100);
-/// What confirms or forbids our command takes no longer: several heartbeats and requests.
+/// Confirmation or rejection of our command takes no longer: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
 /// Period of requests for an origin that is known: an estimator that restarts moves its origin.
 const ORIGIN: Span = Span::from_millis(5000);
 /// Period of requests for an unknown origin.
 const UNKNOWN_ORIGIN: Span = Span::from_millis(1000);
 
-/// What arrives.
+/// Input of the link.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotIn {
     /// From the link, in order of arrival.
@@ -114,11 +114,11 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// Checkpoint of a crashed predecessor; boot 0: there is none. Read until this one publishes its own.
+    /// Checkpoint of a crashed predecessor; boot 0: no checkpoint. Read until this one publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
 
-/// What is sent.
+/// Output of the link.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotOut {
     /// Who we are on the link.
@@ -133,9 +133,9 @@ pub struct AutopilotOut {
     pub ranges: Vec<RangeSample>,
     /// For a successor.
     pub checkpoint: Option<LinkCheckpoint>,
-    /// Of the remote control's switch or a ground station, to the mission.
+    /// Command of the remote control's switch or a ground station, to the mission.
     pub command: Option<Command>,
-    /// Of a ground station, to the mission.
+    /// Settings of a ground station, to the mission.
     pub settings: Option<SettingsOrder>,
     /// The vessel's place by another system.
     pub beacon: Option<DeckBeacon>,
@@ -144,7 +144,7 @@ pub struct AutopilotOut {
 }
 
 wiring! {
-    /// What the link reads and writes. Odometry comes last, because it wakes the others.
+    /// Topics that the link reads and writes. Odometry comes last, because it wakes the others.
     AutopilotPorts of AutopilotLink: AutopilotIn => AutopilotOut {
         reads {
             newest set_point: SetPoint,
@@ -180,7 +180,7 @@ pub struct LinkMetrics {
     pub set_points: u32,
 }
 
-/// What the node publishes, each with its own sequence.
+/// Outputs that the node publishes, each with its own sequence.
 #[derive(Clone, Copy, Debug)]
 enum Output {
     Odometry,
@@ -215,11 +215,11 @@ pub struct AutopilotLink {
     drone_id: u32,
     boot: u32,
     sequences: [u32; 7],
-    /// Of a crashed predecessor.
+    /// Recovery of a crashed predecessor's checkpoint.
     recovery: Recovery<LinkCheckpoint>,
     /// It waits no longer for a predecessor's checkpoint.
     has_begun: bool,
-    /// Its first step.
+    /// Time of the first step.
     began: Option<DroneTime>,
 
     peer: Option<Peer>,
@@ -235,7 +235,7 @@ pub struct AutopilotLink {
     heading: HeadingAlignment,
     smooth: Odometry,
     state: Option<DroneState>,
-    /// Where the autopilot's NED begins, which is the drone's; None until it has reported that.
+    /// Origin of the autopilot's NED, which is the drone's; None until it has reported that.
     datum: Option<Datum>,
     /// Height of the sea above the ellipsoid that counts, m; None until that is decided.
     geoid_m: Option<f64>,
@@ -251,18 +251,18 @@ pub struct AutopilotLink {
 
     set_point: Latest<SetPoint>,
     mission: Latest<MissionState>,
-    /// How far the mission's landing goes, by its newest state however old; None: nothing was received of it.
+    /// Landing mode of the mission, by its newest state however old; None: no state was received.
     mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 
     authority: AuthorityStateMachine,
     disarm: DisarmSequence,
-    /// The same while the autopilot holds on its own.
+    /// Disarm while the autopilot holds on its own.
     alone: DisarmSequence,
-    /// The same in a landing of the autopilot's own.
+    /// Disarm in a landing of the autopilot's own.
     own_landing: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
-    /// Where it holds after a false touchdown.
+    /// Place at which it holds after a false touchdown.
     held: Option<outbound::Held>,
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
@@ -273,7 +273,7 @@ pub struct AutopilotLink {
     station: StationOrders,
     parameters: StationParameters,
     set_points: u32,
-    /// The abort for which the disarm was begun anew.
+    /// The abort for which the disarm was restarted.
     abort: Option<[u32; 2]>,
     low_since: Option<DroneTime>,
     diversions: u32,
@@ -372,7 +372,7 @@ impl AutopilotLink {
         }
     }
 
-    /// What is sent whoever commands: heartbeat, clock, streams, parameters.
+    /// Sends what is due whoever commands: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let timers = &mut self.timers;
         if timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
@@ -476,7 +476,7 @@ impl AutopilotLink {
             own_mission: self.own_mission.now(),
         })
     }
-    /// What forbids a landing and a take-off, by all that is known on the link.
+    /// Reason that forbids a landing and a take-off, by all that is known on the link.
     fn rejection(&self, now: DroneTime, p: &Peer) -> Reason {
         if self.switch.is_held_on_abort() {
             return ReasonCode::SwitchAborts.into();
@@ -509,7 +509,7 @@ impl AutopilotLink {
                     | ControlAuthority::TakenOver { .. }
             )
     }
-    /// What of the autopilot is reported at once when it changes.
+    /// Part of the autopilot's state that is reported at once when it changes.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
         peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.now()))

@@ -38,7 +38,7 @@ impl Firmware {
             _ => None,
         }
     }
-    /// Its `MAV_AUTOPILOT`.
+    /// `MAV_AUTOPILOT` of the firmware.
     pub(crate) const fn number(self) -> u8 {
         match self {
             Firmware::Px4 => PX4,
@@ -53,14 +53,14 @@ impl Firmware {
             Firmware::ArduCopter => 6_378_100.0,
         }
     }
-    /// Its name.
+    /// Name of the firmware.
     pub const fn name(self) -> &'static str {
         match self {
             Firmware::Px4 => "PX4",
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// What a custom mode means for landing. PX4: main mode in bits 16 to 23, sub-mode above.
+    /// Meaning of a custom mode for landing. PX4: main mode in bits 16 to 23, sub-mode above.
     /// ArduCopter: its mode number.
     pub fn mode(self, custom: u32) -> AutopilotMode {
         match self {
@@ -94,7 +94,7 @@ impl Firmware {
             (Firmware::Px4, false) | (Firmware::ArduCopter, _) => f64::from(f32::from_bits(value.bits)),
         }
     }
-    /// The same as the firmware sends it.
+    /// The value as the firmware sends it.
     pub fn parameter_value(self, value: f64, integer: bool) -> ParameterValue {
         let bits = match (self, integer) {
             (Firmware::Px4, true) => (value as i32).cast_unsigned(),

@@ -1,5 +1,5 @@
-//! An order of somebody who reaches the mission through the autopilot: repeated as the same command until the mission shows
-//! that it has taken it, or nobody waits any longer.
+//! An order that reaches the mission through the autopilot: repeated as the same command until the mission shows
+//! that it has taken it, or the order expires.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -19,7 +19,7 @@ pub(super) struct Order {
     sending: Retransmission<DroneClock>,
 }
 
-/// What became of an order.
+/// Progress of an order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Progress {
     /// The mission has taken it.
@@ -38,7 +38,7 @@ impl Order {
             sending: Retransmission::new(header.at, REPEAT, GIVEN_UP),
         }
     }
-    /// What is ordered.
+    /// Kind of the order.
     pub(super) fn kind(&self) -> CommandKind {
         self.command.kind
     }

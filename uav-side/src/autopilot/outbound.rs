@@ -41,7 +41,7 @@ const AWAY_FROM_DECK_M: f64 = 20.0;
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
-/// Where the link holds on its own.
+/// Place at which the link holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Held {
     place: Vector3<f64>,
@@ -59,7 +59,7 @@ impl AutopilotLink {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
     }
-    /// What the rangefinder reads with the feet on the deck, m.
+    /// Reading of the rangefinder with the feet on the deck, m.
     fn feet_range_m(&self) -> f64 {
         self.geometry.feet_below_m - self.geometry.rangefinder_m[2]
     }
@@ -203,8 +203,8 @@ impl AutopilotLink {
         }
     }
 
-    /// A person who aborts after the touchdown wants the motors off: the quick commands are given again.
-    fn begin_disarm_anew(&mut self, now: DroneTime) {
+    /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
+    fn restart_disarm(&mut self, now: DroneTime) {
         let Some((state, abort)) = self.fresh_mission(now).map(|m| (m.state, m.abort)) else {
             return;
         };
@@ -214,7 +214,7 @@ impl AutopilotLink {
         }
         self.abort = abort;
     }
-    /// Nobody commanded for a moment: no touchdown of before is one of now.
+    /// After a moment without set-points an earlier touchdown does not count any more.
     fn interrupted(&mut self) {
         self.disarm.clear();
         self.flown = None;
@@ -369,7 +369,7 @@ impl AutopilotLink {
     /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
         let wanted = self.set_point.fresh(now, topics::SET_POINT.stale_after).copied();
-        self.begin_disarm_anew(now);
+        self.restart_disarm(now);
         let since = self.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
         let alone = self.lapsed_on_deck(now, wanted.as_ref());
@@ -399,7 +399,7 @@ impl AutopilotLink {
         }
     }
 
-    /// What to send of the pilot's set-point.
+    /// Sends the part of the pilot's set-point that applies.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
         let px4 = self.peer.as_ref().is_some_and(|p| p.firmware == Firmware::Px4);
@@ -508,8 +508,8 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// The drone stands elsewhere than on the deck, by a forecast and its odometry. Nobody aboard has cleared a deck for an order to
-    /// land, and a drone whose vessel is not known may stand on it.
+    /// The drone stands elsewhere than on the deck, by a forecast and its odometry. The crew has not cleared a deck for
+    /// an order to land, and a drone whose vessel is not known may stand on it.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let state = self
             .state

@@ -34,7 +34,7 @@ pub const COMPLETE: u8 = 5;
 /// `total` of a mission without items.
 const NO_ITEMS: u16 = u16::MAX;
 
-/// What it reports of its mission, in this flight.
+/// Monitor of the autopilot's reports on its mission, in this flight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionMonitor {
     /// `MISSION_STATE`; 0: the firmware states none.
@@ -64,13 +64,13 @@ impl MissionEnd {
     pub(super) fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
-    /// What the link before this one has done.
+    /// Recalls what the link before this one has done.
     pub(super) fn recall(&mut self, is_over: bool) {
         self.done |= is_over;
     }
 }
 
-/// Its start, by the mission's wish.
+/// Start of the autopilot's mission, at our mission's request.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionStart {
     /// Commands since the wish began.
@@ -97,11 +97,11 @@ impl OwnMissionMonitor {
             state => state == COMPLETE,
         }
     }
-    /// The link before this one has seen it under way, and nobody has chosen another mode since: the Hold after it counts.
+    /// The link before this one has observed it under way, and no other mode was chosen since: the Hold after it counts.
     pub(super) fn recall(&mut self) {
         (self.began, self.own) = (true, true);
     }
-    /// What a link after this one is to recall.
+    /// Whether a mission is under way, for a link after this one.
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }

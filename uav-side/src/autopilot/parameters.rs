@@ -20,7 +20,7 @@ const REVIEW: Span = Span::from_millis(1000);
 const SILENT: Span = Span::from_millis(5000);
 /// PX4's time without set-points until it leaves OFFBOARD.
 const LOSS_TIME: &str = "COM_OF_LOSS_T";
-/// The same before it is reported, s: the longest with which a landing is permitted.
+/// Assumption before it is reported, s: the longest with which a landing is permitted.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
 #[derive(Clone, Debug)]
@@ -37,7 +37,7 @@ struct Item {
 }
 
 impl Item {
-    /// What is against it; None: it suits.
+    /// Reason against the parameter; None: it suits.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {
@@ -169,7 +169,7 @@ impl Parameters {
         let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
         item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
     }
-    /// What a person has to know of what was found since the last call.
+    /// Findings since the last call, for people.
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {

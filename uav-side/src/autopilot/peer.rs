@@ -15,9 +15,9 @@ use super::streams::Streams;
 const THRUST_STALE: Span = Span::from_millis(300);
 /// Rotors that stand still give no more.
 const NO_THRUST: f64 = 0.01;
-/// What it says of its batteries counts for so long: five reports at the usual 1 Hz.
+/// The autopilot's battery status counts for so long: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
-/// Its opinion whether it is on the ground counts for so long: three reports at the slowest rate, 1 Hz.
+/// The autopilot's landed state counts for so long: three reports at the slowest rate, 1 Hz.
 const LANDED_STALE: Span = Span::from_millis(3000);
 /// No battery of a multirotor has more, V.
 const MAX_V: f64 = 500.0;
@@ -72,18 +72,18 @@ impl Peer {
             parameters: Parameters::new(firmware, attitudes, now),
         }
     }
-    /// Its heartbeat.
+    /// Takes a heartbeat.
     pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: u8, custom_mode: u32) {
         self.heartbeat_at = now;
         self.armed = base_mode & ARMED != 0;
         self.on_mode(custom_mode);
     }
-    /// Its mode.
+    /// Takes a mode.
     pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
         self.flies_mission = self.firmware.flies_mission(custom_mode);
     }
-    /// Its `MAV_LANDED_STATE`.
+    /// Takes a `MAV_LANDED_STATE`.
     pub(crate) fn on_landed(&mut self, now: DroneTime, state: u8) {
         let state = match state {
             1 => LandedState::OnGround,
@@ -92,11 +92,11 @@ impl Peer {
         };
         self.resume_landed(now, state);
     }
-    /// Its opinion at `at`.
+    /// Restores the landed state at `at`.
     pub(crate) fn resume_landed(&mut self, at: DroneTime, state: LandedState) {
         self.landed = Some((at, state));
     }
-    /// Its opinion while that is fresh.
+    /// Landed state while that is fresh.
     pub(crate) fn landed(&self, now: DroneTime) -> LandedState {
         let fresh = self.landed.filter(|(at, _)| now - *at <= LANDED_STALE);
         fresh.map_or(LandedState::Unknown, |(_, state)| state)
@@ -114,7 +114,7 @@ impl Peer {
             *b = Some((now, [charge, voltage_v, current_a]));
         }
     }
-    /// What all batteries report that ever reported it; None when one of them has fallen silent, or none does.
+    /// Values of all batteries that ever reported them; None when one of them has fallen silent, or none does.
     fn batteries(
         &self,
         now: DroneTime,
@@ -164,7 +164,7 @@ impl Peer {
             self.thrust = Some((now, thrust));
         }
     }
-    /// What a tilted drone's thrust is divided by before it is applied: ArduCopter applies `T / cos` of the
+    /// Divisor of a tilted drone's thrust before it is applied: ArduCopter applies `T / cos` of the
     /// tilt (ATC_ANGLE_BOOST) and reports `T`.
     pub(crate) fn tilt_compensation(&self, attitude: [f64; 4]) -> f64 {
         let [_, x, y, _] = attitude;

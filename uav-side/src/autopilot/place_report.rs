@@ -1,4 +1,4 @@
-//! Where another system is, as MAVLink reports it.
+//! Place of another system, as MAVLink reports it.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,9 +18,9 @@ pub struct PlaceReport {
 /// A vessel's place as its AIS transponder reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AisReport {
-    /// Its Maritime Mobile Service Identity, nine digits.
+    /// Maritime Mobile Service Identity of the vessel, nine digits.
     pub mmsi: u32,
-    /// Where it is.
+    /// Place of the vessel.
     pub place: PlaceReport,
     /// Time since the receiver received it, s.
     pub age_s: f64,

@@ -1,7 +1,7 @@
 //! A three-position switch of the remote control that commands: low aborts, the middle does nothing, high lands.
 //!
 //! Only a change between two positions that were held counts. The position at the beginning, and the first after the remote
-//! control was lost, is none: a switch that was left on high lands nothing. What it commands goes to the mission like any
+//! control was lost, does not count: a switch that was left on high lands nothing. Its command goes to the mission like any
 //! other command, and is admitted by the same rules.
 
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -15,7 +15,7 @@ use super::orders::{Order, Progress};
 const LOST: Span = Span::from_millis(600);
 /// Pulses that a receiver sends, us.
 const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
-/// Pulses of each position; what lies between is none.
+/// Pulses of each position; values between them count as no position.
 const LOW_US: u16 = 1300;
 const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
 const HIGH_US: u16 = 1700;
@@ -26,7 +26,7 @@ const HELD: Span = Span::from_millis(500);
 const HELD_HIGH: Span = Span::from_millis(1500);
 /// Readings in that time, at least.
 const MIN_READINGS: u32 = 3;
-/// Where the switch is.
+/// Position of the switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Position {
     Low,
@@ -70,7 +70,7 @@ pub(super) struct RcSwitch {
     healthy_at: Option<DroneTime>,
     /// It reports now that its receiver does not.
     lost: bool,
-    /// What is commanded, and when it is published.
+    /// Order that is commanded, and when it is published.
     given: Option<Order>,
 }
 
@@ -137,7 +137,7 @@ impl RcSwitch {
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
-    /// It aborts, or stands where it does: nobody's landing counts.
+    /// It aborts, or is in the abort position: no landing is admitted, from any source.
     pub(super) fn bars(&self) -> bool {
         self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
     }
@@ -151,7 +151,7 @@ impl RcSwitch {
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(Order::new(header, kind));
     }
-    /// What is to be published now, by the mission's newest state, and why an order was not taken; time passes for the channels, too.
+    /// Order to publish now, by the newest mission state, and why an order was not taken; time passes for the channels too.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,
@@ -194,7 +194,7 @@ mod tests {
         c
     }
 
-    /// What a switch commands that is at these pulses (us; 0: the remote control sends nothing) for these times, s, at 10 Hz,
+    /// Commands of a switch that is at these pulses (us; 0: the remote control sends nothing) for these times, s, at 10 Hz,
     /// with the receiver's health at 5 Hz where the autopilot reports it.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
         let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());

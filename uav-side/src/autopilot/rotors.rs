@@ -30,7 +30,7 @@ pub(crate) struct RotorOutputs {
     at_rest: [Option<[u16; OUTPUTS]>; PORTS],
     armed_at: Option<DroneTime>,
     newest: Option<DroneTime>,
-    /// How far they had risen, and when that was.
+    /// Former rise of the outputs, and its time.
     before: Option<(DroneTime, f64)>,
     follow: bool,
 }

@@ -16,8 +16,8 @@ impl AutopilotLink {
         }
     }
 
-    /// The pilot's set-point beside the drone's motion, while a mission that looks on would fly: the angle between the two
-    /// thrust axes and the difference of the velocities. (At the same instant: the attitude follows a command by its lag.)
+    /// Comparison of the pilot's set-point and the drone's motion, while a mission that looks on would fly: angle between
+    /// the two thrust axes and difference of the velocities. (At the same time: the attitude follows a command by its lag.)
     pub(super) fn shadow(&self, now: DroneTime) -> Option<ShadowComparison> {
         let looks_on = self.mode == Some(LandingMode::Shadow);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after);

@@ -3,14 +3,14 @@
 //! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF` takes
 //! off where the mission permits that, all whatever their parameters; `MAV_CMD_USER_4` keeps the station that its parameters name,
 //! and is DENIED where they name none. An abort counts whoever gives it; any other order is DENIED on a link that is not signed,
-//! unless the configuration permits that (`unsigned_orders`). What is not taken is answered with a text that says why. An order is answered with
-//! IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it, and with TEMPORARILY_REJECTED, or FAILED
-//! where no mission reports, when it rejects it or has not taken it in 5 s. It is admitted by the mission as any other. An order
-//! other than an abort that a station repeats (its confirmation counts; a `COMMAND_INT`, which has none, may be a repetition), or gives within a
-//! second of it, is rejected after an abort or after a person took the drone over: whoever gave it cannot have seen that. One
-//! whose confirmation counts is answered as it was before; an abort is ordered again each time, for somebody else may have
-//! ordered a landing since. Whoever reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others
-//! out of both.
+//! unless the configuration permits that (`unsigned_orders`). A rejected order is answered with a text that has the
+//! reason. An order is answered with IN_PROGRESS at once and each second, with ACCEPTED when the mission has taken it,
+//! and with TEMPORARILY_REJECTED, or FAILED where no mission reports, when it rejects it or has not taken it in 5 s. It
+//! is admitted by the mission as any other. An order other than an abort that a station repeats (its confirmation counts;
+//! a `COMMAND_INT`, which has none, may be a repetition), or gives within a second of it, is rejected after an abort or
+//! after a person took the drone over: whoever gave it cannot know that yet. One whose confirmation counts is answered
+//! as it was before; an abort is ordered again each time, for somebody else may have ordered a landing since. Whoever
+//! reaches the autopilot's link may fly the drone without us, too: `signing_key` keeps others out of both.
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
@@ -26,13 +26,13 @@ use super::orders::{Order, Progress};
 pub(super) struct Asked {
     /// Which.
     pub(super) number: u16,
-    /// Its first four parameters.
+    /// First four parameters of the command.
     pub(super) first: [f64; 4],
     pub(super) repetition: Repetition,
 }
 
 impl Asked {
-    /// What it orders; else the answer.
+    /// Kind of the order; otherwise the answer.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
             command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
@@ -100,14 +100,14 @@ struct Given {
 pub(super) enum Repetition {
     /// Given for the first time.
     No,
-    /// Its confirmation counts.
+    /// The command's confirmation counts.
     Yes,
     /// The message does not state it.
     Perhaps,
 }
 
 impl Repetition {
-    /// Of a `COMMAND_LONG` with this confirmation.
+    /// Repetition of a `COMMAND_LONG` with this confirmation.
     pub(super) fn counted(confirmation: u8) -> Repetition {
         if confirmation > 0 {
             Repetition::Yes
@@ -127,7 +127,7 @@ pub(super) struct StationOrders {
     stopped: Option<DroneTime>,
 }
 
-/// What a command from a station leads to.
+/// Result of a command from a station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Received {
     /// It is no order of ours, or repeats another.
@@ -217,7 +217,7 @@ impl StationOrders {
         let given = self.given.as_ref();
         given.is_some_and(|g| g.order.kind() == CommandKind::Abort)
     }
-    /// What is to be published now, and the answer where it is decided, with a text where it was not taken.
+    /// Order to publish now, and the answer where it is decided, with a text where it was not taken.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,

@@ -2,10 +2,10 @@
 //!
 //! The mission's state has their values, and whether they may be changed. A PARAM_SET goes to the mission as a
 //! [`SettingsOrder`], repeated until that state shows it, and is answered with PARAM_VALUE then. One that is rejected is
-//! answered with the value as it is and a text that says why. What is set counts until the processes are restarted, and
-//! outlives the crash of one by the mission's checkpoint. Where that was lost a text says what counts now; a link that was lost
-//! with it knows the mode before by its own checkpoint, and no heights. Each value is REAL32, for which the two encodings of MAVLink's
-//! parameters, by bytes and by value, are one.
+//! answered with the value as it is and a text that has the reason. What is set counts until the processes are restarted,
+//! and outlives the crash of one by the mission's checkpoint. Where that was lost a text states what counts now; a link
+//! that was lost with it knows the mode before by its own checkpoint, and no heights. Each value is REAL32, for which the
+//! two encodings of MAVLink's parameters, by bytes and by value, are one.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::config::ConfigError;
@@ -59,7 +59,7 @@ impl Parameter {
             Parameter::LowestClearance => "ALIGHT_MATCH_H",
         }
     }
-    /// Its key in `[drone.mission]`.
+    /// Key in `[drone.mission]`.
     const fn key(self) -> &'static str {
         match self {
             Parameter::Mode => "mode",
@@ -111,7 +111,7 @@ impl Parameter {
             Err(why @ (ConfigError::Read { .. } | ConfigError::Parse { .. })) => Err(why.to_string()),
         }
     }
-    /// Its value for people.
+    /// Value as text.
     fn shown(self, s: &MissionSettings) -> String {
         let value = self.value(s);
         let mode = MODES
@@ -138,7 +138,7 @@ impl Parameter {
 struct UnderWay {
     order: SettingsOrder,
     sending: Retransmission<DroneClock>,
-    /// What it changes, and the station that asked last.
+    /// Parameters that it changes, and the station that asked last.
     changes: Vec<Parameter>,
     station: u8,
 }
@@ -153,7 +153,7 @@ pub(super) struct StationParameters {
     under_way: Option<UnderWay>,
 }
 
-/// What a mission's state leads to.
+/// Result of a mission's state.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Polled {
     order: Option<SettingsOrder>,
@@ -231,7 +231,7 @@ impl StationParameters {
 }
 
 impl AutopilotLink {
-    /// A station asks for all parameters. Nobody knows them before the mission has reported.
+    /// Answers a station that asks for all parameters. They are not known before the mission has reported.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
         let known = self.mission.get().map(|m| m.settings);
         let all = known.iter().flat_map(|s| Parameter::ALL.map(|p| p.message(s)));
@@ -350,7 +350,7 @@ mod tests {
             ..MissionState::default()
         }
     }
-    /// What it leads to at once.
+    /// Result of a state at once.
     fn poll(parameters: &mut StationParameters, s: f64, settings: &MissionSettings) -> Polled {
         parameters.poll(at(s), &shown(s, settings))
     }

@@ -48,7 +48,7 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    /// What this firmware can send of what landing needs.
+    /// Streams that landing needs, as far as this firmware can send them.
     pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> Streams {
         let own: &[(u32, f64)] = match firmware {
             Firmware::Px4 => &[

@@ -36,7 +36,7 @@ const GAP: Span = Span::from_millis(150);
 /// A text explains a denial that comes no later.
 const EXPLAINS: Span = Span::from_millis(3000);
 
-/// How far a take-off has come at the autopilot.
+/// Progress of a take-off at the autopilot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TakeOffSequence {
     /// Since when set-points are streamed for it.
@@ -45,7 +45,7 @@ pub(super) struct TakeOffSequence {
     arms: u32,
     /// The autopilot was in our mode since.
     was_ours: bool,
-    /// It was commanded to arm, and has not been seen disarmed in another state of the mission since.
+    /// It was commanded to arm, and was not observed disarmed in another state of the mission since.
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
@@ -69,7 +69,7 @@ impl TakeOffSequence {
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// A text of the autopilot, which may say why it does not arm.
+    /// Takes a text of the autopilot, which may be its reason not to arm.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));
@@ -81,7 +81,7 @@ impl TakeOffSequence {
             self.next = Some(now + PAUSE + PAUSE);
         }
     }
-    /// What a denied command to arm is reported with; None where this is none of a take-off.
+    /// Report of a denied command to arm; None where it was not for a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;

@@ -43,7 +43,7 @@ impl HoverThrust {
     pub(crate) fn value(&self) -> f64 {
         self.value
     }
-    /// The same, and for how long it was learned, s.
+    /// Thrust that hovers, and for how long it was learned, s.
     pub(crate) fn learned(&self) -> (f64, f64) {
         (self.value, self.learned_s)
     }

@@ -31,7 +31,7 @@ use crate::predictor::track::Track;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
 
-/// What changes over longer than this is put down to the receivers, s (ours: two periods of a 5 s sea;
+/// Changes over longer than this are put down to the receivers, s (ours: two periods of a 5 s sea;
 /// their errors have correlation times of minutes).
 const SLOW_S: f64 = 10.0;
 /// Errors of the vessel's estimate are shared over this time, s (ours: a wave period).
@@ -72,14 +72,14 @@ pub const USABLE_M: f64 = 0.2;
 /// A configured value within so many standard errors of what was found is as good or better.
 const AGREEMENT_SDS: f64 = 2.0;
 
-/// Where a person has put the drone.
+/// Place where the crew has put the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DronePlacement {
-    /// Its centre forward and right of the deck's centre, m.
+    /// Centre of the drone forward and right of the deck's centre, m.
     pub at_m: [f64; 2],
-    /// How well that is known, m.
+    /// Standard deviation of that, m.
     pub sd_m: f64,
-    /// What the two GNSS receivers differ by, horizontally and vertically, standard deviations, m.
+    /// Difference of the two GNSS receivers, horizontally and vertically, standard deviations, m.
     pub receivers_sd_m: [f64; 2],
 }
 
@@ -148,7 +148,7 @@ pub struct MountCalibration {
     pub height: ValueWithSd,
 }
 
-/// What was found.
+/// Result of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeckCalibrationResult {
     /// Estimates of the vessel used.
@@ -159,7 +159,7 @@ pub struct DeckCalibrationResult {
     pub rocking_rad: f64,
     /// Deck's centre in the vessel's body, m.
     pub centre: [ValueWithSd; 3],
-    /// Where the drone stood on the deck, forward and right of its centre, m.
+    /// Place where the drone stood on the deck, forward and right of its centre, m.
     pub stood_at: [ValueWithSd; 2],
     /// The deck against the vessel's inertial sensor, roll and pitch, rad.
     pub tilt: [ValueWithSd; 2],
@@ -277,7 +277,7 @@ impl DeckCalibration {
             camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
         ));
     }
-    /// What the predictor reads in one step; of a drone that stands or not.
+    /// Takes the predictor's input of one step; of a drone that stands or not.
     pub fn take(&mut self, input: &PredictorIn, stands: bool) {
         input.drone.iter().for_each(|s| self.drone(s));
         if stands {
@@ -497,7 +497,7 @@ struct Relative {
     heading: ValueWithSd,
 }
 
-/// What 95 of 100 values are below.
+/// Value that 95 of 100 are below.
 fn percentile_95(values: impl Iterator<Item = f64>) -> f64 {
     quantile(&mut values.collect::<Vec<f64>>(), 0.95).unwrap_or(f64::NAN)
 }

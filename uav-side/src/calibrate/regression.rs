@@ -31,7 +31,7 @@ pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matr
     Some((mean, long_run(&about, lags) / (n * n)))
 }
 
-/// What a regression knows: an information matrix (the inverse of a covariance, zero where nothing is
+/// Knowledge of a regression: an information matrix (the inverse of a covariance, zero where nothing is
 /// known) and its product with the value.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Information {
@@ -64,9 +64,9 @@ impl Information {
 }
 
 /// Least squares of `y = A x + e` over all samples, in those directions of x that the `A` move by
-/// `least` (root mean square) or more; errors shared over up to `lags` neighbours, and of `with` (root mean
+/// `floor` (root mean square) or more; errors shared over up to `lags` neighbours, and of `with` (root mean
 /// square) in the same rhythm as the `A`, which no residual shows.
-pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], least: f64, lags: usize, with: f64) -> Information {
+pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], floor: f64, lags: usize, with: f64) -> Information {
     let n = samples.len() as f64;
     let normal: Matrix3<f64> = samples.iter().map(|(a, _)| a.transpose() * a).sum();
     let SymmetricEigen {
@@ -74,7 +74,7 @@ pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], least: f64, lags: usize
         eigenvectors,
     } = SymmetricEigen::new(normal);
     let directions: Vec<Vector3<f64>> = (0..3)
-        .filter(|&k| eigenvalues[k] > n * least * least)
+        .filter(|&k| eigenvalues[k] > n * floor * floor)
         .map(|k| eigenvectors.column(k).into_owned())
         .collect();
     if directions.is_empty() {

@@ -11,8 +11,8 @@ pub(super) const MAX_DECKS: usize = 4;
 const WITHIN_M: f64 = 0.8;
 
 /// Each deck's tags, that with the largest tag first. Without a number that occurs twice they are of one deck.
-pub(super) fn apart(seen: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
-    let (mut rest, mut decks) = (seen, Vec::new());
+pub(super) fn apart(detected: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
+    let (mut rest, mut decks) = (detected, Vec::new());
     while decks.len() < MAX_DECKS && !rest.is_empty() {
         let Some(around) = repeats(&rest).then(|| around_largest(&rest)).flatten() else {
             decks.push(rest);
@@ -27,8 +27,8 @@ pub(super) fn apart(seen: Vec<SeenTag>) -> Vec<Vec<SeenTag>> {
 }
 
 /// A number occurs twice.
-fn repeats(seen: &[SeenTag]) -> bool {
-    (seen.iter().enumerate()).any(|(k, a)| seen.iter().skip(k + 1).any(|b| a.tag.id == b.tag.id))
+fn repeats(detected: &[SeenTag]) -> bool {
+    (detected.iter().enumerate()).any(|(k, a)| detected.iter().skip(k + 1).any(|b| a.tag.id == b.tag.id))
 }
 
 fn middle(s: &SeenTag) -> Vector2<f64> {
@@ -36,9 +36,9 @@ fn middle(s: &SeenTag) -> Vector2<f64> {
 }
 
 /// The largest tag and those that lie where its deck has them, one of each number; None where the largest has no pose.
-fn around_largest(seen: &[SeenTag]) -> Option<Vec<usize>> {
+fn around_largest(detected: &[SeenTag]) -> Option<Vec<usize>> {
     let size = |s: &SeenTag| (s.image[2] - s.image[0]).norm_squared();
-    let largest = seen.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
+    let largest = detected.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
     let pose = solve(&[*largest])?;
     let off_m = |s: &SeenTag| {
         let DeckTag { centre_m, .. } = s.tag;
@@ -50,12 +50,12 @@ fn around_largest(seen: &[SeenTag]) -> Option<Vec<usize>> {
         }
     };
     let best_of = |id: u16| {
-        let same = seen.iter().enumerate().filter(|(_, s)| s.tag.id == id);
+        let same = detected.iter().enumerate().filter(|(_, s)| s.tag.id == id);
         same.map(|(k, s)| (k, off_m(s)))
             .filter(|(_, off)| *off < WITHIN_M)
             .min_by(|a, b| a.1.total_cmp(&b.1))
     };
-    let mut own: Vec<usize> = seen
+    let mut own: Vec<usize> = detected
         .iter()
         .filter_map(|s| best_of(s.tag.id))
         .map(|(k, _)| k)
@@ -95,9 +95,9 @@ mod tests {
         let mixed: Vec<_> = a.iter().zip(&b).flat_map(|(a, b)| [*b, *a]).collect();
         let mut places: Vec<f64> = apart(mixed)
             .iter()
-            .map(|seen| {
-                assert_eq!(seen.len(), tags.len());
-                let pose = solve(seen).unwrap();
+            .map(|detected| {
+                assert_eq!(detected.len(), tags.len());
+                let pose = solve(detected).unwrap();
                 assert!(pose.misfit < 1.0, "{}", pose.misfit);
                 pose.position.x
             })

@@ -21,7 +21,7 @@ config! {
         pub id: u16 = 0, in 0.0..=586.0;
         /// Most wrong bits of 36 that are corrected.
         pub bits_corrected: u8 = 1, in 0.0..=2.0;
-        /// Least decision margin: mean contrast of the bits against their threshold, grey levels.
+        /// Minimum decision margin: mean contrast of the bits against their threshold, grey levels.
         pub min_margin: f64 = 20.0, in 0.0..=255.0;
         /// Shortest side in the image, px.
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
@@ -33,9 +33,9 @@ config! {
         /// Source: Twice what rendered images give, for what is left of a real lens after its
         /// calibration.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
-        /// The same as a fraction of the tag's side in the image: what a lens leaves after its calibration.
+        /// Standard deviation of a corner as a fraction of the tag's side in the image: the lens error after calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
-        /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
+        /// Standard deviation added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
         /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
@@ -43,7 +43,7 @@ config! {
         /// Motion blur adds this fraction of its square over the tag's width; the blur is measured at the tag's
         /// edges.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
-        /// How exactly each tag is where the deck's list has it, m, each axis: laid by tape on printed lines.
+        /// Standard deviation of each tag's place against the deck's list, m, each axis: laid by tape on printed lines.
         /// Of one tag alone nothing is asked.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
         /// Largest sum of squared reprojection errors of one tag, in variances of a corner; of several as improbable a one.
@@ -56,7 +56,7 @@ config! {
 pub struct TagDetection {
     /// Which it is.
     pub tag: DeckTag,
-    /// Its corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
+    /// Corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
     /// forward one.
     pub corners: [Vector2<f64>; 4],
     /// Wrong bits.
@@ -126,7 +126,7 @@ impl TagDetector {
             counts: TagCounts::default(),
         }
     }
-    /// Least decision margin of a detection, grey levels.
+    /// Minimum decision margin of a detection, grey levels.
     pub fn min_margin(&self) -> f64 {
         self.settings.min_margin
     }
@@ -189,11 +189,11 @@ fn in_order(p: [[f64; 2]; 4]) -> [Vector2<f64>; 4] {
     [left_low, left_high, right_high, right_low]
 }
 
-/// Convex, not mirrored, no side shorter than `least`.
-fn well_shaped(p: &[Vector2<f64>; 4], least: f64) -> bool {
+/// Convex, not mirrored, no side shorter than `min_side`.
+fn well_shaped(p: &[Vector2<f64>; 4], min_side: f64) -> bool {
     (0..4).all(|k| {
         let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
-        (b - a).norm() >= least && (b - a).perp(&(c - b)) > 0.0
+        (b - a).norm() >= min_side && (b - a).perp(&(c - b)) > 0.0
     })
 }
 

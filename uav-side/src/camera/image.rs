@@ -118,7 +118,7 @@ impl GreyImage {
         }
         GreyImage::new(width, height, rows.to_vec())
     }
-    /// The same as a file.
+    /// The image as a file.
     pub fn to_pgm(&self) -> Vec<u8> {
         let mut bytes = format!("P5\n{} {}\n255\n", self.width, self.height).into_bytes();
         bytes.extend_from_slice(&self.pixels);
@@ -143,7 +143,7 @@ impl GreyImage {
         let index = || row as usize * self.width + column as usize;
         inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
-    /// Its rows.
+    /// Rows of the image.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }

@@ -30,10 +30,10 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
     }))
 }
 
-/// Greatest height of the feet above the deck at which a tag has to be seen, m.
+/// Maximum height of the feet above the deck at which a tag has to be visible, m.
 const MAX_HEIGHT_M: f64 = 10.0;
-/// How far from the deck's centre and how much against it a drone may be that still has to see a tag, m, rad.
-/// Source: 99 of 100 landings are within 0.2 m on the least exact class of vessels (docs/envelope.md); decks rock by 8 deg.
+/// Maximum offset from the deck's centre and tilt against it at which a drone still has to see a tag, m, rad.
+/// Source: 99 of 100 landings are within 0.2 m on vessels with the poorest sensors (docs/envelope.md); decks rock by 8 deg.
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
 /// Width in the image with which nine of ten images of a tag are decoded, px.
@@ -89,18 +89,18 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     })
 }
 
-/// Heights of the feet above the deck, from contact to 10 m, at which no tag may be seen whole: from, to, m.
+/// Heights of the feet above the deck, from contact to 10 m, at which no whole tag may be visible: from, to, m.
 pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) -> Vec<[f64; 2]> {
     let mut gaps: Vec<[f64; 2]> = Vec::new();
     let (mut height, mut open) = (0.0, false);
     while height <= MAX_HEIGHT_M {
-        let seen = sees(tags, camera, drone, height);
+        let visible = sees(tags, camera, drone, height);
         match gaps.last_mut() {
-            Some(gap) if open && !seen => gap[1] = height,
-            _ if !seen => gaps.push([height; 2]),
+            Some(gap) if open && !visible => gap[1] = height,
+            _ if !visible => gaps.push([height; 2]),
             _ => {}
         }
-        open = !seen;
+        open = !visible;
         // Ever coarser: what a height shows grows with it.
         height += 0.02 + 0.05 * height;
     }
@@ -119,11 +119,11 @@ pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     let [fx, fy] = lens.focal_px;
     let height_m = SEARCH_RANGE * fx.min(fy) * side_m / DECODED_PX;
     let half = (0.5 * f64::from(lens.width_px) / fx).min(0.5 * f64::from(lens.height_px) / fy);
-    let seen = (half.atan() - TILT_RAD).max(0.0).tan();
-    [height_m, (height_m * seen - side_m).max(0.5)]
+    let visible = (half.atan() - TILT_RAD).max(0.0).tan();
+    [height_m, (height_m * visible - side_m).max(0.5)]
 }
 
-/// What is wrong with the tags of a deck, in words with the numbers: ids that occur twice or are none, tags that reach
+/// Faults of a deck's tags, as text with the numbers: ids that occur twice or do not exist, tags that reach
 /// beyond the deck's edges or over each other, white margins included.
 pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
     let mut faults = Vec::new();

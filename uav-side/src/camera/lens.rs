@@ -13,7 +13,7 @@ use super::image::check_image;
 const MAX_STEPS: usize = 20;
 /// It has converged when a step is smaller than this, at unit distance.
 const CONVERGED: f64 = 1e-9;
-/// A pixel whose direction differs by more from that of the point it is an image of, at unit distance, is none of it.
+/// A pixel whose direction differs by more from that of its point, at unit distance, is not an image of that point.
 const FOLDED: f64 = 1e-3;
 /// Points further off the axis than this are not searched, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
@@ -61,7 +61,7 @@ config! {
 }
 
 impl Lens {
-    /// Where distortion moves a point at unit distance, and its derivative.
+    /// Place to which distortion moves a point at unit distance, and its derivative.
     fn distorted(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let (x, y) = (n.x, n.y);
@@ -93,7 +93,7 @@ impl Lens {
             moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
         })
     }
-    /// The same of a point that this lens can see: far off the axis the distortion's polynomial folds back into the image.
+    /// Projects a point that this lens can see: far off the axis the distortion's polynomial folds back into the image.
     pub fn project_inside(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
         let px = self.project(p)?;
         let back = self.normalised(px)?;

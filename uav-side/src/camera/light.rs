@@ -60,7 +60,7 @@ const MOST: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
 /// By how much the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
 
-/// What an image without a tag shows of the light.
+/// Light in an image without a tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageLight {
     /// Mean, grey levels.
@@ -94,7 +94,7 @@ impl ImageLight {
             saturated: saturated as f64 / tiles.max(1) as f64,
         }
     }
-    /// How much of it is at its brightest, 0 to 1, where that is more than glints have.
+    /// Fraction of it that is at its brightest, 0 to 1, where that is more than glints have.
     pub fn glare(&self) -> Option<f64> {
         Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }

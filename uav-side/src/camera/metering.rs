@@ -5,8 +5,8 @@
 //! the longest exposure is too dark, down while the exposure is far from its longest, because gain is noise.
 //!
 //! While no tag is detected, the image's mean is metered. A dark image with something clipped in it has two explanations: lit
-//! tags by night, which are overexposed, or a lamp or glint beside a deck in the dark. Both are tried in turns, each from the
-//! setting in which its last turn ended.
+//! tags by night, which are overexposed, or a lamp or glint next to a deck in the dark. Both are tried in turns, each
+//! from the setting in which its last turn ended.
 
 use super::light::{ImageLight, TagLight};
 
@@ -22,7 +22,7 @@ const MEAN: f64 = 60.0;
 /// Largest deviation from it, stops.
 const MEAN_BAND: f64 = 0.5;
 /// Images without the tag before the image's mean is metered: the tag is lost for single ones.
-const UNSEEN: u32 = 5;
+const UNDETECTED: u32 = 5;
 /// Images of one turn where mean and brightest part of an image ask for opposite exposures: some ten changes of the setting.
 const TURN: u32 = 60;
 /// Images that a device takes at most until a change shows.
@@ -37,11 +37,11 @@ const GAIN_FALL: f64 = 1.0 / 64.0;
 /// Exposure below this part of the longest is short: the gain may fall by up to two stops.
 const SHORT: f64 = 0.25;
 
-/// What a device can be set to: `least + k step`, up to `most`.
+/// Values that a device can be set to: `low + k step`, up to `most`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// The least.
-    pub least: f64,
+    /// Minimum.
+    pub low: f64,
     /// The most.
     pub most: f64,
     /// Between neighbours, above 0.
@@ -51,10 +51,10 @@ pub struct Range {
 impl Range {
     /// The nearest that can be set.
     pub fn nearest(&self, value: f64) -> f64 {
-        let steps = |v: f64| (v - self.least) / self.step;
+        let steps = |v: f64| (v - self.low) / self.step;
         // What a division loses of a whole number of steps.
         let most = (steps(self.most) + 1e-6).floor().max(0.0);
-        self.least + self.step * steps(value).round().clamp(0.0, most)
+        self.low + self.step * steps(value).round().clamp(0.0, most)
     }
 }
 
@@ -67,7 +67,7 @@ pub struct Setting {
     pub gain: f64,
 }
 
-/// What an image shows of the light.
+/// Light in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Light {
     /// That on the tag.
@@ -76,7 +76,7 @@ pub enum Light {
     Image(ImageLight),
 }
 
-/// What exposed an image.
+/// Exposure of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposed {
     /// Exposure and gain.
@@ -94,10 +94,10 @@ pub struct Metering {
     /// The newest image when it was set.
     set_at: u64,
     /// Images in a row without the tag.
-    unseen: u32,
+    undetected: u32,
     /// When the image's mean was metered last, it asked for more light, and something in the image was clipped.
     contradicted: bool,
-    /// Its brightest part is metered in the place of its mean.
+    /// The image's brightest part is metered instead of its mean.
     by_brightest: bool,
     /// Setting of the other turn: in which the tag, or the brightest part, was metered last.
     other: Setting,
@@ -116,13 +116,13 @@ impl Metering {
             gain,
             setting,
             set_at: 0,
-            unseen: 0,
+            undetected: 0,
             contradicted: false,
             by_brightest: false,
             other: setting,
         }
     }
-    /// What the device is set to.
+    /// Setting of the device.
     pub fn setting(&self) -> Setting {
         self.setting
     }
@@ -153,13 +153,13 @@ impl Metering {
     fn takes_turn(&mut self, light: &Light) -> bool {
         match light {
             Light::Tag(_) => {
-                (self.unseen, self.by_brightest, self.contradicted) = (0, false, false);
+                (self.undetected, self.by_brightest, self.contradicted) = (0, false, false);
                 self.other = self.setting;
                 false
             }
             Light::Image(_) => {
-                self.unseen = self.unseen.saturating_add(1);
-                let ends = self.contradicted && self.unseen.is_multiple_of(TURN);
+                self.undetected = self.undetected.saturating_add(1);
+                let ends = self.contradicted && self.undetected.is_multiple_of(TURN);
                 self.by_brightest ^= ends;
                 ends
             }
@@ -170,7 +170,7 @@ impl Metering {
     fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
-            Light::Image(_) if self.unseen <= UNSEEN => return None,
+            Light::Image(_) if self.undetected <= UNDETECTED => return None,
             Light::Image(image) if self.by_brightest => (image.brightest, WHITE, WHITE_BAND),
             Light::Image(image) => {
                 self.contradicted =
@@ -191,21 +191,21 @@ impl Metering {
     }
     fn next(&self, stops: f64) -> Setting {
         let (now, exposure) = (self.setting, self.exposure_s);
-        let [least_s, most_s] = [exposure.least, exposure.most].map(|e| exposure.nearest(e));
+        let [min_s, max_s] = [exposure.low, exposure.most].map(|e| exposure.nearest(e));
         let wanted_s = now.exposure_s * stops.exp2();
-        // Rounded, but half a step is none: the way back would be the same.
+        // Rounded, but half a step does not count: the way back would be half a step, too.
         let steps = (wanted_s - now.exposure_s) / exposure.step;
         let moved_s = exposure.step * (steps.abs() + 0.4).floor().copysign(steps);
         let exposure_s = exposure.nearest(now.exposure_s + moved_s);
         let by = |part: f64| {
-            let range = self.gain.most - self.gain.least;
+            let range = self.gain.most - self.gain.low;
             (part * range).abs().max(self.gain.step).copysign(part)
         };
-        let more = if stops > 0.0 && wanted_s > most_s {
-            by(GAIN_STEP * (wanted_s / most_s).log2().min(1.0))
-        } else if stops < 0.0 && wanted_s < least_s {
-            by(-GAIN_STEP * (least_s / wanted_s).log2().min(1.0))
-        } else if exposure_s == now.exposure_s && exposure_s < SHORT * most_s {
+        let more = if stops > 0.0 && wanted_s > max_s {
+            by(GAIN_STEP * (wanted_s / max_s).log2().min(1.0))
+        } else if stops < 0.0 && wanted_s < min_s {
+            by(-GAIN_STEP * (min_s / wanted_s).log2().min(1.0))
+        } else if exposure_s == now.exposure_s && exposure_s < SHORT * max_s {
             by(-GAIN_FALL)
         } else {
             0.0
@@ -253,18 +253,18 @@ mod tests {
     impl Sensor {
         fn new(scale: Scale, latency: u64, queue: u64, step_s: f64, start: Setting) -> Sensor {
             let exposure = Range {
-                least: step_s,
+                low: step_s,
                 most: LONGEST_S,
                 step: step_s,
             };
             let gain = match scale {
                 Scale::Linear => Range {
-                    least: 1.0,
+                    low: 1.0,
                     most: 64.0,
                     step: 1.0,
                 },
                 Scale::TenthDecibel => Range {
-                    least: 0.0,
+                    low: 0.0,
                     most: 480.0,
                     step: 1.0,
                 },
@@ -307,11 +307,11 @@ mod tests {
                 white: level(1.0),
                 saturation: 0.0,
             };
-            let seen = tag.contrast() > 40.0 / 255.0;
+            let detected = tag.contrast() > 40.0 / 255.0;
             let water = f64::from(level(0.1));
             self.images.push_back((
                 self.image,
-                if seen {
+                if detected {
                     Light::Tag(tag)
                 } else {
                     Light::Image(ImageLight {
@@ -409,7 +409,7 @@ mod tests {
     /// A camera at 1 ms and gain 1.
     fn from_a_millisecond() -> Metering {
         let range = |most| Range {
-            least: 0.0001,
+            low: 0.0001,
             most,
             step: 0.0001,
         };
@@ -429,12 +429,12 @@ mod tests {
         };
         let mut sensor = Sensor::new(scale, 2, 1, 1e-4, start);
         let mut at_limit = 0;
-        let seen = (1..=8 * u64::from(TURN)).map(|number| {
+        let detected = (1..=8 * u64::from(TURN)).map(|number| {
             let white = sensor.white(light, sensor.metering.setting());
             // Of four times the white that clips, a lens scatters enough to fill the black.
             let decoded = (40.0..1020.0).contains(&white);
             let level = white.min(255.0);
-            let seen = if decoded {
+            let detected = if decoded {
                 Light::Tag(TagLight {
                     white: level as u8,
                     ..TagLight::default()
@@ -446,11 +446,11 @@ mod tests {
                     ..ImageLight::default()
                 })
             };
-            sensor.metering.step(number, number, &seen);
+            sensor.metering.step(number, number, &detected);
             at_limit += usize::from(sensor.metering.at_limit());
             decoded
         });
-        (seen.collect(), at_limit)
+        (detected.collect(), at_limit)
     }
 
     #[test]
@@ -459,9 +459,9 @@ mod tests {
             // From faint ones, which the longest exposure shows, to those that the shortest shows.
             for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
-                    let (seen, _) = night(scale, light, lamp);
+                    let (detected, _) = night(scale, light, lamp);
                     let from = 4 * TURN as usize;
-                    assert!(seen[from..].iter().all(|s| *s), "{scale:?} {light} {lamp}");
+                    assert!(detected[from..].iter().all(|s| *s), "{scale:?} {light} {lamp}");
                 }
             }
         }
@@ -470,14 +470,14 @@ mod tests {
     #[test]
     fn metering_at_its_limit_in_the_dark() {
         // Nothing is bright: it stays at the limit. A lamp is: it looks for what the lamp may hide, and comes back.
-        let (seen, at_limit) = night(Scale::Linear, 0.01, false);
+        let (detected, at_limit) = night(Scale::Linear, 0.01, false);
         assert!(
-            !seen.contains(&true) && at_limit > seen.len() * 2 / 3,
+            !detected.contains(&true) && at_limit > detected.len() * 2 / 3,
             "{at_limit}"
         );
         let (_, at_limit) = night(Scale::Linear, 0.01, true);
         assert!(
-            (seen.len() / 8..seen.len() * 7 / 8).contains(&at_limit),
+            (detected.len() / 8..detected.len() * 7 / 8).contains(&at_limit),
             "{at_limit}"
         );
     }
@@ -511,7 +511,7 @@ mod tests {
     #[test]
     fn nearest_setting_steps_and_bounds() {
         let range = Range {
-            least: 1.0,
+            low: 1.0,
             most: 40.4,
             step: 2.0,
         };
@@ -520,7 +520,7 @@ mod tests {
             [1.0, 1.0, 3.0, 39.0, 39.0]
         );
         let hundred_us = Range {
-            least: 1e-4,
+            low: 1e-4,
             most: 0.004,
             step: 1e-4,
         };

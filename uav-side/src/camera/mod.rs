@@ -1,6 +1,6 @@
 //! The belly camera: images in, the deck's pose by its tags out.
 //!
-//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are seen from where),
+//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`layout`] (which tags are visible from where),
 //! [`detector`] (their corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`] (exposure and
 //! gain); [`marked`] (the image for people), [`strangers`] (tags that are not the deck's); then [`uvdar`], the second camera.
 
@@ -32,10 +32,10 @@ pub use uvdar::UvdarSettings;
 config! {
     /// The camera and what is looked for in its images.
     pub struct CameraSettings {
-        /// Its mount as it is against the designed one (optical axis down, upper edge of the image forward):
+        /// Rotation of the camera's mount against the designed one (optical axis down, upper edge of the image forward):
         /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
-        /// Its lens, from its calibration.
+        /// Lens of the camera, from its calibration.
         pub lens: Lens;
         /// The detector of the deck's tags.
         pub tag: TagSettings;

@@ -18,7 +18,7 @@ const REACH_PX: [f64; 2] = [2.0, 24.0];
 const CELLS: f64 = 8.0;
 /// Variance of a sharp edge: optics of 0.6 px, the pixel's area and what lies between samples, px².
 const SHARP_PX2: f64 = 0.55;
-/// Least step of the mean profile that is an edge, grey levels.
+/// Minimum step of the mean profile that is an edge, grey levels.
 const MIN_EDGE_STEP: f64 = 5.0;
 
 /// Narrowest width of a quadrilateral: its area over its longest side, px.

@@ -67,11 +67,11 @@ impl Exposures {
 pub struct CameraIn {
     /// Images.
     pub frames: Vec<Frame>,
-    /// What exposed the newest of them; None where the drone does not set it.
+    /// Exposure of the newest of them; None where the drone does not set it.
     pub exposed: Option<Exposed>,
 }
 
-/// What was detected in them.
+/// Detections in the images.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraOut {
     /// Poses of the deck by its tags.
@@ -81,7 +81,7 @@ pub struct CameraOut {
 }
 
 wiring! {
-    /// What the belly camera's node writes; it reads images alone.
+    /// Topics that the belly camera's node writes; it reads images alone.
     CameraPorts of CameraNode: CameraIn => CameraOut {
         reads {}
         edge { frames, exposed }
@@ -99,21 +99,21 @@ pub struct CameraNode {
     /// Rotation of the designed camera from the mounted one.
     mount: UnitQuaternion<f64>,
     tag: TagSettings,
-    /// How exactly the tags' places on the deck are known; one alone stands for the deck.
+    /// Standard deviation of the tags' places on the deck, m; one alone stands for the deck.
     place_sd_m: f64,
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
-    /// Of the reports of the light.
+    /// Timer of the reports of the light.
     reports: Exposures,
 }
 
-/// What the newest image shows.
+/// Light in the newest image.
 #[derive(Default)]
 struct Newest {
     tags: Vec<TagDetection>,
     pose: Option<TagPose>,
-    /// Of the whole image.
+    /// Light of the whole image.
     image: ImageLight,
 }
 
@@ -135,7 +135,7 @@ impl CameraNode {
             reports: Exposures::of(identity),
         }
     }
-    /// What the newest image shows of the light: that on the largest tag, or the whole image's where none was detected.
+    /// Light in the newest image: that on the largest tag, or the whole image's where none was detected.
     pub fn light(&self) -> Light {
         self.tag_light()
             .map_or(Light::Image(self.newest.image), Light::Tag)
@@ -189,8 +189,8 @@ impl CameraNode {
             return Vec::new();
         }
         let tags = self.detector.find(image);
-        let seen = tags.iter().filter_map(|d| self.seen(d)).collect();
-        let poses: Vec<TagPose> = decks::apart(seen)
+        let detected = tags.iter().filter_map(|d| self.placed(d)).collect();
+        let poses: Vec<TagPose> = decks::apart(detected)
             .into_iter()
             .filter_map(|deck| self.common_pose(deck))
             .collect();
@@ -209,13 +209,13 @@ impl CameraNode {
         self.reports.last = Some(frame.at);
         // An exposure that is not the drone's is taken to be as long as it may be.
         let at_limit = exposed.is_none_or(|e| e.at_limit);
-        let unseen = self.newest.tags.is_empty();
+        let undetected = self.newest.tags.is_empty();
         Some(CameraLight {
             header: self.reports.header(frame.at),
             mean: mean_level(&frame.image),
             exposure_s: exposed.map(|e| e.setting.exposure_s),
-            dark: at_limit && unseen && self.newest.image.is_dark(self.tag.min_margin),
-            glare: self.newest.image.glare().filter(|_| unseen),
+            dark: at_limit && undetected && self.newest.image.is_dark(self.tag.min_margin),
+            glare: self.newest.image.glare().filter(|_| undetected),
         })
     }
     /// The corners of the deck's tags in one image.
@@ -225,31 +225,31 @@ impl CameraNode {
     /// The deck's pose from the corners of its tags, if one explains them; a tag that no common pose explains, one that
     /// came loose or is another's, is left out.
     pub fn estimate_pose(&mut self, detections: &[TagDetection]) -> Option<TagPose> {
-        self.common_pose(detections.iter().filter_map(|d| self.seen(d)).collect())
+        self.common_pose(detections.iter().filter_map(|d| self.placed(d)).collect())
     }
-    fn common_pose(&mut self, mut seen: Vec<SeenTag>) -> Option<TagPose> {
-        while !seen.is_empty() {
-            if let Some(pose) = self.pose(&seen) {
+    fn common_pose(&mut self, mut detected: Vec<SeenTag>) -> Option<TagPose> {
+        while !detected.is_empty() {
+            if let Some(pose) = self.pose(&detected) {
                 self.detector.counts.detected += 1;
                 return Some(pose);
             }
             self.detector.counts.misfit += 1;
             // Without which of them do the others fit best?
             let without = |k: usize| {
-                let others: Vec<SeenTag> = (seen.iter().enumerate())
+                let others: Vec<SeenTag> = (detected.iter().enumerate())
                     .filter_map(|(i, s)| (i != k).then_some(*s))
                     .collect();
                 solve(&others).map_or(f64::INFINITY, |s| s.misfit)
             };
-            let odd = (0..seen.len())
+            let odd = (0..detected.len())
                 .map(|k| (k, without(k)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))?;
-            seen.remove(odd.0);
+            detected.remove(odd.0);
         }
         None
     }
     /// A detection at unit distance, with its noise: what the tag's place on the deck is not known to is as much in the image.
-    fn seen(&self, detection: &TagDetection) -> Option<SeenTag> {
+    fn placed(&self, detection: &TagDetection) -> Option<SeenTag> {
         let mut image = [Vector2::zeros(); 4];
         // Every corner counts the same: the largest pixel at unit distance stands for all.
         let mut pixel = 0.0_f64;
@@ -265,10 +265,10 @@ impl CameraNode {
             sd,
         })
     }
-    fn pose(&self, seen: &[SeenTag]) -> Option<TagPose> {
-        let s = solve(seen)?;
+    fn pose(&self, detected: &[SeenTag]) -> Option<TagPose> {
+        let s = solve(detected)?;
         // Eight coordinates of each tag less six of the pose; one tag leaves two degrees of freedom.
-        let freedom = 8.0 * seen.len() as f64 - 6.0;
+        let freedom = 8.0 * detected.len() as f64 - 6.0;
         // The same tail of the chi-square distribution with more degrees of freedom (Laurent and Massart 2000, lemma 1).
         let more = freedom - 2.0;
         let most = self.tag.max_misfit + more + (2.0 * more * self.tag.max_misfit).sqrt();
@@ -355,7 +355,7 @@ mod tests {
         // Tag 2 lies 3 cm from its place.
         let mut loose = tags;
         loose[2].centre_m[0] += 0.03;
-        let seen: Vec<TagDetection> = (loose.iter().zip(tags.iter()).take(6))
+        let detected: Vec<TagDetection> = (loose.iter().zip(tags.iter()).take(6))
             .map(|(lies, known)| TagDetection {
                 tag: *known,
                 corners: corners_of(lies).map(|p| settings.lens.project(&(turn * p + at)).unwrap()),
@@ -365,11 +365,11 @@ mod tests {
                 light: TagLight::default(),
             })
             .collect();
-        let pose = node.estimate_pose(&seen).unwrap();
+        let pose = node.estimate_pose(&detected).unwrap();
         assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
         assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
         // Known better than by the best of them alone.
-        let alone = node.estimate_pose(&seen[..1]).unwrap();
+        let alone = node.estimate_pose(&detected[..1]).unwrap();
         assert!(pose.variance[5] < 0.5 * alone.variance[5]);
     }
 
@@ -404,7 +404,7 @@ mod tests {
             "{first:?}"
         );
         assert_eq!(look(1033, 3, Some(true)), None);
-        // It may be more; it is none of the drone's; it is bright enough.
+        // The exposure may still rise; it is not the drone's to set; the image is bright enough.
         for (k, level, at_limit, dark) in [
             (3, 3, Some(false), false),
             (4, 3, None, true),

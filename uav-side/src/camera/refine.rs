@@ -12,7 +12,7 @@ pub(super) struct CameraPose {
 }
 
 impl CameraPose {
-    /// The same of the object's point `to`, in its own axes.
+    /// Pose of the object's point `to`, in its own axes.
     pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
         CameraPose {
             position: self.position + self.attitude * to,
@@ -38,7 +38,7 @@ pub(super) struct Limits {
     pub steps: usize,
     /// Damping at first.
     pub damping: f64,
-    /// Least damping.
+    /// Minimum damping.
     pub min_damping: f64,
     /// Gain of the cost at which it has converged: as a fraction of the cost ...
     pub relative_gain: f64,
@@ -48,7 +48,7 @@ pub(super) struct Limits {
     pub step: f64,
 }
 
-/// The pose of least cost near `start`, and that cost. None when a matrix is not positive definite or the
+/// The pose of minimum cost near `start`, and that cost. None when a matrix is not positive definite or the
 /// equations do not hold at `start`.
 pub(super) fn refine(
     start: CameraPose,

@@ -6,7 +6,7 @@
 //! plane-based pose estimation", section 3); both are refined and the better one is reported, so
 //! that noise makes the solver take the wrong one as often as it would in reality.
 //!
-//! What that means for a tag of 1 m, 320 px focal length and corner noise of 1 px: tilt is known to
+//! For a tag of 1 m, 320 px focal length and corner noise of 1 px, for example, tilt is known to
 //! 0.8 deg at 1.5 m, 3 deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly
 //! always more tilted than the truth, and therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm
 //! at 10 m, which averaging does not remove. The variance covers both.
@@ -30,7 +30,7 @@ const LIMITS: Limits = Limits {
 pub struct SeenTag {
     /// The tag.
     pub tag: DeckTag,
-    /// Its corners at unit distance, in the order of [`corners`].
+    /// Corners of the square at unit distance, in the order of [`corners`].
     pub image: [Vector2<f64>; 4],
     /// Standard deviation of each of their coordinates, same unit.
     pub sd: f64,
@@ -61,7 +61,7 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
         Vector3::new(-h, h, 0.0),
     ]
 }
-/// The same of a tag, from the deck's centre.
+/// Corners of a tag, from the deck's centre.
 pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
     corners(tag.side_m).map(|corner| corner + Vector3::from(tag.centre_m))
 }
@@ -71,14 +71,14 @@ type Corner = (Vector3<f64>, Vector2<f64>, f64);
 
 /// Solves for the pose of the deck from its tags in an image. None without one, when the corners are degenerate or the
 /// refinement fails.
-pub fn solve(seen: &[SeenTag]) -> Option<DeckPose> {
-    let (best, size) = (seen.iter())
+pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
+    let (best, size) = (tags.iter())
         .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
     if !size.is_finite() {
         return None;
     }
-    let on_deck: Vec<Corner> = (seen.iter())
+    let on_deck: Vec<Corner> = (tags.iter())
         .flat_map(|s| {
             corners_of(&s.tag)
                 .into_iter()
@@ -86,7 +86,7 @@ pub fn solve(seen: &[SeenTag]) -> Option<DeckPose> {
                 .map(|(x, z)| (x, z, 1.0 / (s.sd * s.sd)))
         })
         .collect();
-    // Tilt is known about the middle of what is seen: there the two minima lie.
+    // Tilt is known about the middle of the tags: there the two minima lie.
     let middle = on_deck.iter().map(|c| c.0).sum::<Vector3<f64>>() / on_deck.len() as f64;
     let body: Vec<Corner> = on_deck.iter().map(|(x, z, w)| (x - middle, *z, *w)).collect();
     let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &body));
@@ -133,8 +133,8 @@ fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     })
 }
 
-/// Of the reprojection error. The perturbation is (translation, rotation about the camera's axes through the
-/// body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
+/// Normal equations of the reprojection error. The perturbation is (translation, rotation about the camera's axes through
+/// the body's origin): `p = R x + t`, `dp = dt + dr x (R x)`.
 fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquations> {
     let r = pose.attitude.to_rotation_matrix();
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);

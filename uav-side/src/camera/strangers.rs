@@ -7,14 +7,14 @@ use apriltag::{Detector, DetectorBuilder, Family, Image};
 use super::detector::TagSettings;
 use super::image::GreyImage;
 
-/// A tag that is none of the deck's.
+/// A tag that does not belong to the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
-    /// Of the deck's family, with this number, which the deck has not.
+    /// A tag of the deck's family, with this number, which the deck has not.
     Number(usize),
-    /// Of the deck's family, with this number, mirrored.
+    /// A tag of the deck's family, with this number, mirrored.
     Mirrored(usize),
-    /// Of the family of this name.
+    /// A tag of the family of this name.
     Family(&'static str),
 }
 
@@ -27,7 +27,7 @@ pub struct Strangers {
 }
 
 impl Strangers {
-    /// Beside these tags. A tag counts only without a wrong bit.
+    /// A search for tags other than these. A tag counts only without a wrong bit.
     pub fn new(settings: &TagSettings, tags: &Tags) -> Strangers {
         let detector = |family: Family| {
             let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
@@ -87,11 +87,11 @@ fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
 }
 
 /// Numbers of the tags in an image whose contrast is enough.
-fn numbers(detector: &mut Detector, image: &Image, least_margin: f64) -> Vec<usize> {
+fn numbers(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
     let found = detector.detect(image);
     let clear = found
         .iter()
-        .filter(|f| f64::from(f.decision_margin()) >= least_margin);
+        .filter(|f| f64::from(f.decision_margin()) >= min_margin);
     clear.map(|f| f.id()).collect()
 }
 

@@ -2,9 +2,9 @@
 //!
 //! Drag pushes a drone that moves at `v` in the mean wind `w` with the gust `g` by `d = -k s u` with `u = v - w - g` and
 //! `s = sqrt(|u|² + u0²)`: quadratic, and linear below `u0`, where the rotors' drag rules (Faessler et al. 2018). What the
-//! odometry shows of it at the different speeds of an approach tells both. An extended Kalman filter over `(ln k, w, g)` takes
-//! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust dies away with the turbulence's
-//! integral time, and is as strong as its intensity: what changes faster than gusts do is drag.
+//! odometry shows of it at the different speeds of an approach identifies both. An extended Kalman filter over `(ln k, w,
+//! g)` takes the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust dies away with the
+//! turbulence's integral time, and is as strong as its intensity: what changes faster than gusts do is drag.
 
 use alight_shared::landing::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, drag};
 use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
@@ -91,7 +91,7 @@ impl Air {
         let sd = p[(1, 1)].max(p[(2, 2)]).max(0.0).sqrt();
         Some((mean(&x), sd))
     }
-    /// What its gusts do to a drone that moves at `v`, standard deviation of one axis, m/s².
+    /// Acceleration by gusts on a drone that moves at `v`, standard deviation of one axis, m/s².
     pub(super) fn gust_sd(&self, v: &Vector2<f64>) -> Option<f64> {
         let (x, _) = self.state?;
         let (wind, sd) = self.wind()?;

@@ -30,19 +30,19 @@ const ARRIVED_M: f64 = 30.0;
 const UNMEASURED_PER_S: f64 = 1.0 / 600.0;
 /// A gauge sticks that has not moved in flight while so much was used by the measured power: five of its steps.
 const STUCK: f64 = 0.05;
-/// The same before the power was measured, s: two steps of a drone that flies for an hour.
+/// Time after which it sticks before the power was measured, s: two steps of a drone that flies for an hour.
 const STUCK_S: f64 = 72.0;
 /// The voltage contradicts a gauge that has not moved once it has fallen by this share: what a tenth of the charge takes of it.
 const STUCK_FALL: f64 = 0.015;
 /// Time constant of the voltage, s, after which its load is that of the flight.
 const VOLTAGE_TIME_S: f64 = 10.0;
 /// No slower is assumed, m/s: the cost stays finite.
-const LEAST_MPS: f64 = 0.5;
+const MIN_MPS: f64 = 0.5;
 
 /// Watches the battery.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BatteryMonitor {
-    /// Readings that nothing later has reached, falling: the first is the greatest of the watched time.
+    /// Readings that nothing later has reached, falling: the first is the maximum of the watched time.
     readings: VecDeque<(DroneTime, f64)>,
     began: Option<DroneTime>,
     /// The newest reading of the gauge, reckoned on while it is silent or sticks.
@@ -105,7 +105,7 @@ impl BatteryMonitor {
         self.last = Some(at);
         self.readings = [(at, charge)].into();
     }
-    /// What a mission after this one has to know; None before any reading.
+    /// State for a mission after this one; None before any reading.
     pub(super) fn memory(&self) -> Option<KnownBattery> {
         self.gauge.map(|g| KnownBattery {
             at: g.moved.0,
@@ -183,7 +183,7 @@ impl BatteryMonitor {
         Some((before - power * dt).max(0.0))
     }
 
-    /// How fast it empties, by the charge that counts: a reading that is lost is no fall.
+    /// Measures how fast it empties, by the charge that counts: a reading that is lost is no fall.
     fn measure(&mut self, now: DroneTime, a: &AutopilotState, c: &MissionConfig) {
         self.last = Some(now);
         if !a.armed {
@@ -209,7 +209,7 @@ impl BatteryMonitor {
         }
     }
 
-    /// The charge that counts, 0 to 1: the greatest of the last `battery_lasts_s`, so that neither one reading nor a voltage
+    /// The charge that counts, 0 to 1: the maximum of the last `battery_lasts_s`, so that neither one reading nor a voltage
     /// that sags under thrust does anything; 0 where the voltage has been below its minimum for so long. None while nothing
     /// is reported, or not for so long.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
@@ -248,7 +248,7 @@ impl BatteryMonitor {
             _ => UNMEASURED_PER_S,
         }
     }
-    /// What a drone away from its vessel has and needs; None while the charge is not known.
+    /// Charge that a drone away from its vessel has and needs; None while the charge is not known.
     pub(super) fn energy(&self, c: &MissionConfig) -> Option<Energy> {
         Some(Energy {
             charge: self.charge(c)?,
@@ -261,7 +261,7 @@ impl BatteryMonitor {
     /// The charge that has to be left: for the way of `distance_m` to the deck at the speed made good, and one attempt, by
     /// the power that is measured, `P (d / v + t)`; at least the configured reserve.
     pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
-        let speed = self.closing_mps.unwrap_or(assumed_mps).max(LEAST_MPS);
+        let speed = self.closing_mps.unwrap_or(assumed_mps).max(MIN_MPS);
         let way_s = if distance_m.is_finite() {
             distance_m / speed
         } else {
@@ -361,7 +361,7 @@ mod tests {
         ];
         for (k, (c, witness, [low, high])) in cases.into_iter().enumerate() {
             let mut m = BatteryMonitor::default();
-            let seen = |t: f64, charge: f64| {
+            let reading = |t: f64, charge: f64| {
                 let [battery_v, battery_a] = witness(t);
                 AutopilotState {
                     battery_v,
@@ -369,16 +369,16 @@ mod tests {
                     ..state(t, Some(charge))
                 }
             };
-            run(&mut m, &c, 0.0, 40.0, |t| seen(t, 0.57));
+            run(&mut m, &c, 0.0, 40.0, |t| reading(t, 0.57));
             assert_eq!(m.charge(&c), Some(0.57), "{k}: not yet");
-            run(&mut m, &c, 40.0, 280.0, |t| seen(t, 0.57));
+            run(&mut m, &c, 40.0, 280.0, |t| reading(t, 0.57));
             let charge = m.charge(&c).unwrap();
             assert!(
                 (low..high).contains(&charge),
                 "{k}: {charge} of {}",
                 0.57 - used(320.0)
             );
-            run(&mut m, &c, 320.0, 10.0, |t| seen(t, 0.25));
+            run(&mut m, &c, 320.0, 10.0, |t| reading(t, 0.25));
             assert_eq!(m.charge(&c), Some(0.25), "{k}: it moves again");
         }
         // On the ground nothing is used.
@@ -400,7 +400,7 @@ mod tests {
             volts: None,
             power: Some(0.001),
         };
-        // It has seen the gauge before it is given that: silent, or stuck since.
+        // It has observed the gauge before it is given that: silent, or stuck since.
         for (gauge, expected) in [(None, 0.3), (Some(0.57), 0.57 - 0.181), (Some(0.5), 0.5)] {
             let mut m = BatteryMonitor::default();
             m.update(&state(100.8, gauge), &c);

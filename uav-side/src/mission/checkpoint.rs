@@ -28,11 +28,11 @@ const MAX_COMMANDS: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Beginning {
     recovery: Recovery<MissionCheckpoint>,
-    /// What came meanwhile, in order.
+    /// Commands that came meanwhile, in order.
     commands: Vec<Command>,
 }
 
-/// How a mission begins.
+/// Beginning of a mission.
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
     /// One that is too old to go on from: what the flight is for outlives it.
@@ -42,7 +42,7 @@ pub(super) struct Begun {
 }
 
 impl Beginning {
-    /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` says
+    /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` means
     /// that it sees the drone and its deck.
     pub(super) fn step(
         &mut self,
@@ -91,8 +91,8 @@ pub(super) fn restored(
     }
 }
 
-/// What becomes of a mission in `state` that was last `published`: where that is too long ago the pilot has left the plan
-/// meanwhile and climbs, and a landing is begun anew, unless it is over, a climb would meet the deck harder than the flare
+/// Continuation of a mission in `state` that was last `published`: where that is too long ago the pilot has left the plan
+/// meanwhile and climbs, and a landing begins again, unless it is over, a climb would meet the deck harder than the flare
 /// does, so that the pilot goes on, or the operator `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
@@ -113,7 +113,7 @@ pub(super) fn interrupted(
     })
 }
 
-/// Its feet are on this deck, by the forecast, and stay there.
+/// Whether its feet are on this deck, by the forecast, and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
@@ -145,7 +145,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         // A search begins again from the beacon's place.
         State::Approach | State::Search => MissionPhase::APPROACH,
-        // What it knew of the wind is gone: it begins its watch anew.
+        // The wind estimate is lost: it is measured again from the start.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
         State::Flare => MissionPhase::Flare {
@@ -176,7 +176,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
-        // What was not commanded yet is commanded anew.
+        // An order that was not carried out yet has to come again.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
         State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),
@@ -215,8 +215,9 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     }
 }
 
-/// What the flight is for, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge lasts,
-/// and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left of it.
+/// Purpose of the flight, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge
+/// lasts, and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left
+/// of it.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> Progress {
     if !m.sortie || m.deck_declined {
         return Progress::default();
@@ -251,9 +252,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// What an idle mission without a checkpoint does about a drone that flies, or rests with motors on, near a deck: it
+/// Start of an idle mission without a checkpoint with a drone that flies, or rests with motors on, near a deck: it
 /// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
-/// climbs to begin anew. `code`: why it does not know where the drone is. `Err`: it cannot tell yet.
+/// climbs to begin again. `code`: why the drone's place is not known. `Err`: not decided yet.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,

@@ -18,7 +18,7 @@ use crate::mission_config::MissionConfig;
 /// Take-offs that find no moment are begun again so often.
 const MOMENTS: u32 = 3;
 
-/// How far the cycles are.
+/// Progress of the cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycles {
     /// They go on.

@@ -68,7 +68,7 @@ fn hold() -> MissionPhase {
 }
 
 #[test]
-fn next_sortie_by_charge_or_by_word() {
+fn next_sortie_by_charge_or_by_order() {
     // Charged for 30 s.
     let d = step(landed(), cycling(), None, &standing(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (landed(), NotReady));
@@ -219,7 +219,7 @@ fn endings_of_unattended_cycles() {
 }
 
 #[test]
-fn mission_begun_anew_while_it_hands_over() {
+fn mission_restarted_while_it_hands_over() {
     let m = MissionCheckpoint {
         state: MissionState {
             state: State::Hold,

@@ -130,7 +130,7 @@ fn order_below_the_reserve() {
 }
 
 /// After an abort or a hold the operator decides until a quarter of the reserve is gone; then it lands, and a second abort
-/// is the last word about the deck.
+/// finally declines the deck.
 #[test]
 fn low_battery_after_a_stop() {
     for (command, state, waiting) in [
@@ -152,7 +152,7 @@ fn low_battery_after_a_stop() {
         let d = commanded(&d, command, &charged(0.14));
         goes(&d, state, Operator);
         goes(&step(&d, &charged(0.14)), State::GaveUp, BatteryHome);
-        // The crew's closed deck is none.
+        // A deck closed by the crew is not available.
         let d = commanded(TRACKING, command, &charged(0.5));
         let closed = with(|s| {
             (s.battery, s.reservation) = (Some(0.14), Reservation::Others(alight_shared::msg::DECK_CLOSED));

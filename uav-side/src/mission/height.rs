@@ -12,7 +12,7 @@
 //! | rangefinder | whatever is below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
 //! A witness that has the deck *higher* by more than it errs by contradicts: the drone stays as high as if both levels were
-//! the deck's. Without a witness it stays no lower than a person flew it. Mean sea level is no witness where the drone
+//! the deck's. Without a witness it stays no lower than a pilot flew it. Mean sea level is no witness where the drone
 //! itself has been lower (an inland water below the sea), and contradicts nothing that a take-off from the deck confirms.
 
 use alight_shared::estimation::low_pass_gain;
@@ -33,9 +33,9 @@ const LEVEL_TIME_S: f64 = 10.0;
 /// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
 /// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
-/// A deck whose height is known no better was not seen, standard deviation, m: two receivers are worse, a camera that sees the
-/// tag from the tracking height ten times better.
-const SEEN_SD_M: f64 = 0.5;
+/// A deck whose height is known no better was not detected, standard deviation, m: two receivers are worse, a camera that
+/// sees the tag from the tracking height ten times better.
+const VISION_SD_M: f64 = 0.5;
 
 /// A take-off's level, and that of the last sight, err by this, m: a barometer drifts by 1 to 4 m in ten minutes, and rises
 /// and falls of a deck at sea are not averaged.
@@ -53,11 +53,11 @@ const SURFACE_JUMP_M: f64 = 3.0;
 /// Time constant of a surface's height, s.
 const SURFACE_TIME_S: f64 = 0.5;
 
-/// What is below the drone, by its rangefinder.
+/// Surface below the drone, by its rangefinder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Surface {
     /// Since when, the newest reading, and its height, NED z, m.
-    seen: Option<(DroneTime, DroneTime, f64)>,
+    observed: Option<(DroneTime, DroneTime, f64)>,
 }
 
 impl Surface {
@@ -66,7 +66,7 @@ impl Surface {
         let same = |(_, last, level): &(DroneTime, DroneTime, f64)| {
             at > *last && at - *last <= SURFACE_STALE && (z - level).abs() <= SURFACE_JUMP_M
         };
-        self.seen = match self.seen.filter(same) {
+        self.observed = match self.observed.filter(same) {
             Some((since, last, level)) => {
                 let gain = low_pass_gain((at - last).secs(), SURFACE_TIME_S);
                 Some((since, at, level + gain * (z - level)))
@@ -74,20 +74,20 @@ impl Surface {
             None => z.is_finite().then_some((at, at, z)),
         };
     }
-    /// Its height, NED z, m, when readings of it last.
+    /// Height of the surface, NED z, m, when readings of it last.
     pub(super) fn level(&self, now: DroneTime) -> Option<f64> {
-        let (since, last, level) = self.seen?;
+        let (since, last, level) = self.observed?;
         (now - last <= SURFACE_STALE && (last - since).secs() >= SURFACE_LASTS_S).then_some(level)
     }
 }
 
-/// What one step knows.
+/// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeightInput {
     /// Deck's mean level by the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
     /// The camera sees the deck, by the forecast.
-    pub(super) seen: bool,
+    pub(super) observed: bool,
     /// Drone's centre of mass, NED z, m, where odometry is fresh.
     pub(super) own_z: Option<f64>,
     /// Feet below the centre of mass, m.
@@ -112,17 +112,17 @@ pub(super) struct HeightWitnesses {
     /// Deck's level where the drone stood on it, NED z, m.
     take_off_z: Option<f64>,
     /// Deck's level while the camera saw it, NED z, m.
-    seen_z: Option<f64>,
+    vision_z: Option<f64>,
     /// The lowest place that the drone has been at without the mission, NED z, m.
     proven_z: Option<f64>,
 }
 
-/// What the witnesses make of the deck's level.
+/// Limits of the drone's height by the witnesses of the deck's level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heights {
     /// The highest level of the deck among forecast and witnesses that contradict it, NED z, m.
     pub(super) deck_z: Option<f64>,
-    /// Highest level of the water, NED z, m: before the camera has seen the deck no lower than mean sea level.
+    /// Highest level of the water, NED z, m: before the camera has detected the deck no lower than mean sea level.
     pub(super) water_z: Option<f64>,
     /// The drone goes no lower than this, NED z, m; None: its heights over the deck count.
     pub(super) lowest_z: Option<f64>,
@@ -131,8 +131,8 @@ pub(super) struct Heights {
 }
 
 impl Heights {
-    /// The same for a drone at `own_z` that sees a surface at `surface_z` below it: it goes no lower than `clear_m` above that,
-    /// but does not climb for it: a reading that is too short follows the drone up.
+    /// These limits for a drone at `own_z` that sees a surface at `surface_z` below it: it goes no lower than `clear_m`
+    /// above that, but does not climb for it: a reading that is too short follows the drone up.
     pub(super) fn above_surface(self, surface_z: f64, own_z: f64, above_m: f64, clear_m: f64) -> Heights {
         let lowest = (surface_z - clear_m).max(own_z);
         let aims_z = self.deck_z.map(|deck| deck - above_m);
@@ -172,8 +172,8 @@ impl HeightWitnesses {
         if let Some(z) = i.own_z.filter(|_| !i.armed && i.distance_m < ON_DECK_M) {
             self.take_off_z = Some(z + i.feet_m);
         }
-        if let Some(z) = i.forecast_z.filter(|_| i.seen) {
-            self.seen_z = Some(z);
+        if let Some(z) = i.forecast_z.filter(|_| i.observed) {
+            self.vision_z = Some(z);
         }
     }
 
@@ -188,16 +188,16 @@ impl HeightWitnesses {
         [
             self.take_off_z.map(|z| (z, FLIGHT_DRIFT_M)),
             self.sea_z().map(|z| (z - deck_m, SEA_LEVEL_M)),
-            self.seen_z.map(|z| (z, FLIGHT_DRIFT_M)),
+            self.vision_z.map(|z| (z, FLIGHT_DRIFT_M)),
         ]
     }
 
     /// A witness has the deck at this level, NED z, m, and none has it higher.
     pub(super) fn confirm(&self, z: f64, deck_m: f64) -> bool {
-        let [take_off, sea, seen] = self.levels(deck_m);
-        self.agree(z, deck_m, [take_off, sea, seen])
+        let [take_off, sea, observed] = self.levels(deck_m);
+        self.agree(z, deck_m, [take_off, sea, observed])
     }
-    /// The same by witnesses that do not rest on the forecast.
+    /// Confirmation by witnesses that do not rest on the forecast.
     pub(super) fn confirm_aside(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, _] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, None])
@@ -209,16 +209,16 @@ impl HeightWitnesses {
 
     /// The highest level that contradicts the deck's at `z`, with what it errs by.
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
-        let [take_off, sea, seen] = self.levels(deck_m);
+        let [take_off, sea, observed] = self.levels(deck_m);
         let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);
-        [take_off, sea.filter(|_| !stood), seen]
+        [take_off, sea.filter(|_| !stood), observed]
             .into_iter()
             .flatten()
             .filter(|(level, err)| *level < z - err)
             .reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 
-    /// What follows for a deck at the mean level `mean_z` and at that of the newest forecast, NED z, m; `deck_m`: height of the
+    /// Judges a deck at the mean level `mean_z` and at that of the newest forecast, NED z, m; `deck_m`: height of the
     /// deck over still water, `above_m`: height of the approach over the deck.
     pub(super) fn judge(
         &self,
@@ -232,7 +232,7 @@ impl HeightWitnesses {
         };
         // The lower of both is the more dangerous.
         let lowest = forecast_z.map_or(mean, |z| z.max(mean));
-        let sea_z = self.sea_z().filter(|_| self.seen_z.is_none());
+        let sea_z = self.sea_z().filter(|_| self.vision_z.is_none());
         let water_z = sea_z.map_or(mean + deck_m, |sea| sea.min(mean + deck_m));
         let sound = Heights {
             deck_z: Some(mean),
@@ -267,7 +267,7 @@ impl Mission {
         -self.deck_geometry.centre_m[2]
     }
 
-    /// What the witnesses of the deck's height make of its level.
+    /// Limits of the drone's height by the witnesses of the deck's.
     pub(super) fn heights(&mut self, now: DroneTime) -> Heights {
         let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
         let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
@@ -280,8 +280,8 @@ impl Mission {
                 .map(|(d, deck)| d.position() - Vector3::from(deck.position));
             let input = HeightInput {
                 forecast_z: level,
-                seen: forecast.is_some_and(|f| f.vision_age_s <= self.config.vision_fresh_s)
-                    && deck.is_some_and(|d| d.position_sd[2] < SEEN_SD_M),
+                observed: forecast.is_some_and(|f| f.vision_age_s <= self.config.vision_fresh_s)
+                    && deck.is_some_and(|d| d.position_sd[2] < VISION_SD_M),
                 own_z: own.map(|d| d.position[2]),
                 feet_m: self.drone_geometry.feet_below_m,
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
@@ -333,11 +333,11 @@ mod tests {
     const DECK_M: f64 = 1.3;
     const ABOVE_M: f64 = 15.0;
 
-    /// In the air, flown by a person at this height above its origin.
+    /// In the air, flown by a pilot at this height above its origin.
     fn airborne(own_z: f64) -> HeightInput {
         HeightInput {
             forecast_z: None,
-            seen: false,
+            observed: false,
             own_z: Some(own_z),
             feet_m: 0.3,
             distance_m: 50.0,
@@ -391,7 +391,7 @@ mod tests {
         let h = judged(&w, 5.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         assert_eq!(h.lowest_z, Some(-20.0));
-        // Nor lower as the mission lets it drift; as low as a person flies it.
+        // Nor lower as the mission lets it drift; as low as a pilot flies it.
         let drifts = HeightInput {
             flies: true,
             ..airborne(-17.0)
@@ -403,7 +403,7 @@ mod tests {
         // Until a camera sees the deck.
         let sees = HeightInput {
             forecast_z: Some(6.0),
-            seen: true,
+            observed: true,
             flies: true,
             ..airborne(-8.0)
         };
@@ -434,19 +434,19 @@ mod tests {
             deck_z: Some(deck_z),
             ..Heights::default()
         };
-        let seen = |surface_z: f64, own_z: f64| sound.above_surface(surface_z, own_z, ABOVE_M, 3.0);
+        let observed = |surface_z: f64, own_z: f64| sound.above_surface(surface_z, own_z, ABOVE_M, 3.0);
         // The deck, or water below it; a mast of 8 m.
         for surface_z in [deck_z, deck_z + DECK_M, deck_z - 8.0] {
-            assert_eq!(seen(surface_z, deck_z - 20.0), sound);
+            assert_eq!(observed(surface_z, deck_z - 20.0), sound);
         }
-        let h = seen(0.0, -5.0);
+        let h = observed(0.0, -5.0);
         assert_eq!(
             (h.lowest_z, code(&h)),
             (Some(-3.0), Some(ReasonCode::HeightsDisagree))
         );
         // Too low already, or a beam that ends at the drone's own feet: no lower.
-        assert_eq!(seen(0.0, -1.0).lowest_z, Some(-1.0));
-        assert_eq!(seen(-50.0, -50.5).lowest_z, Some(-50.5));
+        assert_eq!(observed(0.0, -1.0).lowest_z, Some(-1.0));
+        assert_eq!(observed(-50.0, -50.5).lowest_z, Some(-50.5));
 
         let mut surface = Surface::default();
         let at = |s: f64| DroneTime::from_secs(s);
@@ -455,7 +455,7 @@ mod tests {
             surface.update(at(t), 1.0);
             assert_eq!(surface.level(at(t)), None);
         }
-        // One reading of spray begins it anew.
+        // One reading of spray restarts it.
         surface.update(at(10.4), -8.0);
         for k in 1..40 {
             surface.update(at(10.4 + 0.02 * f64::from(k)), 1.0);

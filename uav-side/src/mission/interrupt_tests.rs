@@ -31,8 +31,8 @@ fn hold_with_stale_data() {
             assert!((at.z + 8.3).abs() < 1e-9, "{at:?}");
             waits(&run(&d, &s, 3.0), State::Hold, why);
             goes(&run(&d, &fair(), 1.0), State::Tracking, Recovered);
-            let unseen = with_deck(|d| d.vision_age_s = 20.0);
-            goes(&run(&d, &unseen, 1.0), State::GetAltitude, Recovered);
+            let undetected = with_deck(|d| d.vision_age_s = 20.0);
+            goes(&run(&d, &undetected, 1.0), State::GetAltitude, Recovered);
         }
     }
 }
@@ -79,7 +79,7 @@ fn abort_in_every_flying_state() {
     }
 }
 
-/// Of a drone whose feet rest on the deck.
+/// Outcomes for a drone whose feet rest on the deck.
 fn on_the_deck() -> Ends {
     Ends {
         rests: true,
@@ -123,10 +123,10 @@ fn abort_with_a_climb_into_the_deck() {
         goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
         let d = commanded(COMMITTED, command, &slides(1.1));
         waits(&d, State::Flare, CompletesLanding);
-        // Not beside the deck.
-        let mut beside = low(0.8);
-        beside.outside_m = 0.5;
-        goes(&commanded(COMMITTED, command, &beside), climbs, Operator);
+        // Not off the deck.
+        let mut off_deck = low(0.8);
+        off_deck.outside_m = 0.5;
+        goes(&commanded(COMMITTED, command, &off_deck), climbs, Operator);
     }
 }
 
@@ -227,14 +227,14 @@ fn abort_after_a_touchdown() {
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
     }
-    // Nobody knows the thrust: the height above the deck shows that it flies, and without it a person does.
+    // The thrust is not known: the height above the deck shows that it flies, and without it the pilot's mode does.
     let silent = |mut s: Situation| {
         s.rotors_carry = None;
         s
     };
-    let mut unseen = silent(in_air(true));
-    unseen.forecast_age_s = 9.0;
-    for flies in [silent(in_air(true)), unseen] {
+    let mut undetected = silent(in_air(true));
+    undetected.forecast_age_s = 9.0;
+    for flies in [silent(in_air(true)), undetected] {
         goes(
             &commanded(MissionPhase::LANDED, CommandKind::Abort, &flies),
             State::GaveUp,
@@ -246,7 +246,7 @@ fn abort_after_a_touchdown() {
         State::GaveUp,
         FalseTouchdown,
     );
-    for stays in [unseen, silent(with_deck(|d| d.clearance_m = 0.1))] {
+    for stays in [undetected, silent(with_deck(|d| d.clearance_m = 0.1))] {
         assert_eq!(
             run(MissionPhase::LANDED, &stays, 5.0).phase.state(),
             State::Landed
@@ -286,7 +286,7 @@ fn completion_of_a_landing_without_data() {
     let harder = 2.0 * config().flare_mps;
     let (clears, meets) = (Ends::of_speeds(0.5, None), Ends::of_speeds(0.5, Some(harder)));
     // Without odometry nothing is commanded, and whether it leaves is decided once it is back.
-    for (clearance_m, ends, age_s, state, unseen) in [
+    for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
         (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),
         (0.4, clears, 0.4, State::Hold, State::Flare),
@@ -306,7 +306,7 @@ fn completion_of_a_landing_without_data() {
             deck(s);
             s.odometry_age_s = age_s;
         });
-        for (s, state) in [(without_forecast, state), (without_odometry, unseen)] {
+        for (s, state) in [(without_forecast, state), (without_odometry, undetected)] {
             let d = step(COMMITTED, &s);
             assert_eq!(d.phase.state(), state, "{clearance_m} m, {age_s} s");
         }
@@ -389,7 +389,7 @@ fn low_battery_without_a_deck() {
 
 #[test]
 fn low_battery_limits_above_the_deck() {
-    // A deck that nobody lands on who has a choice.
+    // A deck to land on only without an alternative.
     let rough = |battery: f64| {
         with(|s| {
             s.battery = Some(battery);
@@ -437,7 +437,7 @@ fn low_battery_limits_above_the_deck() {
     goes(&d, State::GaveUp, BatteryHome);
     assert_eq!(d.progress.low_battery, Some(BatteryPlace::Home));
     assert_eq!(step(DESCENT, &rough(0.09)).phase.state(), State::Descent);
-    // A deck that is nobody's is free.
+    // A deck without an owner is free.
     let nobodys = with(|s| (s.battery, s.reservation) = (Some(0.15), Reservation::Others(0)));
     goes(
         &step(MissionPhase::APPROACH, &nobodys),
@@ -477,8 +477,8 @@ fn loss_of_control_authority() {
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     let d = step(COMMITTED, &s);
     goes(&d, State::Idle, NotFlying);
-    assert!(!d.progress.landing, "a person flies: nothing resumes by itself");
-    // Also a Hold or a Brake that a person chose.
+    assert!(!d.progress.landing, "a pilot flies: nothing resumes by itself");
+    // Also a Hold or a Brake that the pilot chose.
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Hold));
     assert!(!step(TRACKING, &s).progress.landing);
     let s = with(|s| s.flight = ControlState::Disarmed);
@@ -492,7 +492,7 @@ fn order_after_a_lapse_and_a_takeover() {
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);
     let d = run(&d, &lapsed, 5.0);
-    // Set-points are back: it begins anew.
+    // Set-points are back: it begins again.
     goes(&step(&d, &fair()), State::GetAltitude, Commanded);
     for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {
         let taken = step(&d, &with(|s| s.flight = ControlState::OtherControl(mode)));

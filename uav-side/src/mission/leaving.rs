@@ -1,4 +1,4 @@
-//! What a take-off is judged by: how likely it succeeds while the drone stands on the deck, what its rotors give, how far it has
+//! Evidence for a take-off: its probability while the drone stands on the deck, the thrust of its rotors, how far it has
 //! risen since they could first lift it, and whether it stands.
 
 use alight_shared::geometry::GRAVITY;
@@ -68,7 +68,7 @@ impl Mission {
             .filter(|a| a.armed)
             .and_then(|a| a.thrust)
             .map(|t| t / hover);
-        let gives = |least: f64| thrust.is_some_and(|t| t >= least);
+        let gives = |min: f64| thrust.is_some_and(|t| t >= min);
         let m = &mut self.leaving;
         s.rotors_turn_s = lasts(&mut m.turn, gives(TURN_OF_HOVER), now);
         let rises = self.phase.state() == State::TakeOff;
@@ -78,7 +78,7 @@ impl Mission {
         self.judge_standing(now, thrust, s);
     }
 
-    /// How far it has risen.
+    /// Measures how far it has risen.
     fn judge_rise(&mut self, now: DroneTime, thrust: Option<f64>, s: &mut Situation) {
         let m = &mut self.leaving;
         let leaves = matches!(

@@ -31,7 +31,7 @@ const LEVELS_S: f64 = 0.3;
 const GAP_FROM_S: f64 = 0.3;
 const STEP_S: f64 = 1.0 / 16.0;
 const GAP_UNTIL_S: f64 = 1.5;
-/// What pilot and feet leave of the gap, m, and of the speed along the deck, m/s.
+/// Errors of pilot and feet in the gap, m, and in the speed along the deck, m/s.
 const GAP_SD_M: f64 = 0.03;
 const ALONG_SD_MPS: f64 = 0.1;
 /// Moments that are looked at: this far apart, and so far ahead, s.
@@ -43,9 +43,9 @@ const MAX: f64 = 0.99;
 /// The probability that each limit is kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiftOff {
-    /// Of the speed along the deck.
+    /// Probability for the speed along the deck.
     pub along: f64,
-    /// Of the gap.
+    /// Probability for the gap.
     pub clear: f64,
 }
 
@@ -95,7 +95,7 @@ impl Moments {
     }
 }
 
-/// What the probability rests on.
+/// Conditions of the probability.
 pub(super) struct Jump<'a> {
     /// The deck's forecast.
     pub(super) forecast: &'a DeckForecast,

@@ -15,7 +15,7 @@ pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
 /// deck on which all feet stand, m.
 /// Source: Half of the feet's span: half of the feet are off the deck.
 pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
-/// An order to land waits no longer for a drone that is disarmed or in other hands, s: a person arms, takes off and chooses the
+/// An order to land waits no longer for a drone that is disarmed or in other hands, s: a pilot arms, takes off and chooses the
 /// mode in that time. With a drone that is ours and waits for something else it lasts as long as a landing may.
 pub(super) const ORDER_WAITS_S: f64 = 60.0;
 /// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
@@ -36,14 +36,14 @@ pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason
     (value > limit || value.is_nan()).then_some(Reason::new(code, value, limit))
 }
 
-/// The first figure of the list that is beyond its limit.
-pub(super) fn first_beyond<const N: usize>(figures: [(ReasonCode, f64, f64); N]) -> Option<Reason> {
-    figures
+/// The first value of the list that is beyond its limit.
+pub(super) fn first_beyond<const N: usize>(values: [(ReasonCode, f64, f64); N]) -> Option<Reason> {
+    values
         .into_iter()
         .find_map(|(code, value, limit)| exceeds(code, value, limit))
 }
-/// Over a vessel that is known by its tags alone the drone waits no higher than this, m: from there a tag's tilt is seen to a
-/// degree, from 7 m to three or four.
+/// Over a vessel that is known by its tags alone the drone waits no higher than this, m: from there a tag's tilt is known
+/// to a degree, from 7 m to three or four.
 pub(super) const TAG_HEIGHT_M: f64 = 3.5;
 /// A descent that does not land begins at least so far above its lowest plan, m.
 pub(super) const MATCHES_FROM_M: f64 = 0.5;

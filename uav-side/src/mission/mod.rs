@@ -112,7 +112,7 @@ pub struct MissionIn {
     pub set_point: Option<SetPoint>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
-    /// What a ground station sets.
+    /// Settings of a ground station.
     pub settings: Option<SettingsOrder>,
     /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
@@ -136,7 +136,7 @@ pub struct MissionOut {
 }
 
 wiring! {
-    /// What the mission reads and writes.
+    /// Topics that the mission reads and writes.
     MissionPorts of Mission: MissionIn => MissionOut {
         reads {
             newest forecast: DeckForecast,
@@ -163,9 +163,9 @@ const WIND_SD_MPS: f64 = 3.0;
 /// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct Mission {
-    /// Its heights are above all volumes around the deck.
+    /// Configuration, with heights above all volumes around the deck.
     config: MissionConfig,
-    /// What an operator may change, as it is set.
+    /// Settings that an operator may change, as they are set.
     settings: MissionSettings,
     drone_geometry: DroneGeometry,
     deck_geometry: DeckGeometry,
@@ -196,9 +196,9 @@ pub struct Mission {
     battery: BatteryMonitor,
     /// The vessel when its deck was known last.
     last_vessel: Option<LastVessel>,
-    /// Where the feet are to meet the deck, from its centre, NED, m: decided before the descent.
+    /// Place at which the feet are to meet the deck, from its centre, NED, m: decided before the descent.
     meets: [f64; 2],
-    /// What a take-off is judged by.
+    /// Evidence for a take-off.
     leaving: LeavingMonitor,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
@@ -244,7 +244,7 @@ impl Mission {
         }
     }
 
-    /// Of its process.
+    /// Boot id of its process.
     pub fn boot(&self) -> u32 {
         self.boot
     }
@@ -329,15 +329,15 @@ impl Mission {
             f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
         });
         let tracking_m = if by_tag {
-            let least_m = self.config.lowest_plan_m().map_or(0.0, |m| m + MATCHES_FROM_M);
-            tracking_m.min(TAG_HEIGHT_M.max(least_m))
+            let min_m = self.config.lowest_plan_m().map_or(0.0, |m| m + MATCHES_FROM_M);
+            tracking_m.min(TAG_HEIGHT_M.max(min_m))
         } else {
             tracking_m
         };
         self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
-    /// What an operator may change is not changed under a drone that may fly, nor under an order to land or to take off.
+    /// Whether settings may change: not under a drone that may fly, nor under an order to land or to take off.
     fn is_settable(&self, s: &Situation) -> bool {
         s.flight == ControlState::Disarmed && !self.progress.landing && !self.phase.stands()
     }
@@ -357,7 +357,7 @@ impl Mission {
         }
     }
 
-    /// How likely a landing from here succeeds, and above which probability waiting on is not worth it: anew with each
+    /// Updates the odds of a landing from here, and the probability above which waiting on is not worth it, with each
     /// forecast.
     fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
         let forecast_at = self.forecast.get().map(|f| f.header.at);
@@ -366,7 +366,7 @@ impl Mission {
                 s.staying = staying;
                 s.odds = odds.filter(|_| s.fresh_deck().is_some());
             }
-            Some(_) | None => self.judge_anew(now, s),
+            Some(_) | None => self.update_odds(now, s),
         }
         self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
         let follows = self.phase.state().phase() == Phase::Follow;
@@ -376,7 +376,7 @@ impl Mission {
         }
         s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
     }
-    fn judge_anew(&self, now: Time<DroneClock>, s: &mut Situation) {
+    fn update_odds(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
         let stand = Stand::on(plate, drone, self.config.friction);
         s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
@@ -577,7 +577,7 @@ impl Mission {
         0.0
     }
 
-    /// Begins where the mission before it was, or anew; gives the command that came meanwhile.
+    /// Begins where its predecessor was, or from the start; returns the command that came meanwhile.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
         self.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
@@ -642,7 +642,7 @@ impl Mission {
 
     /// Goes on as decided.
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
-        // Out of a lapse, by a person.
+        // Out of a lapse, by a pilot.
         let taken = self.progress.lapsed && !decision.progress.lapsed;
         self.progress = decision.progress;
         let was = self.phase.state();

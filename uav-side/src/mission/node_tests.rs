@@ -55,7 +55,7 @@ fn state_after(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
     m.step(at(t), &ordered(t, commands));
     m.phase.state()
 }
-/// The same with another autopilot.
+/// Flies with another autopilot.
 fn flown(
     m: &mut Mission,
     t: f64,
@@ -68,7 +68,7 @@ fn flown(
     m.phase.state()
 }
 
-/// Low where the tags alone are seen, as configured where the vessel is received and where nothing is seen any more.
+/// Low where only the tags are detected, as configured where the vessel is received and where nothing is detected any more.
 #[test]
 fn tracking_height_over_a_silent_vessel() {
     let mut m = node();
@@ -264,7 +264,7 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
 fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
-        // From a relay that was started anew.
+        // From a relay that was restarted.
         (land(8, 1, 20.01), State::Idle),
         // On its way since before the take-over.
         (land(8, 1, 20.9), State::Idle),
@@ -364,7 +364,7 @@ fn landing_of_another_operator_about_an_abort() {
         // Pending since before the abort, and repeated.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
-        // Who aborted goes on, or somebody who has seen it.
+        // The sender of the abort goes on, or another that knows of it.
         (land_at(1, 20.2), State::Hold),
         (land_at(7, 21.2), State::Hold),
     ] {
@@ -432,8 +432,8 @@ fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     }
 }
 
-/// Where a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the deck;
-/// and why it rejected it.
+/// State in which a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the
+/// deck; and why it rejected it.
 fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -479,7 +479,7 @@ fn successor_with_a_checkpoint() {
     }
     for (at_s, height, state) in [
         (9.8, 0.5, State::Flare),
-        // The pilot has left the plan since: anew, but not from the deck.
+        // The pilot has left the plan since: it begins again, but not from the deck.
         (9.0, 0.5, State::Tracking),
         (9.0, 0.05, State::Flare),
     ] {
@@ -791,7 +791,7 @@ proptest! {
                         prop_assert!(m.drone.fresh(now, topics::DRONE_STATE.stale_after).is_some());
                         prop_assert!(m.autopilot.get().is_some_and(|a| a.armed));
                         let detected = m.forecast.get().map_or(f64::INFINITY, |f| f.vision_age_s);
-                        prop_assert!(detected <= 13.0, "deck unseen: {detected}");
+                        prop_assert!(detected <= 13.0, "deck not detected: {detected}");
                     }
                     if s.state == State::Landed && s.previous != State::Landed && s.since == now {
                         prop_assert!(stop_at.is_some_and(|t| now - t <= Span::from_millis(110)));

@@ -70,7 +70,7 @@ const ORDERS: [CommandKind; 6] = [
     CommandKind::Station(Station::USUAL),
 ];
 
-/// What it asks for is so, as far as the drone is ours to command.
+/// Whether the order is fulfilled, as far as the drone is ours to command.
 fn is_done(order: CommandKind, before: &Progress, d: &Decision, s: &Situation) -> bool {
     let state = d.phase.state();
     match order {

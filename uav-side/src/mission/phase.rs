@@ -24,7 +24,7 @@ pub enum HoldCause {
     Station(KeptStation),
 }
 
-/// How far the search has come.
+/// Progress of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Search {
     /// Since when it lasts, and when it last went on.
@@ -90,7 +90,7 @@ pub enum MissionPhase {
     Hold {
         /// Why.
         cause: HoldCause,
-        /// Where, drone's NED, m.
+        /// Place, drone's NED, m.
         at: Vector3<f64>,
         /// Heading, rad.
         yaw: f64,
@@ -99,7 +99,7 @@ pub enum MissionPhase {
     },
     /// Ended without landing.
     GaveUp {
-        /// Where it stays, drone's NED, m.
+        /// Place where it stays, drone's NED, m.
         at: Vector3<f64>,
         /// Heading, rad.
         yaw: f64,
@@ -129,7 +129,7 @@ pub enum MissionPhase {
     ClimbOut {
         /// Since.
         since: DroneTime,
-        /// Where it will hold, drone's NED, m.
+        /// Place where it will hold, drone's NED, m.
         at: Vector3<f64>,
         /// Heading, rad.
         yaw: f64,
@@ -166,7 +166,7 @@ impl MissionPhase {
     /// On the way to the vessel, not detected yet.
     pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
 
-    /// Its name in messages.
+    /// State for messages.
     pub const fn state(&self) -> State {
         match self {
             MissionPhase::Idle => State::Idle,
@@ -267,7 +267,7 @@ impl RejectedOrder {
     }
 }
 
-/// What outlasts a state.
+/// Progress that outlasts a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// A landing is wanted.
@@ -298,7 +298,7 @@ pub struct Progress {
     pub sortie: bool,
     /// Sorties one after the other.
     pub cycles: Cycles,
-    /// Where a beacon alone began to lead it, drone's NED, north and east, m.
+    /// Place where a beacon alone began to lead it, drone's NED, north and east, m.
     pub led_from: Option<[f64; 2]>,
     /// The order that was rejected last.
     pub rejected: Option<RejectedOrder>,
@@ -311,7 +311,7 @@ impl Progress {
     }
 }
 
-/// What a state does next.
+/// Next transition of a state.
 pub(super) enum Transition {
     /// Stays, waiting for this.
     Stay(MissionPhase, Reason),
@@ -321,7 +321,7 @@ pub(super) enum Transition {
     BreakOff(Reason),
 }
 
-/// Nobody flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
+/// No drone flies to a vessel further away than this, m: an origin that is wrong lies anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
 /// The vessel is further away than anybody means to fly, or to be led by a beacon alone.
@@ -335,7 +335,7 @@ pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     exceeds(ReasonCode::VesselTooFar, deck.distance_m, limit_m)
 }
 
-/// What is too old to go on.
+/// Data that are too old to go on.
 pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
         .or(s.moved)
@@ -352,12 +352,12 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
     (Some(since), (now - since).secs())
 }
 
-/// What a step decided.
+/// Decision of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
     /// The phase from now on.
     pub phase: MissionPhase,
-    /// What is remembered with it.
+    /// Progress that is kept with it.
     pub progress: Progress,
     /// Why the state changed; None when it did not.
     pub entered: Option<Reason>,
@@ -411,8 +411,8 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     })
 }
 
-/// Where a drone that has ended its landing, `at` a place or on its way up there, waits from the deck's centre (NED, m): it
-/// keeps out of the way of the deck's owner. None: it stays at that place.
+/// Waiting place of a drone that has ended its landing, `at` a place or on its way up there, from the deck's centre (NED,
+/// m): it keeps out of the way of the deck's owner. None: it stays at that place.
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;

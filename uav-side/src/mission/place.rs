@@ -1,4 +1,4 @@
-//! Where a drone is to be that does not follow the deck: in its place, with the deck on its way up, or aside.
+//! Place of a drone that does not follow the deck: in its waiting place, with the deck on its way up, or aside.
 
 use nalgebra::Vector3;
 
@@ -20,12 +20,12 @@ pub(super) struct Place {
     pub(super) height_m: f64,
     /// It stays where it is over the deck, and moves with it.
     pub(super) with_deck: bool,
-    /// Where it waits beside the deck, from its centre, NED, m.
+    /// Waiting place off the deck, from its centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,
 }
 
 impl Place {
-    /// Of this phase.
+    /// Place of this phase.
     pub(super) fn of(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Place {
         let (own, own_yaw) = s.own.map_or((Vector3::zeros(), 0.0), |o| (o.position, o.yaw));
         let here = Place {

@@ -84,7 +84,7 @@ impl Spiral {
 }
 
 impl Search {
-    /// Where the drone is to be, from the beacon's predicted place, north and east, m; None while the deck is in sight.
+    /// Place of the drone, from the beacon's predicted place, north and east, m; None while the deck is in sight.
     pub(super) fn offset(&self, deck: &Deck, c: &MissionConfig) -> Option<[f64; 2]> {
         let [sd_m, _] = deck.beacon.filter(|_| deck.vision_age_s > c.vision_fresh_s)?;
         Some(Spiral::new(sd_m, c.search_view_m[1]).at(self.flown_m).into())
@@ -103,8 +103,8 @@ pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }
 
-/// On its way by beacon alone, with the deck unseen: at the beacon's place the search begins; None: not there yet, or the
-/// vessel is received, or there is no beacon.
+/// On its way by beacon alone, with the deck not detected: at the beacon's place the search begins; None: not there yet,
+/// or the vessel is received, or there is no beacon.
 pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
     if deck.distance_m > AT_BEACON_M {
@@ -174,7 +174,7 @@ fn found(search: Search, s: &Situation) -> Transition {
 }
 
 impl Search {
-    /// The same at `now`: the place to be at has gone on where the drone is near it.
+    /// The search at `now`: its place has moved on where the drone is near it.
     fn advanced(self, spiral: &Spiral, deck: &Deck, now: DroneTime) -> Search {
         let from_beacon = Vector2::new(deck.bearing_rad.cos(), deck.bearing_rad.sin()) * -deck.distance_m;
         let behind_m = (spiral.at(self.flown_m) - from_beacon).norm();

@@ -48,7 +48,7 @@ pub(super) fn seek(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     }
 }
 
-/// Where it is to be, and its heading: at the approach height over the level that is known, or as high as it is.
+/// Place and heading of the drone: at the approach height over the level that is known, or as high as it is.
 pub(super) fn place(s: &Situation, c: &MissionConfig) -> (Vector3<f64>, f64) {
     let Some((own, seeks)) = s.own.zip(s.seeks) else {
         let own = s

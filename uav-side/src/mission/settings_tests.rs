@@ -1,4 +1,4 @@
-//! What a ground station sets of the mission, and what of an idle mission outlives its process.
+//! Settings of the mission by a ground station, and state of an idle mission that outlives its process.
 
 use alight_shared::msg::LandingMode;
 

@@ -29,9 +29,9 @@ pub enum ControlState {
     Disarmed,
     /// Armed and on the ground.
     OnGround,
-    /// Armed, under a person's or the autopilot's own control.
+    /// Armed, under a pilot's or the autopilot's own control.
     OtherControl(AutopilotMode),
-    /// Armed, in the autopilot's hold because set-points ceased: nobody has taken the drone over.
+    /// Armed, in the autopilot's hold because set-points ceased: no pilot has taken the drone over.
     Lapsed,
     /// Armed, in the air, following set-points.
     Ours,
@@ -65,11 +65,11 @@ impl ControlState {
 /// Who has the deck by the vessel's newest grant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reservation {
-    /// Nobody asks: one drone, one deck.
+    /// No reservation is made: one drone, one deck.
     NotNeeded,
     /// Ours.
     Ours,
-    /// That drone's; 0: nobody's; [`DECK_CLOSED`]: closed.
+    /// That drone's; 0: free; [`DECK_CLOSED`]: closed.
     Others(u32),
     /// The newest grant is this old, s.
     Unknown(f64),
@@ -115,7 +115,7 @@ impl Reservation {
             )),
         }
     }
-    /// Why a descent that has begun is broken off: a radio gone silent is none, since the vessel keeps
+    /// Why a descent that has begun is broken off. A silent radio is not a reason, since the vessel keeps
     /// the deck for us for longer than a descent takes.
     pub fn lost(self) -> Option<Reason> {
         match self {
@@ -127,7 +127,7 @@ impl Reservation {
     }
 }
 
-/// What the helm states of the vessel's course at `now`. A promise lasts as long as it was given for, whether or not it is
+/// Vessel's course as the helm states it at `now`. A promise lasts as long as it was given for, whether or not it is
 /// repeated; a turn that is not repeated is not known any more.
 pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
     let Some(grant) = grant else {
@@ -152,7 +152,7 @@ pub struct Promise {
 }
 
 impl Promise {
-    /// What the newest grant promises at `now`; one that is not repeated is none.
+    /// The promise of the newest grant at `now`; None when it is not repeated.
     pub fn of(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Option<Promise> {
         let grant = grant.filter(|g| now - g.header.at <= topics::DECK.stale_after)?;
         let (helm, age_s) = (&grant.helm, (now - grant.header.at).secs());
@@ -202,7 +202,7 @@ pub struct Deck {
     pub clearance_m: f64,
     /// Horizontal distance of the centre of mass from the deck's centre, m.
     pub distance_m: f64,
-    /// Nearer than this the drone is over the vessel or beside it, m.
+    /// Nearer than this the drone is over the vessel or next to it, m.
     pub ring_m: f64,
     /// The vessel asks drones to leave in a direction.
     pub escapes: bool,
@@ -224,11 +224,11 @@ pub struct Deck {
     pub vision_age_s: f64,
     /// Speed at which drone and deck come together along its normal, m/s.
     pub sinking_mps: f64,
-    /// Greatest predicted horizontal speed over the horizon, m/s.
+    /// Maximum predicted horizontal speed over the horizon, m/s.
     pub speed_mps: f64,
-    /// Greatest predicted vertical speed over the horizon, m/s.
+    /// Maximum predicted vertical speed over the horizon, m/s.
     pub heave_mps: f64,
-    /// Greatest predicted tilt over the horizon, rad.
+    /// Maximum predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
     /// Rate of the vessel's mean heading, rad/s, without a sign: the waves' yaw is no turn.
     pub turn_radps: f64,
@@ -241,7 +241,7 @@ pub struct Deck {
     pub beacon: Option<[f64; 2]>,
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
-    /// How the landing, completed, and a climb from now on would end; None above the commit clearance.
+    /// Outcomes of the landing, completed, and of a climb from now on; None above the commit clearance.
     pub ends: Option<Ends>,
 }
 
@@ -325,8 +325,8 @@ impl Deck {
                 .flatten(),
         })
     }
-    /// Where the drone goes on its way to the place at this distance (m) and bearing (rad, from north) from the deck's centre,
-    /// NED, m: around the deck, an eighth of a half turn at a time.
+    /// Next place of the drone on its way to the place at this distance (m) and bearing (rad, from north) from the deck's
+    /// centre, NED, m: around the deck, an eighth of a half turn at a time.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
@@ -334,7 +334,7 @@ impl Deck {
         let bearing = from + wrap_angle(bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
         [distance_m * bearing.cos(), distance_m * bearing.sin()]
     }
-    /// What no likelihood overrules: the deck moves or tilts more than drone and planner follow; `slack` widens the limits.
+    /// Limit that no likelihood overrules: deck motion or tilt beyond what drone and planner follow; `slack` widens it.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
         first_beyond([
             (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
@@ -343,7 +343,7 @@ impl Deck {
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
         ])
     }
-    /// How far the centre of the feet is outside the part of the deck on which all feet stand, m;
+    /// Distance of the centre of the feet outside the part of the deck on which all feet stand, m;
     /// negative inside.
     pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
         let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
@@ -352,7 +352,7 @@ impl Deck {
     }
 }
 
-/// Greatest horizontal speed and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
+/// Maximum horizontal speed and vertical speed, m/s, and tilt, rad, of the deck from `start` on.
 fn greatest_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 3] {
     let step = forecast.step.secs();
     let since = (start - forecast.header.at).secs();
@@ -403,11 +403,11 @@ pub struct Situation {
     pub several: Option<Reason>,
     /// Remaining battery that counts; None when not reported.
     pub battery: Option<f64>,
-    /// What has to be left of it, 0 to 1.
+    /// Reserve that has to be left of it, 0 to 1.
     pub battery_reserve: f64,
     /// The newest odometry.
     pub own: Option<OwnState>,
-    /// Its age, s.
+    /// Age of the odometry, s.
     pub odometry_age_s: f64,
     /// Oldest useful odometry, s.
     pub odometry_limit_s: f64,
@@ -422,11 +422,11 @@ pub struct Situation {
     pub doubt: Option<Reason>,
     /// Whether a drone that lands now will stay.
     pub staying: Staying,
-    /// How far the drone tilts beyond what was commanded lately, rad.
+    /// Tilt of the drone beyond what was commanded lately, rad.
     pub tilt_excess_rad: f64,
     /// Root mean square of what is commanded to and fro besides what plan and wind ask for, rad.
     pub swing_rad: f64,
-    /// How likely a landing from here succeeds; None while that is not known.
+    /// Probabilities of a landing from here; None while that is not known.
     pub odds: Option<Odds>,
     /// In a simulation alone: a descent begins at this time, however likely it succeeds.
     pub forced_descent: Option<Time<DroneClock>>,
@@ -438,21 +438,21 @@ pub struct Situation {
     pub forecast_age_s: f64,
     /// Oldest useful forecast, s.
     pub forecast_limit_s: f64,
-    /// Age of the plan, s; infinite when there is none or the solver found none.
+    /// Age of the plan, s; infinite without one or when the solver failed.
     pub plan_age_s: f64,
     /// Oldest useful plan, s.
     pub plan_limit_s: f64,
-    /// How far the feet are outside the usable deck, m.
+    /// Distance of the feet outside the usable deck, m.
     pub outside_m: f64,
     /// Whether the deck is ours to descend to.
     pub reservation: Reservation,
-    /// What the vessel's helm states of her course, from now on.
+    /// Course of the vessel as its helm states it, from now on.
     pub course: Course,
     /// The steady course that she turns to.
     pub promise: Option<Promise>,
     /// Too dark for the camera to detect a tag, or a light blinds it.
     pub dark: Option<Reason>,
-    /// Where it waits for the deck; None: nowhere, or it reserves none.
+    /// Waiting place for the deck; None: it has none, or reserves none.
     pub place: Option<WaitingPlace>,
     /// The other drones that have the waiting places, from the lowest on; 0: free, or its own.
     pub others: [u32; PLACES],
@@ -472,7 +472,7 @@ pub struct Situation {
     pub on_ground: bool,
     /// The charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
-    /// Where a vessel should be that was received before.
+    /// Expected place of a vessel that was received before.
     pub seeks: Option<Seeks>,
     /// Why a drone on a sortie turns back now.
     pub turns_back: Option<Reason>,
@@ -480,9 +480,9 @@ pub struct Situation {
     pub own_mission: OwnMission,
     /// Time until it does, s; None while that is not known.
     pub turns_in_s: Option<f64>,
-    /// How likely a take-off succeeds now and soon; None while that is not known or not asked for.
+    /// Probability of a take-off now and soon; None while that is not known or not asked for.
     pub lift_off: Option<Moments>,
-    /// How far the drone has risen from the deck since its take-off began, m.
+    /// Height that the drone has risen from the deck since its take-off began, m.
     pub risen_m: f64,
     /// All of that was measured.
     pub rise_measured: bool,
@@ -490,7 +490,7 @@ pub struct Situation {
     pub(crate) standing: Standing,
     /// It has not been witnessed to stand for so long, s.
     pub unwitnessed_s: f64,
-    /// Its rotors have turned for so long by the autopilot's report, s.
+    /// Time for which its rotors have turned by the autopilot's report, s.
     pub rotors_turn_s: f64,
     /// In a take-off they have given what lifts it for so long, s; None: the autopilot has not reported its thrust lately.
     pub lifts_s: Option<f64>,
@@ -514,7 +514,7 @@ pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneCloc
 const ABOVE_DECK_M: f64 = 0.5;
 /// A drone whose feet are by more than this outside the deck's edges does not rest on it, m: the forecast's error where no
 /// camera sees the deck.
-const BESIDE_DECK_M: f64 = 0.6;
+const OFF_DECK_M: f64 = 0.6;
 /// A drone that moves relative to the deck slides for so long, s.
 const SLIDES_S: f64 = 1.0;
 /// Rotors that give this much of hover's thrust carry the drone, or most of it.
@@ -542,20 +542,20 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known, or beside it.
-    /// Where the thrust is not known, the height above the deck shows it alone.
+    /// Why a detected touchdown does not count: the rotors carry the drone, above the deck when that is known, or off the
+    /// deck. Where the thrust is not known, the height above the deck shows it alone.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
             (Some(false), _) | (None, None) => None,
             (Some(true), None) => Some(above(f64::INFINITY)),
-            (Some(true), Some(_)) if self.outside_m > BESIDE_DECK_M => {
-                Some(Reason::new(ReasonCode::Deviated, self.outside_m, BESIDE_DECK_M))
+            (Some(true), Some(_)) if self.outside_m > OFF_DECK_M => {
+                Some(Reason::new(ReasonCode::Deviated, self.outside_m, OFF_DECK_M))
             }
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Where a drone with its feet on the deck is beyond its edge, or will be before it can be disarmed and has come to rest.
+    /// Reason for a drone with its feet on the deck that is beyond its edge, or will be before it is disarmed and at rest.
     pub fn slides(&self) -> Option<Reason> {
         let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
@@ -572,17 +572,17 @@ impl Situation {
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
-    /// Why the deck is not seen: it is dark where the deck lies in a camera's image, within 45 deg of straight below; else what
-    /// is known is that it is not seen.
+    /// Why the deck is not detected: it is dark where the deck lies in a camera's image, within 45 deg of straight below;
+    /// else what is known is that it is not detected.
     pub fn unseen(&self, deck: &Deck) -> Reason {
         let below = deck.distance_m <= deck.clearance_m;
         self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())
     }
-    /// Why it waits beside the deck.
+    /// Why it waits off the deck.
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Where it goes to wait ([`Deck::round`]), or stays while it has no place, from the deck's centre, NED, m.
+    /// Place where it goes to wait ([`Deck::round`]), or stays while it has no place, from the deck's centre, NED, m.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         let deck = self.fresh_deck()?;
         Some(match self.place {

@@ -1,6 +1,6 @@
 //! Sortie: how long the drone may stay away before it has to turn back to where the vessel will be.
 //!
-//! A drone `r` away from a vessel that moves at `u`, in the wind `w`, meets it after the least `T >= 0` with
+//! A drone `r` away from a vessel that moves at `u`, in the wind `w`, meets it after the smallest `T >= 0` with
 //! `|r + (u - w) T| = v T` at its air speed `v`: a pursuit of the vessel's place then, not of its place now. It turns where its
 //! charge `b` is down to the reserve, the way and one missed attempt: after the time `t` with `b - P t = b_r + P (T(t) + t_a)`
 //! for the power `P`, where the vessel goes on while the drone stays. The landing itself is what the reserve is for.
@@ -35,8 +35,8 @@ const MARGIN_SD: f64 = 2.0;
 /// No vessel is further from where it was expected than one that turns round at once, or drifts at this speed, m/s.
 const DRIFT_MPS: f64 = 0.3;
 
-/// How far the vessel may be from where its last velocity has brought it, m: `2 q sqrt(t³ / 3)` after the time `t`, `q` what the
-/// velocity walks by in 1 s, and no more than `(2 u + 0.3 m/s) t`.
+/// Maximum distance of the vessel from where its last velocity has brought it, m: `2 q sqrt(t³ / 3)` after the time `t`,
+/// `q` what the velocity walks by in 1 s, and no more than `(2 u + 0.3 m/s) t`.
 fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     let walk = WALK_MPS + SPEED_WALK * speed_mps;
     let sd_m = walk * (silent_s.powi(3) / 3.0).sqrt();
@@ -57,8 +57,8 @@ fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     })
 }
 
-/// Its way without the waves', of which a forecast of seconds has no mean: a low-pass of the forecasts' mean velocities over the
-/// longest waves' periods. `before`: as known until now.
+/// The vessel with its velocity without the waves', of which a forecast of seconds has no mean: a low-pass of the
+/// forecasts' mean velocities over the longest waves' periods. `before`: as known until now.
 fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     let Some((before, dt)) = before.map(|b| (b, (now.at - b.at).secs())) else {
         return now;
@@ -84,7 +84,7 @@ fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> Seeks {
     }
 }
 
-/// The same with the margin of a vessel that is not received, and its velocity.
+/// Offset with the margin of a vessel that is not received, and its velocity.
 fn towards(vessel: &LastVessel, seeks: &Seeks) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
     let Seeks { offset, silent_s } = *seeks;
@@ -135,7 +135,7 @@ impl Way {
     }
 }
 
-/// What the drone has and what it needs.
+/// Charge that the drone has and that it needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Energy {
     /// Charge, 0 to 1.
@@ -178,7 +178,7 @@ impl Energy {
 }
 
 impl Mission {
-    /// How long a drone on a sortie may stay away.
+    /// Judges how long a drone on a sortie may stay away.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {

@@ -1,5 +1,6 @@
 //! State table: one function per state, with its conditions and transitions.
 
+use alight_shared::landing::Odds;
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
     HeightReached, HelmTurns, InSight, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,

@@ -116,7 +116,7 @@ pub(super) fn commanded(
     Some(next.enter(waiting(&kept, s)))
 }
 
-/// How far the drone is from its station, m, and how long it keeps it yet.
+/// Distance of the drone from its station, m, and the time for which it still keeps it.
 fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     let left_s = (kept.until - s.now).secs().max(0.0);
     let off_m = s.fresh_deck().map_or(0.0, |deck| {

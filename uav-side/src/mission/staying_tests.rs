@@ -6,7 +6,7 @@ use alight_shared::msg::{DeckForecast, DeckStage};
 use super::MissionConfig;
 use super::wind::WindMonitor;
 
-/// The least probability of the shipped configuration.
+/// Whether the minimum probability of the shipped configuration is reached.
 fn likely(p: f64) -> bool {
     p >= MissionConfig::default().min_probability
 }

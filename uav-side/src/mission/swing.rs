@@ -1,7 +1,7 @@
 //! Swings of the commanded attitude: a loop of pilot and autopilot that does not settle commands tilts that neither the plan
 //! nor the wind asks for, to one side and back.
 //!
-//! What is asked for is the tilt that gives the plan's acceleration `a` against the disturbance `d`; the feedback is the rest,
+//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`; the feedback is the rest,
 //! `r = (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. What is slower than a
 //! second is an error of place, or the wind; of what is quicker, the root mean square over two seconds is the swing.
 

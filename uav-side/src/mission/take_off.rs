@@ -66,7 +66,7 @@ pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: 
     })
 }
 
-/// What an order to take off brings about.
+/// Transition on an order to take off.
 pub(super) fn commanded(
     phase: MissionPhase,
     progress: &mut Progress,
@@ -137,7 +137,7 @@ pub(super) fn stopped(
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.risen_m < LIES_BELOW_M && is_measured(s)
 }
-/// How far it has risen is known.
+/// Whether its rise is measured.
 fn is_measured(s: &Situation) -> bool {
     s.rise_measured && old_data(s).is_none()
 }
@@ -156,8 +156,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
         down(s, why)
     }
 }
-/// The same once the motors may have been started: with the thrust cut where the drone stands. Where that is not shown its autopilot
-/// may have lifted it, for lack of set-points, and it climbs.
+/// Ends it once the motors may have been started: with the thrust cut where the drone stands. Where that is not shown its
+/// autopilot may have lifted it, for lack of set-points, and it climbs.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> Transition {
     if is_armed(s) && s.standing != Standing::Stands && !(s.standing == Standing::Unknown && stands(false, s))
     {
@@ -171,7 +171,7 @@ fn down(s: &Situation, why: impl Into<Reason>) -> Transition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
-/// Its rotors turn, and nobody else has it.
+/// Whether its rotors turn and it is under this program's control.
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
@@ -195,7 +195,7 @@ fn turns(s: &Situation) -> Option<Reason> {
     s.promise.as_ref().map(promised).or_else(turns)
 }
 
-/// What speaks against a take-off as long as the drone stands on the deck.
+/// Reason against a take-off as long as the drone stands on the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let first = s
         .not_cleared
@@ -211,7 +211,7 @@ fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     })
 }
 
-/// The same before the motors start.
+/// Reason against a take-off before the motors start.
 fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let grounded = (!s.on_ground).then(|| NotOnDeck.into());
     let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);
@@ -283,7 +283,7 @@ pub(super) fn spin_up(
 ) -> Transition {
     let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
     let armed = match (s.flight, armed) {
-        // By a person, or by itself.
+        // By a pilot, or by itself.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
         (ControlState::Lapsed, _) => return cut(s, c, NotFlying),
@@ -355,8 +355,8 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
             None => leaving,
         };
     }
-    let seen = s.fresh_deck().is_some_and(|d| d.vision_age_s <= c.vision_fresh_s);
-    if seen && rose > CLEAR_M || rose > CLEAR_BLIND_M {
+    let in_sight = s.fresh_deck().is_some_and(|d| d.vision_age_s <= c.vision_fresh_s);
+    if in_sight && rose > CLEAR_M || rose > CLEAR_BLIND_M {
         return climbing_out(s, c).enter(Reason::new(ClearOfDeck, rose, 0.0));
     }
     if lasted_s > TAKE_OFF_S {

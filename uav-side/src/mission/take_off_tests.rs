@@ -41,7 +41,7 @@ fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// The same with rotors that have turned for so long, s, by the autopilot's report and by two witnesses on the deck.
+/// A situation with rotors that have turned for so long, s, by the autopilot's report and by two witnesses on the deck.
 fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
         since: at(10.0 - turn_s),
@@ -146,7 +146,7 @@ fn checks_before_the_countdown() {
         };
         assert_eq!(follows(counting, None, &s), expected);
     }
-    // Nobody waits for ever, and nobody takes off with whoever armed it.
+    // The wait is bounded, and no take-off follows when the pilot armed it.
     assert_eq!(waits(|s| s.now = at(69.1)), (State::Idle, OrderExpired));
     assert_eq!(waits(|s| s.flight = ControlState::Ours), (State::Idle, NotOnDeck));
 }
@@ -225,7 +225,7 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.6, better), (State::SpinUp, ReasonCode::BetterMoment));
     assert_eq!(at_moment(8.6, better), (State::TakeOff, GoodMoment));
-    // The word from aboard is taken back.
+    // The crew takes its clearance back.
     let closed: fn(&mut Situation) = |s| s.not_cleared = Some(DeckReserved.into());
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
@@ -247,7 +247,7 @@ fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     }
 }
 
-/// What is not measured cuts no thrust, and neither does a drone that has left the deck and comes down to it again.
+/// An unmeasured rise cuts no thrust, and neither does a drone that has left the deck and comes down to it again.
 #[test]
 fn thrust_of_a_drone_that_may_be_in_the_air() {
     let s = with(|s| (s.risen_m, s.tips_rad) = (0.05, 0.3));
@@ -369,11 +369,11 @@ fn climb_that_ends_sooner() {
 
 #[test]
 fn feet_that_leave_the_deck_or_do_not() {
-    let leaves = |since_s: f64, risen_m: f64, tips_rad: f64, seen: bool| {
+    let leaves = |since_s: f64, risen_m: f64, tips_rad: f64, in_sight: bool| {
         let s = with(|s| {
             (s.risen_m, s.tips_rad, s.on_ground) = (risen_m, tips_rad, false);
             s.deck.iter_mut().for_each(|d| {
-                d.vision_age_s = if seen { 0.05 } else { f64::INFINITY };
+                d.vision_age_s = if in_sight { 0.05 } else { f64::INFINITY };
             });
         });
         follows(rising(since_s, false), None, &s)
@@ -479,7 +479,7 @@ fn end_of_a_take_off() {
     assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
 }
 
-/// A mission that is started anew in a take-off begins nothing that was not commanded to it.
+/// A mission that is restarted in a take-off begins nothing that was not commanded to it.
 #[test]
 fn successor_of_a_mission_that_takes_off() {
     let restored_in = |state: State, sortie: bool, s: &Situation| {
@@ -567,7 +567,7 @@ fn end_of_a_sortie_by_the_battery() {
         let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
         assert!(!d.progress.stopped, "{phase:?}");
     }
-    // Nobody has the drone taken who could not fly it back, and what speaks against a landing hides no way back.
+    // No pilot is given a drone that could not fly it back, and a reason against a landing does not bar the way back.
     let with_order = Progress {
         landing: true,
         started: at(9.0),

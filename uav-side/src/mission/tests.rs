@@ -121,7 +121,7 @@ const SURE: Odds = Odds {
     hard: 1.0,
     fast: 1.0,
     tilted: 1.0,
-    beside: 1.0,
+    outside: 1.0,
     slides: 1.0,
     turns: false,
 };
@@ -141,7 +141,7 @@ pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
 pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
     with(|s| change(s.deck.as_mut().unwrap()))
 }
-/// Where a test begins: a phase with its usual progress (an attempt under way from the descent on), or what a
+/// Start of a test: a phase with its usual progress (an attempt under way from the descent on), or what a
 /// decision left.
 #[derive(Clone, Copy)]
 pub(super) struct Start(MissionPhase, Progress);
@@ -203,7 +203,7 @@ pub(super) fn attempt() -> Progress {
     }
 }
 
-/// What a decision does: it enters a state, or stays in it, and why.
+/// Effect of a decision: it enters a state, or stays in it, and why.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Does {
     Enter(State, ReasonCode),
@@ -317,7 +317,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
     waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
     goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
-    // Out of sight, and beside it: a tag leads nowhere.
+    // Out of sight, and off the deck: a tag leads nowhere.
     for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
         let s = with_deck(|d| {
             d.radio_age_s = f64::INFINITY;
@@ -373,7 +373,7 @@ fn approach_conditions() {
     let d = step(climb, &fair());
     assert!((d.waiting.value - 8.0).abs() < 1e-9, "{d:?}");
     let high = with(|s| s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5);
-    let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
+    let undetected = with_deck(|d| d.vision_age_s = f64::INFINITY);
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
     let dark = |distance_m| Situation {
         dark: Some(Reason::new(TooDark, 3.0, 0.004)),
@@ -393,11 +393,11 @@ fn approach_conditions() {
     waits(&d, GetAltitude, OffHeight);
     goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
-        (unseen, 5.0, Stay(Approach, NoVision)),
+        (undetected, 5.0, Stay(Approach, NoVision)),
         // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
         (fair(), 1.0, Enter(Tracking, InSight)),
-        // Above the deck it is dark; beside it nothing is expected in the image.
+        // Above the deck it is dark; off the deck nothing is expected in the image.
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
         (blinded, 5.0, Stay(Approach, Glare)),
@@ -424,11 +424,11 @@ fn tracking_steadiness() {
 #[test]
 fn tracking_without_radio_or_vision() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
-    let unseen = with_deck(|d| d.vision_age_s = 5.5);
+    let undetected = with_deck(|d| d.vision_age_s = 5.5);
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
     let rows = [
         (silent, 1.0, Enter(TrackingStable, Steady)),
-        (unseen, 1.0, Enter(Approach, VisionLost)),
+        (undetected, 1.0, Enter(Approach, VisionLost)),
         (nothing, 1.0, Enter(Hold, VisionLost)),
     ];
     table(TRACKING, rows);
@@ -447,11 +447,11 @@ fn reasons_not_to_descend() {
         (with_odds(|p| p.fast = 0.9), stays(LikelyFast)),
         (with_odds(|p| (p.fast, p.turns) = (0.9, true)), stays(TurnTooFast)),
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
-        (with_odds(|p| p.beside = 0.5), stays(LikelyBeside)),
+        (with_odds(|p| p.outside = 0.5), stays(LikelyBeside)),
         (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
         // Each likely enough by itself.
         (each, stays(LikelySlides)),
-        (with_odds(|p| p.beside = f64::NAN), stays(LikelyBeside)),
+        (with_odds(|p| p.outside = f64::NAN), stays(LikelyBeside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),
         (with_deck(|d| d.speed_mps = 8.0), stays(Infeasible)),
         (with_deck(|d| d.heave_mps = 4.0), stays(Infeasible)),
@@ -551,13 +551,13 @@ fn flare_without_vision() {
 
 #[test]
 fn committed_flare_with_a_missed_deck() {
-    let beside = Situation {
+    let off_deck = Situation {
         outside_m: 0.4,
         ..with_deck(|d| d.clearance_m = 0.3)
     };
     let missed = with_deck(|d| d.clearance_m = -0.5);
     goes(&run(COMMITTED, &missed, 1.0), Tracking, Missed);
-    goes(&run(COMMITTED, &beside, 1.0), Tracking, Deviated);
+    goes(&run(COMMITTED, &off_deck, 1.0), Tracking, Deviated);
 }
 
 #[test]

@@ -28,7 +28,7 @@ impl TiltMonitor {
         let kept = self.kept(at).unwrap_or_else(is);
         self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
     }
-    /// How far the drone tilts beyond what was commanded, rad; 0 while no attitude is.
+    /// Tilt of the drone beyond what was commanded, rad; 0 while no attitude is.
     pub(super) fn excess(&self, drone: &DroneState) -> f64 {
         let is = tilt(&drone.attitude());
         self.kept(drone.header.at)
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn tilt_of_an_earlier_manoeuvre() {
-        // A mission that begins anew while the drone turns back from 0.22 rad.
+        // A mission that restarts while the drone turns back from 0.22 rad.
         let mut m = TiltMonitor::default();
         let mut is = 0.22;
         for k in 0..100 {

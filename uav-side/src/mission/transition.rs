@@ -115,7 +115,7 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
 /// Data may be this old where a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Whether a landing that nobody has stopped goes on although data are old, for a moment: because to complete it is softer, or
+/// Whether a landing that was not stopped goes on although data are old, for a moment: because to complete it is softer, or
 /// because the drone's own odometry is missing low over the deck. Without that nothing is commanded, so that to leave now or
 /// once it is back is the same, and then it is decided by where the drone is, not by where it was.
 fn completes_without_data(
@@ -127,12 +127,12 @@ fn completes_without_data(
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
     let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
     let touches = c.lowest_plan_m().is_none();
-    let unseen = s.odometry_age_s > s.odometry_limit_s && s.forecast_age_s <= s.forecast_limit_s;
-    let goes_on = |d: Deck| unseen && d.ends.is_some() || ends_softer(&d, s);
+    let blind = s.odometry_age_s > s.odometry_limit_s && s.forecast_age_s <= s.forecast_limit_s;
+    let goes_on = |d: Deck| blind && d.ends.is_some() || ends_softer(&d, s);
     lands && touches && known && s.deck.is_some_and(goes_on)
 }
 
-/// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
+/// Transition on stale data: hold until they are fresh, unless an operator has stopped the landing meanwhile.
 fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> MissionPhase {
     if progress.stopped {
         gave_up(s, c)
@@ -175,7 +175,7 @@ fn drains(deck: &Deck, s: &Situation, c: &MissionConfig) -> bool {
     deck.distance_m <= WAITING_DISTANCE_M + RESUME_DISTANCE_M && s.battery_reserve > c.battery_reserve
 }
 
-/// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
+/// Transition with a battery below the reserve: to the first place of the configured order that can be had. The deck can
 /// while its forecast is fresh, it is neither another's nor closed, half of the reserve is left or would not last for another
 /// place, and no operator has declined it; a descent that has begun is the quickest way down in any case. An order to land that comes below the reserve makes the
 /// deck the first place. A landing that an operator has stopped, or that was given up, leaves no drone in the air until it
@@ -233,7 +233,7 @@ fn low_battery(
     Some(gave_up(s, c).enter(why(code)))
 }
 
-/// The order outlives a lapse of the set-points, and ends where a person takes the drone over before they are back.
+/// The order outlives a lapse of the set-points, and ends where a pilot takes the drone over before they are back.
 fn after_lapse(progress: &mut Progress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
@@ -292,7 +292,7 @@ fn led_too_far(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Opt
     exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)
 }
 
-/// What holds in every state.
+/// Transitions of every state.
 fn interrupt(
     phase: MissionPhase,
     progress: &mut Progress,
@@ -357,7 +357,7 @@ fn interrupt(
         .then(|| gave_up(s, c).enter(Reason::new(ReasonCode::TooLong, took, c.mission_timeout_s)))
 }
 
-/// What an operator's command brings about.
+/// Transition on an operator's command.
 fn commanded(
     phase: MissionPhase,
     progress: &mut Progress,
@@ -430,7 +430,7 @@ fn commanded(
     }
 }
 
-/// What follows when the drone is not ours, or not known to be.
+/// Transition when the drone is not ours, or not known to be.
 fn not_ours(
     phase: MissionPhase,
     progress: &mut Progress,

@@ -57,7 +57,7 @@ pub(super) fn stands(
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
 
-/// What speaks against a take-off passes without the crew: the sea, the vessel's course, the radio.
+/// Whether a reason against a take-off passes without the crew: the sea, the vessel's course, the radio.
 const fn passes(why: ReasonCode) -> bool {
     matches!(
         why,

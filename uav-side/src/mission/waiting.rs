@@ -67,7 +67,7 @@ mod tests {
         }
         w
     }
-    /// What waiting on from `p` is expected to bring.
+    /// Expected gain of waiting on from `p`.
     fn gain(w: &Waiting, p: f64) -> f64 {
         w.draws.iter().map(|d| (d - p).max(0.0)).sum::<f64>() / w.draws.len() as f64
     }

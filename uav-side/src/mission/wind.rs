@@ -22,13 +22,13 @@ pub struct WindMonitor {
     air: Air,
     /// Velocity of the drone while it follows, NED, m/s.
     way: Vector2<f64>,
-    /// Of the newest odometry.
+    /// Time of the newest odometry.
     at: Option<Time<DroneClock>>,
     /// Time watched, at most the memory, s.
     known_s: f64,
     /// NED, m/s².
     mean: Vector2<f64>,
-    /// Of one axis, (m/s²)².
+    /// Variance of one axis, (m/s²)².
     variance: f64,
 }
 
@@ -53,7 +53,7 @@ impl WindMonitor {
         self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
     }
 
-    /// Its mean, NED, m/s²: to and fro with the deck, the drone makes a wind of its own that is none on the deck.
+    /// Mean wind acceleration, NED, m/s²: by following the deck to and fro the drone makes an apparent wind of its own.
     pub fn mean(&self) -> Vector2<f64> {
         self.mean
     }

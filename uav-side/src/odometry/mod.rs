@@ -39,11 +39,11 @@ use origin::yaw_jump;
 
 /// After a longer gap the smoothing starts again from the autopilot's odometry, s.
 const MAX_STEP_S: f64 = 0.1;
-/// A position that is further than this from where the velocity would have brought it has jumped, m. A jump that is none
+/// A position that is further than this from where the velocity would have brought it has jumped, m. A false alarm
 /// costs nothing: the frame goes on by the velocity for one step.
 /// Source: twenty times what a fix of GNSS moves an estimate in one step (0.3 m of noise, 2 cm).
 const JUMP_M: f64 = 0.2;
-/// The same where the autopilot has counted a jump of its estimate, m.
+/// Threshold where the autopilot has counted a jump of its estimate, m.
 const COUNTED_JUMP_M: f64 = 0.02;
 /// By so much more in a gap of 1 s without samples, in proportion to its square, m.
 const JUMP_IN_GAP_M: f64 = 0.5;
@@ -76,7 +76,7 @@ const BIAS_GAIN: f64 = 0.3;
 const BIAS_LIMIT_MPS2: f64 = 1.0;
 
 config! {
-    /// How softly the smooth odometry is held to the autopilot's.
+    /// Gains that hold the smooth odometry to the autopilot's.
     ///
     /// Chosen: Softer gains leave less noise over a second and a larger error of velocity, which
     /// the camera then has to find.
@@ -109,7 +109,7 @@ impl SmoothState {
         faster: &Vector3<f64>,
         dt: f64,
     ) {
-        // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
+        // An impact lasts for milliseconds: a sample in it, or none, does not show its impulse. The autopilot, which
         // integrates its sensors at their own rate, has it.
         let change = reported.velocity() - self.reported.velocity();
         let impact = (force * dt - change).norm() > IMPACT_MPS;
@@ -136,7 +136,7 @@ impl SmoothState {
     }
 }
 
-/// What the jumps of the autopilot's estimate have come to.
+/// Sum of the jumps of the autopilot's estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Jumps {
     /// [`DroneState::datum_offset`], m: what is added to the autopilot's position.
@@ -151,7 +151,7 @@ pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
     jumps: Jumps,
-    /// What a beginning adds to the autopilot's position and velocity, its bias, and the disturbance.
+    /// Offset of a beginning from the autopilot's position and velocity, its bias, and the disturbance.
     first: [[f64; 3]; 4],
 }
 
@@ -165,7 +165,7 @@ impl Odometry {
             first: [[0.0; 3]; 4],
         }
     }
-    /// Begins anew: the autopilot's frame is another.
+    /// Restarts in another frame of the autopilot.
     pub(crate) fn restart(&mut self) {
         let heading = self.jumps.heading;
         *self = Odometry::new(&self.config);
@@ -175,7 +175,7 @@ impl Odometry {
     pub(crate) fn jumps(&self) -> Jumps {
         self.jumps
     }
-    /// How this differs from the autopilot's odometry besides by the jumps: position (m), velocity (m/s), the bias and the
+    /// Difference from the autopilot's odometry apart from the jumps: position (m), velocity (m/s), the bias and the
     /// disturbance (m/s²).
     pub(crate) fn difference(&self) -> [[f64; 3]; 4] {
         self.smoothed.map_or([[0.0; 3]; 4], |h| {
@@ -194,7 +194,7 @@ impl Odometry {
     /// `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b (v_a - v)`.
     /// `counted`: the autopilot has counted a jump of its estimate since the last one.
     ///
-    /// An autopilot whose position drifts (GNSS) without its velocity saying so is followed by these
+    /// An autopilot whose position drifts (GNSS) without its velocity showing it is followed by these
     /// only in part, `k_p / (k_p + k_b)`. What is more than [`LAG_M`] is made up for slowly by `drift`;
     /// a stiffer loop would bring the fixes' noise into every landing (6 mm of place), and none would
     /// end in a jump, in a flare too.
@@ -294,7 +294,7 @@ impl Odometry {
 
     /// A set-point of the smooth frame in the autopilot's own, for a loop that the autopilot closes:
     /// `p + p_a - p_s`, `v + v_a - v_s`. Else the drone would stay off its plan by as much as the
-    /// frames are apart, and a plan that begins anew at the drone would run away from it.
+    /// frames are apart, and a plan that restarts at the drone would run away from it.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
         match (set_point.kind, &self.smoothed) {
             (SetPointKind::Trajectory, Some(h)) if self.config.smooth => SetPoint {
@@ -353,7 +353,7 @@ mod tests {
             s = o.step(&state(k, 0.0, 0.0, 0.1), false);
         }
         assert!(s.velocity[0].abs() < 2e-3, "{}", s.velocity[0]);
-        // The frame stays off by b / (k_p + k_b): constant, so nobody minds.
+        // The frame stays off by b / (k_p + k_b): constant, so it does no harm.
         assert!((s.position[0] - 0.2).abs() < 0.01, "{}", s.position[0]);
     }
 

@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn yaw_jump_beside_a_quick_turn() {
+    fn yaw_jump_during_a_quick_turn() {
         let spin = Vector3::new(1.5, -0.8, 2.0);
         let before = UnitQuaternion::from_euler_angles(0.2, -0.1, 3.0);
         let now = before * UnitQuaternion::from_scaled_axis(spin * 0.02);

@@ -10,7 +10,7 @@ use super::model::Discrete;
 /// Reference and weights of one stage of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageCost<const N: usize> {
-    /// Where the state should be.
+    /// Reference of the state.
     pub reference: SVector<f64, N>,
     /// Diagonal of Q.
     pub weight: SVector<f64, N>,
@@ -89,7 +89,7 @@ impl<const N: usize> Condensed<N> {
         inputs.iter().all(|u| u.is_finite())
     }
 
-    /// `H = R I + sum_k S_k' Q_k S_k`, factorised anew only when a weight changed.
+    /// `H = R I + sum_k S_k' Q_k S_k`, factorised again only when a weight changed.
     fn factorise(&mut self, cost: &[StageCost<N>]) -> bool {
         let n = self.stages;
         let same =

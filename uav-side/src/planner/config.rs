@@ -39,7 +39,7 @@ config! {
     /// 0.3: 12 rad/s² with the default drone, more than an autopilot's attitude loop follows.
     #[derive(Copy)]
     pub struct RotorLimits {
-        /// Least squared speed of a rotor, relative to hover.
+        /// Minimum squared speed of a rotor, relative to hover.
         pub lowest: f64 = 0.065, in 0.0..=0.5;
         /// Change of a rotor's squared speed per second, relative to hover.
         pub slew_per_s: f64 = 10.0, in 0.5..=100.0;
@@ -121,7 +121,7 @@ config! {
 }
 
 config! {
-    /// How references approach their target: a point that moves towards it.
+    /// Shaping of the references' approach to their target: a point that moves towards it.
     ///
     /// Chosen: inside the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2
     /// vertical); yaw to what the rotors' small drag moment can do.
@@ -206,7 +206,7 @@ config! {
             }, table;
         /// Weights in LANDING, far from the deck.
         pub landing: Weights;
-        /// How they grow near the deck (`mpc-faa` only).
+        /// Change of the weights near the deck (`mpc-faa` only).
         pub faa: Faa;
         /// Instant, way down and weights of the rendezvous (`alight` only).
         pub rendezvous: RendezvousConfig;

@@ -4,10 +4,10 @@
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::SVector;
 
-/// How fast a reference approaches its target.
+/// Pace at which a reference approaches its target.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    /// Greatest speed relative to the target, unit/s.
+    /// Maximum speed relative to the target, unit/s.
     pub speed: f64,
     /// Acceleration, unit/s².
     pub acceleration: f64,
@@ -20,7 +20,7 @@ pub struct Pace {
 pub struct Motion<const D: usize> {
     /// The place.
     pub place: SVector<f64, D>,
-    /// Its rate, 1/s.
+    /// Rate of the value, 1/s.
     pub velocity: SVector<f64, D>,
 }
 
@@ -72,9 +72,9 @@ impl<const D: usize> Motion<D> {
 /// A reference point that moves towards a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
-    /// Where it is relative to the target.
+    /// Position relative to the target.
     pub gap: Motion<D>,
-    /// What the gap was last measured from: when, which kind of target, the target.
+    /// Origin from which the gap was last measured: when, which kind of target, the target.
     from: Option<(Time<DroneClock>, bool, Motion<D>)>,
 }
 
@@ -164,7 +164,7 @@ mod tests {
         // A revision of 0.2 m is followed, one of 10 m is approached.
         assert!(gap(20, 2.2, 2.0).abs() < 1e-12);
         assert!((gap(40, 12.2, 2.2) + 10.0).abs() < 1e-9);
-        // Too far from the plan's start: begins anew there.
+        // Too far from the plan's start: restarts there.
         assert!((gap(60, 12.2, -60.0) + 72.2).abs() < 1e-9);
     }
 }

@@ -10,7 +10,7 @@ use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
 pub use super::view::View;
 
-/// Where the plans of a landing begin.
+/// Start of the plans of a landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {
     /// The first one at the measured state.
@@ -29,11 +29,11 @@ pub trait Law: core::fmt::Debug + Send {
     fn wind(&self) -> Vector2<f64> {
         Vector2::zeros()
     }
-    /// Where the plans of a landing begin.
+    /// Start of the plans of a landing.
     fn landing_start(&self) -> LandingStart {
         LandingStart::default()
     }
-    /// Whether a plan of the law's own begins anew, at the common planner's start.
+    /// Whether a plan of the law's own restarts, at the common planner's start.
     fn begins(
         &self,
         _now: Time<DroneClock>,
@@ -43,7 +43,7 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> bool {
         false
     }
-    /// A plan by a model and solver of the law's own, beginning anew at `start` (state, and vertical
+    /// A plan by a model and solver of the law's own, restarting at `start` (state, and vertical
     /// acceleration in NED, m/s²) if one is given.
     fn own_plan(
         &mut self,

@@ -58,7 +58,7 @@ use start::SolvedPlan;
 pub struct PlannerIn {
     /// The predicted deck.
     pub forecast: Option<DeckForecast>,
-    /// What is permitted.
+    /// Mission's state, with what it permits.
     pub mission: Option<MissionState>,
     /// Odometry.
     pub drone: Option<DroneState>,
@@ -72,7 +72,7 @@ pub struct PlannerOut {
 }
 
 wiring! {
-    /// What the planner reads and writes.
+    /// Topics that the planner reads and writes.
     PlannerPorts of Planner: PlannerIn => PlannerOut {
         reads {
             newest forecast: DeckForecast,
@@ -252,7 +252,7 @@ impl Planner {
                 kept.start = state;
                 core::mem::swap(&mut kept.solution, &mut self.scratch);
             }
-            // The previous plan goes on until it is too old; then the measured state begins anew.
+            // The previous plan goes on until it is too old; then planning restarts from the measured state.
             Solve::Infeasible => {}
         }
         let solved = self.solved.as_ref()?;
@@ -394,7 +394,7 @@ impl Node for Planner {
                 }
                 self.begin_landing(phase);
                 if mission.settings.mode == LandingMode::Shadow {
-                    // Nobody follows the last plan.
+                    // The last plan was not followed.
                     self.solved = None;
                 }
                 self.last_solve = Some((now, phase));

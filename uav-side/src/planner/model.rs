@@ -263,7 +263,7 @@ mod tests {
     use nalgebra::{Rotation3, Vector4};
 
     fn drone() -> DroneGeometry {
-        // Three different inertias, so that no exchange of axes goes unseen.
+        // Three different inertias, so that no exchange of axes goes unnoticed.
         DroneGeometry {
             inertia_kgm2: [0.08, 0.11, 0.19],
             ..DroneGeometry::default()

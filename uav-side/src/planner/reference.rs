@@ -33,7 +33,7 @@ const HEADING_FROM_M: f64 = 2.0;
 /// The minimum altitude does not bind inside the deck's outline widened by this, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;
 
-/// How fast the place of a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 of any other place.
+/// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 for other places.
 fn station_turns_radps(view: &View) -> f64 {
     let forecast = view.forecast.as_ref().filter(|_| view.mission.station.is_some());
     forecast.map_or(0.0, |f| f.mean_heading_rate)
@@ -70,13 +70,13 @@ pub struct ReferenceGenerator {
     vertical: ReferenceGovernor<1>,
     yaw: ReferenceGovernor<1>,
     mean_height: MeanDeckHeight,
-    /// Where to stay when the deck is not known but should be: position and heading.
+    /// Place to stay at when the deck is not known but should be: position and heading.
     frozen: Option<[f64; 4]>,
     /// Within the approach sector.
     admitted: bool,
 }
 
-/// What the references of one plan are made from.
+/// Input of the references of one plan.
 struct Request<'a> {
     now: Time<DroneClock>,
     view: &'a View,
@@ -119,7 +119,7 @@ impl ReferenceGenerator {
         -self.deck.centre_m[2]
     }
 
-    /// Forgets the governors: the plan starts anew from the measured state.
+    /// Forgets the governors: the plan restarts from the measured state.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();
@@ -196,7 +196,7 @@ impl ReferenceGenerator {
         reference.alignment = problem.alignment();
     }
 
-    /// What the mission's state asks for, with which weights, and where it holds.
+    /// Goal that the mission's state asks for, with its weights and the place to hold.
     fn goal(
         &mut self,
         mission: &MissionState,
@@ -245,7 +245,7 @@ impl ReferenceGenerator {
         (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
-    /// Where above the deck a drone has to be now that is not there yet, from its centre, m: on the way round the vessel
+    /// Place above the deck for a drone that is not there yet, from its centre, m: on the way round the vessel
     /// into the approach sector.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
@@ -476,7 +476,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Where the plan passes the volumes.
+    /// Decides where the plan passes the volumes.
     fn pass(&self, view: &View, here: &Vector3<f64>, reference: &mut Reference, problem: &Problem) {
         reference.passages.clear();
         let (deck, last) = (&reference.deck, problem.reference.last());
@@ -500,7 +500,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Keeps references beside the volumes that the plan passes on a side, and the plan's places.
+    /// Keeps references clear of the volumes that the plan passes on a side, and the plan's places.
     pub(super) fn keep_out(&self, reference: &Reference, problem: &mut Problem) {
         problem.sides.clear();
         if reference.passages.is_empty() {
@@ -569,7 +569,7 @@ impl ReferenceGenerator {
     }
 }
 
-/// What a mission state asks of the trajectory.
+/// Goal of the trajectory in a mission state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
     /// Stay at a place.
@@ -677,7 +677,7 @@ mod tests {
             before = (c, v);
         }
         assert!(before.0 > -0.3 && before.0 < -0.29 && before.1 < 0.01);
-        // Begun anew from where it is below contact, it is the same profile.
+        // Restarted from where it is below contact, it is the same profile.
         let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
         assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
         assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());

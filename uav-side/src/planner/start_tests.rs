@@ -52,7 +52,6 @@ fn plan_start_with_a_drone_ahead_or_behind() {
         "{lower} {faster}"
     );
     for (kind, lower, faster) in [
-        (PlannerKind::Alight, -0.2, -0.4),
         (PlannerKind::MpcFaa, 0.2, 0.4),
         (PlannerKind::MpcFaa, -0.2, -0.4),
     ] {

@@ -677,7 +677,7 @@ fn planner_on_the_wrong_side_of_a_volume() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
 
-    /// A drone that begins outside a volume beside a rocking deck is asked to follow the deck, to land, to leave or to
+    /// A drone that begins outside a volume next to a rocking deck is asked to follow the deck, to land, to leave or to
     /// hold a place anywhere, even within the volume.
     #[test]
     fn planner_clear_of_volumes(

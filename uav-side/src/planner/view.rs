@@ -5,7 +5,7 @@ use alight_shared::msg::{DeckForecast, MissionState};
 /// Permission and deck that the references are made for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// What the mission permits.
+    /// State of the mission, with what it permits.
     pub mission: MissionState,
     /// The predicted deck.
     pub forecast: Option<DeckForecast>,

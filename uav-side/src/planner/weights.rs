@@ -95,7 +95,7 @@ pub enum FaaDistance {
 }
 
 config! {
-    /// What grows near the deck.
+    /// Weights that grow near the deck.
     ///
     /// Defaults: Procházka 2024, Table 4.
     #[derive(Copy)]

@@ -1,6 +1,6 @@
 //! Whether two witnesses of the deck agree: its height by the rangefinder and by the camera, its place by the camera and by the
-//! radio. Neither is ever wrong alone without being seen here: images that are stamped late show a heaving deck where it was, the
-//! tags of a neighbour's deck are the right tags in the wrong place.
+//! radio. Neither is ever wrong alone without showing here: images that are stamped late show a heaving deck where it
+//! was, the tags of a neighbour's deck are the right tags in the wrong place.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::time::{DroneClock, Time};
@@ -13,8 +13,8 @@ const MEMORY_S: f64 = 3.0;
 const RELEASE_S: f64 = 30.0;
 /// One reading counts no more than this, in variances: a gull below the drone is no contradiction.
 const MOST: f64 = 100.0;
-/// The place seen is the radio's within so many standard deviations of their slow errors; Rayleigh: one sound landing in
-/// 3000 is refused.
+/// The place by vision is the radio's within so many standard deviations of their slow errors; Rayleigh: one sound
+/// landing in 3000 is refused.
 pub(super) const PLACE_SD: f64 = 4.0;
 
 /// Height by the rangefinder against what is known without it.
@@ -28,7 +28,7 @@ struct Averaged {
     at: Time<DroneClock>,
     /// Mean of the normalised innovation squared.
     mean: f64,
-    /// The largest mean of late: whose word did not hold is believed again slowly.
+    /// The largest recent mean: a source that was wrong is trusted again slowly.
     peak: f64,
 }
 
@@ -55,9 +55,9 @@ impl HeightAgreement {
     }
 }
 
-/// The place as seen less the place by radio, horizontal, and how far it may be by the spread of both, m; `offset`: of both,
-/// north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was seen; `more`: variance
-/// of the offset besides, m².
+/// The place by vision less the place by radio, horizontal, and how far it may be by the spread of both, m; `offset`: of
+/// both, north and east; `taken`: what jumps of the autopilot's estimate have put between them since the deck was
+/// detected; `more`: variance of the offset besides, m².
 pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise

@@ -48,7 +48,7 @@ pub enum MeasurementRow {
     Level,
     /// As the radio measures it.
     Radio,
-    /// Where it is in the drone's frame.
+    /// Place in the drone's frame.
     Vision,
     /// As the camera measures it, over this lever arm of vision's rotation, m.
     Camera(f64),
@@ -58,9 +58,9 @@ pub enum MeasurementRow {
     Turn,
     /// The rate of mean and waves.
     Rate,
-    /// What the modes leave.
+    /// Residual of the modes.
     Residual,
-    /// Its rate.
+    /// Rate of the residual.
     ResidualRate,
 }
 
@@ -88,7 +88,7 @@ pub struct AxisNoise {
 }
 
 impl AxisNoise {
-    /// Of each degree of freedom.
+    /// Noise of each degree of freedom.
     pub fn all(c: &PredictorConfig) -> [AxisNoise; AXES] {
         core::array::from_fn(|i| AxisNoise {
             radio: (c.radio_bias_sd_m_rad[i], c.radio_bias_time_s[i]),
@@ -138,7 +138,7 @@ impl Step {
             transitions: core::array::from_fn(|axis| Transition::new(oscillators, axis, dt)),
         }
     }
-    /// Of one degree of freedom.
+    /// Transition of one degree of freedom.
     pub fn of(&self, axis: usize) -> &Transition {
         &self.transitions[axis]
     }

@@ -1,5 +1,5 @@
-//! Where the vessel is by its beacon, or by what was known of it last: place and velocity of each horizontal axis by a Kalman
-//! filter, with the beacon's slow error in addition, which the camera measures once it detects the deck.
+//! Place of the vessel by its beacon, or by what was known of it last: place and velocity of each horizontal axis by a
+//! Kalman filter, with the beacon's slow error in addition, which the camera measures once it detects the deck.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the place as the beacon has it, and its velocity
@@ -32,7 +32,7 @@ const OWN_SD_M: f64 = 1.0;
 /// Mean sea level errs by this as the level of the water, m: tides, geoid, the receiver's height; half of what it errs by at
 /// most as the mission's witness of a height.
 const SEA_SD_M: f64 = 4.0;
-/// A deck that is not seen tilts by this, rad, and heaves at this speed, m/s: an unknown boat in a moderate sea.
+/// A deck that is not detected tilts by this, rad, and heaves at this speed, m/s: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
 /// A beacon that is silent for longer may be replaced by another that is no less exact, s: three messages of the slower ones.
@@ -85,12 +85,12 @@ fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
 
-/// What is known by the beacon now.
+/// Knowledge by the beacon now.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known {
     /// The deck's centre, north and east in the drone's NED, m.
     pub(super) place: Vector2<f64>,
-    /// Its standard deviation, each axis, m.
+    /// Standard deviation of the place, each axis, m.
     pub(super) sd_m: f64,
     velocity: Vector2<f64>,
     velocity_sd_mps: f64,
@@ -101,11 +101,11 @@ pub(super) struct Known {
 /// The beacon that is followed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconTrack {
-    /// Where its local frame begins: the place of the first message, so that no jump of the drone's frame moves it.
+    /// Origin of its local frame: the place of the first message, so that no jump of the drone's frame moves it.
     origin: Datum,
     newest: DeckBeacon,
     axes: [Axis; 2],
-    /// The deck's place as seen less the beacon's, m, and when.
+    /// The deck's place by vision less the beacon's, m, and when.
     offset: Option<(Time<DroneClock>, Vector2<f64>)>,
 }
 
@@ -202,10 +202,10 @@ impl BeaconTrack {
         *track = Some(known);
         true
     }
-    /// The deck was seen at `seen` (north and east in the drone's NED, m): what the beacon is wrong by.
-    pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, seen: Vector2<f64>) {
+    /// Takes the error of the beacon from the deck's place by vision, `detected` (north and east in the drone's NED, m).
+    pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, detected: Vector2<f64>) {
         if let Some(at) = self.placed(now, drone) {
-            self.offset = Some((now, seen - at));
+            self.offset = Some((now, detected - at));
         }
     }
     /// The autopilot's estimate has jumped: what was detected has moved with the drone, the beacon's place with the datum.
@@ -225,7 +225,7 @@ impl BeaconTrack {
         let place = begins.0.xy() + Vector2::from(local) + drone.datum_offset().xy();
         (place.norm() < MAX_POSITION_M).then_some(place)
     }
-    /// What it says now; None once it has ended.
+    /// The beacon's present state; None once it has ended.
     pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Known> {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
@@ -247,7 +247,7 @@ impl BeaconTrack {
 }
 
 impl Known {
-    /// How far `o` lies from the beacon's place, and the most that it may, m.
+    /// Distance of `o` from the beacon's place, and its maximum, m.
     pub(super) fn apart(&self, o: &Observation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
@@ -256,7 +256,7 @@ impl Known {
         let limit = PLACE_SD * self.sd_m;
         Some([apart, limit])
     }
-    /// Its course, rad; north of a vessel that does not make way.
+    /// Course of the vessel, rad; north of a vessel that does not make way.
     pub(super) fn course_rad(&self) -> f64 {
         let [north, east] = self.velocity.into();
         if self.velocity.norm() > COURSE_MPS {
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn less_exact_beacon_beside_another() {
+    fn less_exact_beacon_next_to_another() {
         let mut track = followed(20);
         let now = Time::from_secs(20.5);
         let phone = message(BeaconSource::FollowTarget, 20.4, 500.0, 50.0);
@@ -429,7 +429,7 @@ mod tests {
             let taken = BeaconTrack::receive(&mut track, now, &ais);
             assert_eq!(taken, counts, "AIS of {at_s} s");
         }
-        // One that has ended is none.
+        // A track that has ended leaves no beacon.
         let mut none = None;
         let old = message(BeaconSource::GlobalPosition, 0.0, 0.0, 5.0);
         assert!(!BeaconTrack::receive(&mut none, now, &old) && none.is_none());

@@ -1,5 +1,5 @@
 //! The predictor's checkpoint: the offset between the camera's view of the deck and the radio's. In the last
-//! half of a metre the deck is too near to be seen, and a predictor that began there would know the deck to the error of
+//! half of a metre the deck is too near to be detected, and a predictor that began there would know the deck to the error of
 //! two GNSS receivers.
 
 use alight_shared::frames::wrap_angle;

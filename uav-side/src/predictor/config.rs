@@ -42,7 +42,7 @@ config! {
         /// Spread of the odometry's error of velocity, each axis, m/s.
         /// Source: Of the smooth odometry in a landing, as measured, each axis.
         pub odometry_drift_mps: f64 = 0.07, in 0.0..=5.0;
-        /// Its correlation time, s.
+        /// Correlation time of that drift, s.
         pub odometry_drift_s: f64 = 6.0, in 0.1..=1e3;
         /// Random walk of the mean level after 1 s.
         pub mean_walk_m_rad: [f64; 6] = six([0.003, 0.003, 0.01], [0.05, 0.05, 0.05]), in 0.0..=10.0;
@@ -57,7 +57,7 @@ config! {
         pub turn_walk_s: f64 = 0.6, in 0.0..=10.0;
         /// Time after which a mean rate dies out, s.
         pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
-        /// The least that the vessel's modes are taken to leave of the motion.
+        /// Minimum of the motion that is assumed to be outside the vessel's modes.
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
         /// Angular frequency of what they leave, rad/s, until they are known.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
@@ -75,10 +75,10 @@ config! {
         pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
         /// Fraction of the vessel's stated variance that is common to all its estimates and stays.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
-        /// Least standard deviation of a tag's position, m.
+        /// Minimum standard deviation of a tag's position, m.
         /// Chosen: what remains however near the tag is; far away the detector's own variance counts.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;
-        /// Least standard deviation of a tag's attitude, rad.
+        /// Minimum standard deviation of a tag's attitude, rad.
         pub tag_min_sd_rad: f64 = f64::to_radians(0.6), in 1e-4..=1.0;
         /// Fraction of the drone's stated position variance that is fused as noise of vision; the rest is
         /// the same in the drone's position now and does not matter.
@@ -91,11 +91,11 @@ config! {
         /// Position error of the camera's mount, m.
         /// Source: Camera mount 1 cm wrong.
         pub camera_mount_sd_m: f64 = 0.01, in 0.0..=1.0;
-        /// Least time between two readings of the rangefinder that are used, s.
+        /// Minimum time between two readings of the rangefinder that are used, s.
         pub range_period_s: f64 = 0.04, in 0.0..=10.0;
         /// Distance that a rangefinder's spot keeps from the deck's edge, m.
         pub range_margin_m: f64 = 0.2, in 0.0..=10.0;
-        /// Least standard deviation of a rangefinder's reading, m.
+        /// Minimum standard deviation of a rangefinder's reading, m.
         /// Source: Rangefinder 3 cm.
         pub range_min_sd_m: f64 = 0.03, in 1e-3..=1.0;
         /// Innovations beyond this many standard deviations are rejected.

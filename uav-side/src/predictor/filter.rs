@@ -31,7 +31,7 @@ const MAX_BEND_RAD: f64 = 1.0;
 /// Degrees of freedom that are rejected together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 
-/// How an observation fared.
+/// Outcome of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fused {
     /// All of it was used.
@@ -40,7 +40,7 @@ pub enum Fused {
     Gated(u32),
     /// Older than anything kept.
     Late,
-    /// The same source has sent an observation of the same time already.
+    /// An observation of this time and source was taken already.
     Duplicate,
 }
 
@@ -69,8 +69,8 @@ pub struct Filter {
     /// The radio is received.
     radio_available: bool,
     /// Degrees of freedom that were ever measured in the drone's frame.
-    seen: [bool; AXES],
-    /// What jumps of the autopilot's estimate have put between vision's slow error and the radio's, north and east, m.
+    observed: [bool; AXES],
+    /// Jumps of the autopilot's estimate that separate vision's slow error from the radio's, north and east, m.
     taken: [f64; 2],
     started: Time<DroneClock>,
 }
@@ -99,7 +99,7 @@ impl Filter {
             spare: Vec::new(),
             rejected: [0; 2],
             radio_available: true,
-            seen: [false; AXES],
+            observed: [false; AXES],
             taken: [0.0; 2],
             started: first.at,
         };
@@ -191,7 +191,7 @@ impl Filter {
         }
     }
     /// Forgets all but the newest state: what came before was computed with other oscillators.
-    fn begin_anew(&mut self) -> Option<&mut Entry> {
+    fn keep_newest(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
         let e = self.entries.back_mut()?;
@@ -200,15 +200,15 @@ impl Filter {
     }
     /// Vision's slow error less the radio's was known before the filters began.
     pub fn know_offset(&mut self, offset: &[f64; AXES], variance: &[f64; AXES]) {
-        self.seen = [true; AXES];
-        let Some(e) = self.begin_anew() else { return };
+        self.observed = [true; AXES];
+        let Some(e) = self.keep_newest() else { return };
         for (i, a) in e.after.iter_mut().enumerate() {
             a.update(MeasurementRow::Offset, offset[i], variance[i]);
         }
     }
     /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
     pub fn adopt_modes(&mut self, waves: &Waves) {
-        let Some(e) = self.begin_anew() else { return };
+        let Some(e) = self.keep_newest() else { return };
         let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
@@ -225,7 +225,7 @@ impl Filter {
             return;
         };
         let oscillators = waves.oscillators(at);
-        let Some(e) = self.begin_anew() else { return };
+        let Some(e) = self.keep_newest() else { return };
         for (i, a) in e.after.iter_mut().enumerate() {
             a.hold(&oscillators, i, &held);
         }
@@ -271,7 +271,7 @@ impl Filter {
                 let used = gated & (1 << k) == 0;
                 group
                     .iter()
-                    .for_each(|&i| self.seen[i] |= used && o.value[i].is_some());
+                    .for_each(|&i| self.observed[i] |= used && o.value[i].is_some());
             }
         }
         let gated = gated.count_ones();
@@ -325,9 +325,9 @@ impl Filter {
     /// The autopilot's estimate has jumped.
     pub fn shift(&mut self, jump: &Jump) {
         let before = self.offsets();
-        let mut known = self.seen;
+        let mut known = self.observed;
         for e in &mut self.entries {
-            known = shift::state(&mut e.after, jump, &self.seen, &self.noise, self.gate);
+            known = shift::state(&mut e.after, jump, &self.observed, &self.noise, self.gate);
             if let Some(o) = &mut e.observation {
                 o.shift(jump);
             }
@@ -336,7 +336,7 @@ impl Filter {
         for (taken, (a, b)) in self.taken.iter_mut().zip(after.into_iter().zip(before)) {
             *taken += a - b;
         }
-        self.seen = known;
+        self.observed = known;
         if !(known[0] && known[1]) {
             self.taken = [0.0; 2];
         }
@@ -349,36 +349,36 @@ impl Filter {
         };
         [offset(0), offset(1)]
     }
-    /// The place as seen less the place by radio, and how far it may be, m; None: it was not seen.
+    /// The place by vision less the place by radio, and how far it may be, m; None without vision.
     pub fn place_apart_m(&self) -> Option<[f64; 2]> {
-        let [north, east, ..] = self.seen;
+        let [north, east, ..] = self.observed;
         let last = self.last().filter(|_| north && east)?;
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// The same of what is seen now, about the modes, by the state `s` of its time, where it is further apart than it may be.
-    /// None, too, of a deck that is `followed` and seen where it was seen before.
-    pub fn elsewhere(&self, s: &State, seen: &Observation, followed: bool) -> Option<[f64; 2]> {
-        let [Some(north), Some(east), ..] = seen.value else {
+    /// Distance of the present detection from the radio's place, about the modes, by the state `s` of its time, where it
+    /// is further apart than it may be. None, too, of a deck that is `followed` and detected where it was before.
+    pub fn elsewhere(&self, s: &State, o: &Observation, followed: bool) -> Option<[f64; 2]> {
+        let [Some(north), Some(east), ..] = o.value else {
             return None;
         };
-        let both = [(&s[0], north, seen.lever[0]), (&s[1], east, seen.lever[1])];
+        let both = [(&s[0], north, o.lever[0]), (&s[1], east, o.lever[1])];
         let same_place = both.iter().all(|(axis, (value, variance), _)| {
             axis.normalised_innovation(MeasurementRow::Vision, *value, *variance) <= self.gate
         });
         if followed && same_place {
             return None;
         }
-        let [apart, limit] = self.apart(s, seen)?;
+        let [apart, limit] = self.apart(s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// How far what is seen now, about the modes, lies from the radio's place, by the state `s` of its time, and how far that may
-    /// be, m.
-    pub fn apart(&self, s: &State, seen: &Observation) -> Option<[f64; 2]> {
-        let [Some(north), Some(east), ..] = seen.value else {
+    /// Distance of the present detection, about the modes, from the radio's place, by the state `s` of its time, and its
+    /// maximum, m.
+    pub fn apart(&self, s: &State, o: &Observation) -> Option<[f64; 2]> {
+        let [Some(north), Some(east), ..] = o.value else {
             return None;
         };
-        let both = [(&s[0], north, seen.lever[0]), (&s[1], east, seen.lever[1])];
+        let both = [(&s[0], north, o.lever[0]), (&s[1], east, o.lever[1])];
         let apart = both.map(|(axis, (value, variance), lever)| {
             let (place, of_radio) = axis.project(MeasurementRow::Radio);
             (

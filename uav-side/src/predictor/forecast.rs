@@ -172,7 +172,7 @@ impl Horizon {
         h[RATE] = head.reach;
         g[RATE] = head.rate;
         // Position and heading are in the drone's frame, which goes on as its odometry
-        // drifts now. What nobody knows of its drift to come is left out: it moves drone and plan alike
+        // drifts now. The unknown part of its drift to come is left out: it moves drone and plan alike
         // until the next detection.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);

@@ -1,9 +1,10 @@
 //! Which of several decks with the same tags is the vessel's own.
 //!
-//! Each place at which tags are seen again and again is a deck. One alone is taken, unless it rocks otherwise than the radio
-//! reports: the last sum is that of [`BLOCK`] samples then, and chi-square distributed where they are of one deck. Of several the vessel's own is, in this order,
-//! the one that was followed before they were several (continuity of place: without the radio), and the one that is more
-//! likely than any other by a factor of [`MARGIN`]'s exponential, with the logarithm of the ratio of the likelihoods of decks 1 and 2
+//! Each place at which tags are detected again and again is a deck. One alone is taken, unless it rocks otherwise than
+//! the radio reports: the last sum is that of [`BLOCK`] samples then, and chi-square distributed where they are of one
+//! deck. Of several the vessel's own is, in this order, the one that was followed before they were several (continuity of
+//! place: without the radio), and the one that is more likely than any other by a factor of [`MARGIN`]'s exponential,
+//! with the logarithm of the ratio of the likelihoods of decks 1 and 2
 //!
 //! ```text
 //! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
@@ -31,7 +32,7 @@ use super::agreement::PLACE_SD;
 use super::observation::Observation;
 use super::track::Jump;
 
-/// Decks that are told apart, at most.
+/// Maximum number of decks that are distinguished.
 const MAX_DECKS: usize = 4;
 /// Reports of the radio that are kept: more than a second at 30 Hz.
 const MAX_REPORTS: usize = 48;
@@ -40,15 +41,15 @@ const HOLDS_S: f64 = 0.2;
 /// Tags are of the same deck where they are no further from where it was than this, m: two decks do not overlap, and the
 /// narrowest that a drone lands on is wider.
 const SAME_M: f64 = 0.8;
-/// ... and this much more for each second since, m/s, besides the vessel's own way, and for each metre from which they are seen:
-/// attitude and heading of the drone.
+/// ... and this much more for each second since, m/s, besides the vessel's own way, and for each metre from which they
+/// are detected: attitude and heading of the drone.
 const SAME_MPS: f64 = 0.3;
 const SAME_PER_M: f64 = 0.05;
-/// What was never seen in one image is two decks from this distance on, m: nearer it may be one that was seen badly.
+/// Tags never detected in one image are two decks from this distance on, m: nearer it may be one deck, badly detected.
 const APART_M: f64 = 5.0;
-/// A deck is one that was seen in so many images: what was misread once is none.
+/// A deck counts once it was detected in so many images: a single misread tag does not make one.
 const CONFIRMED: u32 = 5;
-/// A deck that is not seen is remembered for so long, s: as the forecast by vision alone.
+/// A deck that is not detected is remembered for so long, s: as the forecast by vision alone.
 const MEMORY_S: f64 = 30.0;
 /// Without the radio a deck that was alone for so long is the one that is followed, s.
 const FOLLOWED_S: f64 = 2.0;
@@ -67,7 +68,7 @@ const MIN_SAMPLES: f64 = 15.0;
 const MAX_TILT_RAD: f64 = 0.3;
 /// The vessel's own deck is so much more likely than any other, as a logarithm: 1 of 10 000 is wrong.
 const MARGIN: f64 = 9.2;
-/// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and least error of a tag's tilt.
+/// Error of compass and camera in yaw together, rad; of the vessel's tilt by radio, rad, and minimum error of a tag's tilt.
 const YAW_SD_RAD: f64 = 0.037;
 const TILT_SD_RAD: f64 = 0.009;
 /// Error of the deck's height by radio and of the drone's own, m, from one wave to the next.
@@ -84,7 +85,7 @@ const MAX_SAMPLE: f64 = 30.0;
 /// Ambiguity is reported for so long after the last image that showed it, s.
 const REPORTED_S: f64 = 1.0;
 
-/// What the radio reports of the deck at a time: tilt about north and east, yaw, rad, and the height of its centre (down, m), and
+/// Report of the deck by radio at a time: tilt about north and east, yaw, rad, and the height of its centre (down, m), and
 /// their rates.
 #[derive(Clone, Copy, Debug)]
 struct Report {
@@ -93,12 +94,12 @@ struct Report {
     rates: Vector4<f64>,
 }
 
-/// How a deck's attitude as seen differs from the radio's: mean, and sum of squares about it in units of their variances.
+/// Difference of a deck's detected attitude from the radio's: mean, and sum of squares about it in units of their variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Residual {
     n: f64,
     mean: Vector3<f64>,
-    /// Of tilt about north and about east, and of the height.
+    /// Sums of squares of tilt about north and about east, and of the height.
     squares: [f64; 3],
     sampled: Option<Time<DroneClock>>,
 }
@@ -140,7 +141,7 @@ struct Deck {
     at: Time<DroneClock>,
     since: Time<DroneClock>,
     images: u32,
-    /// Images in which another was seen as well.
+    /// Images in which another was detected as well.
     together: u32,
     /// Distance from where radio or beacon has the vessel, in standard deviations; None: neither has it anywhere.
     apart_sd: Option<f64>,
@@ -192,7 +193,7 @@ impl Deck {
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
     }
-    /// The other may be the own one as well: it is there, and not the same seen badly.
+    /// The other may be the own one as well: it is there, and not the same one badly detected.
     fn rivals(&self, other: &Deck) -> bool {
         let in_one_image = other.at == self.at && other.is_admissible();
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
@@ -207,7 +208,7 @@ impl Deck {
     }
 }
 
-/// What is to be done with tags at a place.
+/// Verdict on tags at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// They are the deck's own, as far as is known.
@@ -223,7 +224,7 @@ pub(super) enum Verdict {
 pub(super) struct Decks {
     decks: Vec<Deck>,
     reports: VecDeque<Report>,
-    /// Where the own one is in `decks`, once that is decided.
+    /// Index of the own one in `decks`, once that is decided.
     own: Option<usize>,
     /// When one of so many could not be decided upon.
     several: Option<(Time<DroneClock>, u32)>,
@@ -248,7 +249,7 @@ impl Decks {
             rates: Vector4::new(rate(3), rate(4), rate(5), height[1]),
         });
     }
-    /// What the radio has at `t`, by the report that is nearest.
+    /// Radio's report at `t`, by the nearest one.
     fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
@@ -256,8 +257,8 @@ impl Decks {
         (by.abs() <= HOLDS_S).then(|| nearest.pose + nearest.rates * by)
     }
 
-    /// Tags seen from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon has the vessel, and how
-    /// far that may be, m. Returns the deck that they belong to.
+    /// Tags detected from `range_m`; `velocity`: of the vessel, m/s; `apart`: how far from where the radio or the beacon
+    /// has the vessel, and how far that may be, m. Returns the deck that they belong to.
     pub(super) fn see(
         &mut self,
         o: &Observation,
@@ -350,7 +351,7 @@ impl Decks {
             deck.judge(o.at, r, variances);
         }
     }
-    /// Whether tags that were seen of the deck `k` are the vessel's own; `radio`: that is received.
+    /// Whether tags that were detected of the deck `k` are the vessel's own; `radio`: that is received.
     pub(super) fn verdict(&mut self, k: usize, o: &Observation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
@@ -382,7 +383,7 @@ impl Decks {
             .filter(move |(_, other)| deck.is_some_and(|d| d.rivals(other)))
             .map(|(_, other)| other)
     }
-    /// The own deck, if that can be said.
+    /// The own deck, if it is known.
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
@@ -394,7 +395,7 @@ impl Decks {
         let mut counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
         counts.find(clear).map(|(k, _)| k)
     }
-    /// Forgets what was not seen for long.
+    /// Forgets what was not detected for long.
     fn forget(&mut self, now: Time<DroneClock>) {
         let lasts = |d: &Deck| (now - d.at).secs() <= MEMORY_S;
         if self.decks.iter().all(lasts) {
@@ -419,7 +420,7 @@ impl Decks {
             d.level = None;
         }
     }
-    /// Decks of which one is the own one, while it is not known which; 0: it is, or there is none.
+    /// Number of decks of which one is the own one, while it is not known which; 0: it is known, or no deck is.
     pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
@@ -447,7 +448,7 @@ mod tests {
     fn roll(t: f64, later_s: f64) -> f64 {
         0.07 * (1.2 * (t - later_s)).sin() + 0.03 * (1.9 * (t - later_s)).sin()
     }
-    /// The same of its deck's height, m.
+    /// Height of its deck, m.
     fn heave(t: f64, later_s: f64) -> f64 {
         0.3 * (1.2 * (t - later_s)).sin()
     }
@@ -455,7 +456,7 @@ mod tests {
     fn side_by_side(seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         with_tilt_sd(0.02, seconds, radio, later_s)
     }
-    /// The same verdicts where a tag's tilt has this standard deviation, rad.
+    /// Verdicts where a tag's tilt has this standard deviation, rad.
     fn with_tilt_sd(tilt_sd: f64, seconds: f64, radio: bool, later_s: f64) -> ([Verdict; 2], Decks) {
         let mut decks = Decks::default();
         let mut verdicts = [Verdict::Own; 2];
@@ -467,13 +468,13 @@ mod tests {
             }
             // Errors of the tags' tilt, and of the camera's mount.
             let noise = tilt_sd * (37.0 * t).sin() + 0.02;
-            let seen = [0.0, later_s].map(|later| {
+            let detected = [0.0, later_s].map(|later| {
                 // The drone's own height drifts, and errs.
                 let down = heave(t, later) + 0.02 * t + 0.05 * (41.0 * t).sin();
                 ([roll(t, later) + noise, 0.02 - noise, 0.12], down)
             });
             let places = [[1.0, 0.0], [-2.0, 0.0]];
-            let both: Vec<_> = (seen.iter().zip(places))
+            let both: Vec<_> = (detected.iter().zip(places))
                 .map(|((attitude, down), place)| {
                     let mut o = observation(Kind::Tag, t, place, *attitude);
                     o.value[2] = Some((*down, 0.1 * 0.1));
@@ -495,7 +496,7 @@ mod tests {
     #[test]
     fn own_deck_by_its_rocking() {
         assert_eq!(side_by_side(90.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
-        // In a calm, or where both rock as one, nothing tells them apart.
+        // In calm water, or where both rock as one, nothing distinguishes them.
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);

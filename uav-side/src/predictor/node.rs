@@ -36,7 +36,7 @@ use super::track::Track;
 use super::waves::{AXES, Waves};
 use alight_shared::checkpoint::Recovery;
 
-/// What arrived since the last step.
+/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorIn {
     /// The vessel's state.
@@ -45,7 +45,7 @@ pub struct PredictorIn {
     pub wave: Option<WaveModel<DroneClock>>,
     /// The vessel's own prediction, for how far it is off.
     pub prediction: Option<VesselPrediction<DroneClock>>,
-    /// What stands around the vessel's deck.
+    /// Obstacles around the vessel's deck.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
     /// Link and clocks.
     pub link: Option<LinkState>,
@@ -65,17 +65,17 @@ pub struct PredictorIn {
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
-/// What is published.
+/// Output of the predictor.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorOut {
     /// The deck's forecast, at the predictor's rate, while anything is known.
     pub forecast: Option<DeckForecast>,
-    /// For a successor, with each forecast once the camera has seen the deck.
+    /// For a successor, with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
 wiring! {
-    /// What the predictor reads and writes.
+    /// Topics that the predictor reads and writes.
     PredictorPorts of Predictor: PredictorIn => PredictorOut {
         reads {
             newest estimate: VesselEstimate<DroneClock>,
@@ -110,7 +110,7 @@ pub struct Predictor {
     waves: Waves,
     filter: Option<Filter>,
     horizon: Horizon,
-    /// The same further ahead, in longer steps.
+    /// Horizon further ahead, in longer steps.
     far: Horizon,
     track: Track,
     clock_sd_s: f64,
@@ -121,18 +121,18 @@ pub struct Predictor {
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
-    /// When tags were seen last that are another vessel's, and how far from the radio's place they may be and are, m.
+    /// When tags that are another vessel's were detected last, and how far from the radio's place they may be and are, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     height: HeightAgreement,
     /// Decks with the vessel's tags.
     decks: Decks,
-    /// Where the vessel is by its beacon.
+    /// Track of the vessel by its beacon.
     beacon: Option<BeaconTrack>,
-    /// Where it was when it was known last by radio or camera.
+    /// Track from where it was known last by radio or camera.
     last_known: Option<BeaconTrack>,
     /// Height of the origin over mean sea level, m.
     origin_sea_m: Option<f64>,
-    /// What the drone identifies itself while the radio is silent.
+    /// Model that the drone identifies itself while the radio is silent.
     own: Option<OwnModel>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
@@ -144,7 +144,7 @@ pub struct Predictor {
 }
 
 impl Predictor {
-    /// A predictor that knows nothing yet; `boot` is drawn anew at each start.
+    /// A predictor that knows nothing yet; `boot` is a random number of each start.
     pub fn new(config: &PredictorConfig, boot: u32) -> Self {
         let waves = Waves::new(config);
         Predictor {
@@ -177,12 +177,12 @@ impl Predictor {
             rejections: Rejections::default(),
         }
     }
-    /// Of its process.
+    /// Boot id of its process.
     pub fn boot(&self) -> u32 {
         self.boot
     }
     /// A predecessor may have flown: it waits for that one's checkpoint first, and publishes nothing until then. A
-    /// forecast by the radio alone may lie metres beside the deck, and would end a landing.
+    /// forecast by the radio alone may lie metres off the deck, and would end a landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
@@ -336,7 +336,7 @@ impl Predictor {
     }
 
     /// Takes the predecessor's checkpoint as soon as the radio's view of the deck is there to be offset, unless this one
-    /// has seen the deck itself.
+    /// has detected the deck itself.
     fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
         let Some(recovery) = &mut self.recovery else {
             return;
@@ -361,7 +361,7 @@ impl Predictor {
         }
     }
 
-    /// The checkpoint by the newest observation, beside a forecast with this header.
+    /// The checkpoint by the newest observation, to go with a forecast with this header.
     fn checkpoint(&self, forecast: &Header<DroneClock>) -> Option<PredictorCheckpoint> {
         let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
         let axes = filter.last()?;

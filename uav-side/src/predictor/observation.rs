@@ -14,11 +14,11 @@ use super::waves::{AXES, DeckMotion};
 /// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// What the vessel's filter errs by for seconds, standard deviation of value and rate, m, rad, and per second: GNSS
+/// Errors of the vessel's filter that last for seconds, standard deviation of value and rate, m, rad, and per second: GNSS
 /// wanders between noise, which the filter averages, and the slow error, which is a state here. Chosen.
 const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
-/// Where an observation comes from.
+/// Source of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The vessel's estimate.
@@ -40,19 +40,19 @@ pub type Measured = Option<(f64, f64)>;
 pub struct Observation {
     /// Time of validity.
     pub at: Time<DroneClock>,
-    /// Its source.
+    /// Source of the observation.
     pub kind: Kind,
     /// Position of the deck's centre, tilt as heading north, heading.
     pub value: [Measured; AXES],
     /// Their rates.
     pub rate: [Measured; AXES],
-    /// What a rotation of vision by 1 rad adds to the values north (about east) and east (about
+    /// Change that a rotation of vision by 1 rad adds to the values north (about east) and east (about
     /// north), m.
     pub lever: [f64; 2],
 }
 
 impl Observation {
-    /// The same of what `motion` leaves of the deck: that is what the filters hold.
+    /// Observation of what `motion` leaves of the deck: that is what the filters hold.
     #[must_use]
     pub fn about(&self, motion: &DeckMotion) -> Observation {
         let mut rest = *self;
@@ -74,8 +74,8 @@ impl Observation {
         }
         self
     }
-    /// The autopilot's estimate has jumped since: what was seen is where the drone saw it, what came by radio where the datum
-    /// lies now.
+    /// The autopilot's estimate has jumped since: detections are where the drone made them, what came by radio where the
+    /// datum lies now.
     pub fn shift(&mut self, jump: &Jump) {
         let (by, yaw) = match self.kind {
             Kind::Estimate => (jump.datum, 0.0),
@@ -113,7 +113,7 @@ impl Observation {
 pub struct MountRotation {
     /// Rotation vector.
     pub turn: Vector3<f64>,
-    /// Its standard deviations.
+    /// Standard deviations of the rotation.
     pub sd: Vector3<f64>,
 }
 
@@ -318,11 +318,11 @@ mod tests {
     #[test]
     fn tag_tilt_by_the_vessels_compass() {
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
-        let seen = turn_tilt(roll, pitch, -yaw);
+        let turned = turn_tilt(roll, pitch, -yaw);
         let tag = Observation {
             at: Time::EPOCH,
             kind: Kind::Tag,
-            value: [0.0, 0.0, 0.0, seen.0, seen.1, yaw].map(|v| Some((v, 1.0))),
+            value: [0.0, 0.0, 0.0, turned.0, turned.1, yaw].map(|v| Some((v, 1.0))),
             rate: [None; AXES],
             lever: [0.0; 2],
         };
@@ -333,6 +333,6 @@ mod tests {
             "{tilt:?}"
         );
         // Taken as it is, a tenth of the roll would be pitch.
-        assert!((seen.0 - estimated.0).hypot(seen.1 - estimated.1) > 0.01);
+        assert!((turned.0 - estimated.0).hypot(turned.1 - estimated.1) > 0.01);
     }
 }

@@ -21,9 +21,9 @@ use super::waves::{AXES, Oscillator, Spread, Waves};
 
 /// A sample is the state so long ago, s: images have come by then.
 const SAMPLE_AGE: Span = Span::from_millis(80);
-/// A deck that was not seen for so long is not sampled: its motion would be the filter's own, s.
-const UNSEEN_S: f64 = 0.5;
-/// Its modes count once it has seen the deck for so long, s: after 30 s the measured error is still too small, and 2 of 12
+/// A deck that was not detected for so long is not sampled: its motion would be the filter's own, s.
+const UNOBSERVED_S: f64 = 0.5;
+/// Time of observing the deck after which its modes count, s: after 30 s the measured error is still too small, and 2 of 12
 /// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none of 12, and it is the time in which a vessel identifies
 /// its own.
 const IDENTIFIED_S: f64 = 60.0;
@@ -36,29 +36,29 @@ pub(super) struct OwnModel {
     waves: Waves,
     filter: Option<Filter>,
     motion: MotionModel<DroneClock>,
-    seen_at: Option<Time<DroneClock>>,
+    observed_at: Option<Time<DroneClock>>,
     slope: (Periodic<DroneClock>, ApparentSlope<DroneClock>),
 }
 
 impl OwnModel {
-    /// One that has seen nothing yet.
+    /// A model without observations.
     pub(super) fn new(c: &PredictorConfig) -> Self {
         OwnModel {
             waves: Waves::new(c),
             filter: None,
             motion: MotionModel::default(),
-            seen_at: None,
+            observed_at: None,
             slope: Default::default(),
         }
     }
-    /// Takes what was seen.
+    /// Takes an observation.
     pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &Observation) {
         let waves = &self.waves;
         let filter = self
             .filter
             .get_or_insert_with(|| Filter::new(AxisNoise::all(c), c.gate_sd, waves, o));
         if filter.fuse(waves, o) == Fused::All {
-            self.seen_at = self.seen_at.max(Some(o.at));
+            self.observed_at = self.observed_at.max(Some(o.at));
         }
     }
     /// The autopilot's estimate has jumped.
@@ -75,8 +75,8 @@ impl OwnModel {
             return false;
         };
         let at = now - SAMPLE_AGE;
-        let seen = self.seen_at.is_some_and(|t| (now - t).secs() < UNSEEN_S);
-        if !seen || at < filter.started() || !self.motion.is_due(at) {
+        let recent = self.observed_at.is_some_and(|t| (now - t).secs() < UNOBSERVED_S);
+        if !recent || at < filter.started() || !self.motion.is_due(at) {
             return false;
         }
         let axes = filter.at(&self.waves, at);
@@ -93,12 +93,12 @@ impl OwnModel {
             slope.push(now, &attitude, Vector3::from(deck.velocity));
         }
     }
-    /// Its steepest recent apparent slopes, as a vessel would report them.
+    /// Steepest recent apparent slopes, as a vessel would report them.
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
     /// Gives its modes and what they are off by to `waves`: their time of validity, and whether a bank of oscillators has gone
-    /// there. None before it has seen enough of the motion.
+    /// there. None before it has observed enough of the motion.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;

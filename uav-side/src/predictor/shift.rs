@@ -1,10 +1,11 @@
-//! What of the belief moves where the autopilot's estimate jumps: exactly what was measured in the drone's frame is still
-//! where the drone saw it, as seen from the drone; what came by radio is where the datum lies now.
+//! Change of the belief where the autopilot's estimate jumps: exactly what was measured in the drone's frame is still
+//! where the drone detected it, relative to the drone; what came by radio is where the datum lies now.
 //!
 //! The deck's place is the mean plus the slow error of vision. The radio's part of it is the mean; a jump of the datum moves
-//! it. What was seen is held by the slow error, which takes the difference in proportion to how much of the place was seen at
-//! all. A deck that was never seen stays where the radio has it, whatever the heading does: PX4 and ArduPilot align theirs
-//! by up to 180 deg when the origin is known already, and a deck that turned along would lie `2 d sin(yaw / 2)` beside itself.
+//! it. Vision is held by the slow error, which takes the difference in proportion to how much of the place is from vision at
+//! all. A deck that was never detected stays where the radio has it, whatever the heading does: PX4 and ArduPilot align
+//! theirs by up to 180 deg once the origin is known, and a deck that turned with it would lie `2 d sin(yaw / 2)` off its
+//! place.
 
 use nalgebra::Vector3;
 
@@ -12,16 +13,16 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::Jump;
 use super::waves::AXES;
 
-/// A state of the filters after `jump`; `seen`: degrees of freedom that were ever measured in the drone's frame. Gives those of
-/// which that is still known.
+/// A state of the filters after `jump`; `measured`: degrees of freedom that were ever measured in the drone's frame.
+/// Gives those of which that is still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
     jump: &Jump,
-    seen: &[bool; AXES],
+    measured: &[bool; AXES],
     noise: &[AxisNoise; AXES],
     gate: f64,
 ) -> [bool; AXES] {
-    let mut known = *seen;
+    let mut known = *measured;
     let place = Vector3::from_fn(|i, _| s[i].project(MeasurementRow::Vision).0);
     let by_vision = jump.of(&place) - place;
     let moves = [0, 1, 2]
@@ -31,7 +32,7 @@ pub(super) fn state(
     for (i, by_radio, by_vision) in moves {
         let (a, n, apart) = (&mut s[i], &noise[i], by_vision - by_radio);
         a.x[MEAN] += by_radio;
-        if !seen[i] {
+        if !measured[i] {
             continue;
         }
         match Sight::of(a, n).share(apart, gate) {
@@ -51,11 +52,11 @@ pub(super) fn state(
     known
 }
 
-/// How well the deck is known in the drone's frame, variances.
+/// Uncertainty of the deck in the drone's frame, variances.
 struct Sight {
     /// As it is known.
     whole: f64,
-    /// As it would be without anything seen: the radio's own, and the slow errors between radio and camera.
+    /// As it would be without vision: the radio's own, and the slow errors between radio and camera.
     by_radio: f64,
 }
 
@@ -66,7 +67,7 @@ impl Sight {
             by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
         }
     }
-    /// How much of what is known of the deck was seen, 0 to 1, where what was seen and the radio are now `apart`: by the
+    /// Fraction of the deck's estimate that is from vision, 0 to 1, where vision and the radio are now `apart`: by the
     /// product of two normal distributions, of variances `S` (radio) and `V` with `1 / whole = 1 / S + 1 / V`, it is
     /// `S / (S + V) = 1 - whole / S`. Where the two contradict each other by `gate` standard deviations there is no
     /// product: the better known one counts. None: that is the radio.
@@ -97,12 +98,12 @@ mod tests {
         odometry: Odometry,
         predictor: Predictor,
         tick: u32,
-        /// Of the autopilot's estimate, now.
+        /// Place by the autopilot's estimate, now.
         place: Vector3<f64>,
         yaw: f64,
         /// The deck by radio, about the datum.
         deck: Vector3<f64>,
-        /// The same from the drone, in its own axes, where the camera sees it.
+        /// Place of the deck from the drone, in its own axes, where the camera sees it.
         sight: Option<Vector3<f64>>,
         /// Deck and drone as the forecast and the odometry have them.
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -175,9 +176,9 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
-        /// A deck that was never seen lies where the radio has it, before and after any jump of heading and position.
+        /// A deck that was never detected lies where the radio has it, before and after any jump of heading and position.
         #[test]
-        fn unseen_deck_at_any_jump(
+        fn undetected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
             by in prop::array::uniform3(-60.0_f64..60.0),
             bearing in 0.0_f64..6.2,
@@ -195,13 +196,13 @@ mod tests {
             prop_assert!(moved.norm() < 0.3, "{moved:?} at {yaw} {by:?}");
         }
 
-        /// A deck that is seen is where the camera sees it, through any jump.
+        /// A detected deck is where the camera has it, through any jump.
         #[test]
-        fn seen_deck_at_any_jump(
+        fn detected_deck_at_any_jump(
             yaw in -3.1_f64..3.1,
             by in prop::array::uniform3(-20.0_f64..20.0),
         ) {
-            // A heading that moves by less than 4 deg is no jump: it turns what was seen, here by 4 cm at most.
+            // A heading that moves by less than 4 deg is no jump: it turns the detections, here by 4 cm at most.
             let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
             b.run(2.0);
@@ -219,8 +220,8 @@ mod tests {
     }
 
     #[test]
-    fn heading_aligned_before_the_deck_is_seen() {
-        // 55 m away, aligned by 118 deg: turned along, the deck would lie 94 m beside itself.
+    fn heading_aligned_before_the_first_detection() {
+        // 55 m away, aligned by 118 deg: turned along, the deck would lie 94 m off its place.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn deck_seen_a_minute_ago_at_a_jump() {
+    fn deck_detected_a_minute_ago_at_a_jump() {
         // By then the odometry has drifted by more than the radio errs: the radio counts.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);

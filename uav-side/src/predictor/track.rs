@@ -13,27 +13,27 @@ use crate::odometry::origin::yaw_jump;
 const MAX_STATES: usize = 128;
 /// A state may be rolled on by this much, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// Of a link that began anew: a position that is further than this from where velocity would have brought it is in another
-/// frame, m.
+/// Threshold for a restarted link: a position that is further than this from where velocity would have brought it is in
+/// another frame, m.
 pub(super) const JUMP_M: f64 = 0.7;
-/// Not seen between states further apart, s.
+/// Not noticed between states further apart, s.
 const JUMP_STEP_S: f64 = 0.2;
 
 /// A jump of the autopilot's estimate, as the odometry has detected it, in the frame that goes on through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jump {
-    /// Of the frame itself, m: 0 but where the link began anew and lost it.
+    /// Jump of the frame itself, m: 0 except where a restarted link lost it.
     pub moved: Vector3<f64>,
-    /// Of the datum, by which the radio's place is known, m.
+    /// Jump of the datum, by which the radio's place is known, m.
     pub datum: Vector3<f64>,
-    /// Of the heading, rad.
+    /// Jump of the heading, rad.
     pub yaw: f64,
-    /// Where the drone is after it, m: what it sees has turned about there.
+    /// Place of the drone after it, m: its detections have turned about there.
     pub about: Vector3<f64>,
 }
 
 impl Jump {
-    /// Where that is now what the drone saw at `place` (m) before.
+    /// Present place of what the drone saw at `place` (m) before.
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
         self.about + turn * (place + self.moved - self.about)
@@ -47,7 +47,7 @@ impl Jump {
             about: s.position(),
         };
         if s.header.boot != last.header.boot {
-            // Its sums may begin anew: what it reports itself counts.
+            // Its sums may begin again: its own reports count.
             let expected = last.position() + (last.velocity() + s.velocity()) * (0.5 * dt);
             let moved = s.position() - expected;
             if dt < JUMP_STEP_S && moved.norm() > JUMP_M {
@@ -180,21 +180,21 @@ mod tests {
             jump.datum == Vector3::new(-5.0, 0.0, 0.4) && jump.moved == Vector3::zeros() && jump.yaw == 0.0
         );
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 1.0).abs() < 1e-9);
-        // What was seen stays where it was.
-        let seen = Vector3::new(3.0, 1.0, 1.0);
-        assert_eq!(jump.of(&seen), seen);
+        // A detection stays where it was.
+        let point = Vector3::new(3.0, 1.0, 1.0);
+        assert_eq!(jump.of(&point), point);
     }
 
     #[test]
-    fn track_with_a_link_that_began_anew() {
+    fn track_with_a_restarted_link() {
         let mut t = Track::default();
         t.push(&DroneState {
             datum_offset: [-5.0, 0.0, 0.0],
             ..state(1.0, 1.0)
         });
-        let mut anew = state(1.01, 6.01);
-        anew.header.boot += 1;
-        let jump = t.push(&anew).unwrap();
+        let mut restarted = state(1.01, 6.01);
+        restarted.header.boot += 1;
+        let jump = t.push(&restarted).unwrap();
         assert!((jump.moved.x - 5.0).abs() < 1e-6 && jump.datum.x == 5.0 && jump.yaw == 0.0);
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 6.0).abs() < 1e-6);
     }
@@ -216,7 +216,7 @@ mod tests {
         assert!((before.attitude.euler_angles().2 - 0.3).abs() < 1e-9);
         assert!((before.position.x - 1.0).abs() < 1e-9);
         // Two metres north of the drone is now where the camera sees it.
-        let seen = jump.of(&Vector3::new(3.01, 0.0, 1.0));
-        assert!((seen - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
+        let point = jump.of(&Vector3::new(3.01, 0.0, 1.0));
+        assert!((point - Vector3::new(1.01 + 2.0 * 0.3_f64.cos(), 2.0 * 0.3_f64.sin(), 1.0)).norm() < 1e-9);
     }
 }

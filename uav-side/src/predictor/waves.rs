@@ -23,10 +23,10 @@ pub const MAX_OSCILLATORS: usize = MAX_BANK + 1;
 const MAX_MESSAGES: usize = 12;
 /// Frequencies that the residual oscillator is given, rad/s: a long swell, the fastest deck.
 const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
-/// What the modes leave is measured no sooner after their time of validity than this, s.
+/// Time after the modes' validity before which their residual is not measured, s.
 const FIRST_S: f64 = 0.2;
-/// Least damping of a mode that the filters hold.
-const LEAST_DAMPING: f64 = 1e-3;
+/// Minimum damping of a mode that the filters hold.
+const MIN_DAMPING: f64 = 1e-3;
 /// Modes are rolled back by no more than this, s: what fades fast grows backwards.
 const MAX_BACK_S: f64 = 0.1;
 
@@ -115,13 +115,13 @@ impl DeckMotion {
 /// Output of the modes when they were too old to be rolled on.
 #[derive(Clone, Debug)]
 pub struct HandOver {
-    /// Of each oscillator, the residual one first.
+    /// Motion of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
     /// Per degree of freedom: share of the motion's variance that they no longer explain.
     pub unknown: [f64; AXES],
 }
 
-/// What predicting adds to the estimate's error, as measured, per degree of freedom: m/s, m, rad. Empty before the first
+/// Error that predicting adds to the estimate's, as measured, per degree of freedom: m/s, m, rad. Empty before the first
 /// prediction.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
@@ -131,12 +131,12 @@ pub struct Spread {
     pub step_s: f64,
 }
 
-/// What is known of the waves.
+/// Knowledge of the waves.
 #[derive(Clone, Debug)]
 pub struct Waves {
     /// The residual one first, then the bank.
     oscillators: Vec<Oscillator>,
-    /// As configured: the least that the modes are taken to leave.
+    /// As configured: the minimum motion outside the modes.
     residual_sd: [f64; AXES],
     /// Damping ratio of what fresh modes leave of heave, tilt and heading, and of what stale ones leave.
     residual_damping: [f64; 2],
@@ -144,7 +144,7 @@ pub struct Waves {
     messages: VecDeque<Modes<DroneClock>>,
     /// Centre of the deck from the vessel's reference point in the vessel's axes, m.
     lever_arm: Vector3<f64>,
-    /// The same of a level vessel on her heading, north, east, down, m.
+    /// Lever arm of a level vessel on its heading, north, east, down, m.
     level_arm: Vector3<f64>,
     spread: Spread,
     /// The most that they leave.
@@ -239,7 +239,7 @@ impl Waves {
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
     }
 
-    /// Where the deck's centre is on the vessel, in her axes, m.
+    /// Place of the deck's centre on the vessel, in its axes, m.
     pub fn lever_arm(&self) -> &Vector3<f64> {
         &self.lever_arm
     }
@@ -274,7 +274,7 @@ impl Waves {
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.adopt(Modes::from(m), f64::from(m.confidence))
     }
-    /// The same of modes with this confidence, wherever they were identified.
+    /// Adopts modes with this confidence, wherever they were identified.
     pub fn adopt(&mut self, modes: Modes<DroneClock>, confidence: f64) -> bool {
         self.confidence = confidence.clamp(0.0, 1.0);
         self.identified = !modes.modes.is_empty();
@@ -311,7 +311,7 @@ impl Waves {
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
-    /// How far ahead the vessel has published its prediction's deviation, s: older modes are not rolled on.
+    /// Horizon for which the vessel has published its prediction's deviation, s: older modes are not rolled on.
     pub fn reach_s(&self) -> f64 {
         self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
@@ -336,7 +336,7 @@ impl Waves {
             if apart {
                 self.oscillators.push(Oscillator {
                     omega: pole.norm().min(FREQUENCY_RADPS[1]),
-                    damping: [(-pole.re / pole.norm()).clamp(LEAST_DAMPING, 0.95); AXES],
+                    damping: [(-pole.re / pole.norm()).clamp(MIN_DAMPING, 0.95); AXES],
                     sd: c.map(|c| c.norm()),
                 });
                 motions.push(DeckMotion::default());

@@ -40,12 +40,12 @@ config! {
         pub attitude_rate_limit_rps: f64 = 3.0, in 0.1..=20.0;
         /// Tilt that position feedback may add in the descent, rad.
         pub descent_feedback_tilt_rad: f64 = 0.30, in 0.0..=0.8;
-        /// The same in the flare above `fade_clearance_m`, rad.
+        /// Limit of the feedback's tilt in the flare above `fade_clearance_m`, rad.
         /// Source: A flare is too short to win back position by tilt. 0.2 and 0.1, Moderate,
         /// seeds 2000-2099 and 4000-4099: mpc-faa meets the deck within 1.66 and 1.70 deg (p95)
         /// instead of 1.20 and 1.30, and no nearer to its centre.
         pub flare_feedback_tilt_rad: f64 = 0.1;
-        /// The same at the deck, where the plan's attitude rules, rad.
+        /// Limit of the feedback's tilt at the deck, where the plan's attitude rules, rad.
         pub contact_feedback_tilt_rad: f64 = 0.03;
         /// Feedback and disturbance fade below this clearance, m.
         /// Source: 0.5 m/s for 0.7 s: matching a tilt costs 0.5 to 1.5 m/s² sideways.
@@ -64,7 +64,7 @@ config! {
         pub thrust_lag_s: f64 = 0.05, in 0.0..=0.5;
         /// Lag of the rate loop and of the way there, besides the attitude loop's, s.
         pub rate_lag_s: f64 = 0.06, in 0.0..=0.5;
-        /// Least thrust in the air as a fraction of hover.
+        /// Minimum thrust in the air as a fraction of hover.
         pub min_thrust_of_hover: f64 = 0.3, in 0.0..=0.9;
     }
     check |this, at| {

@@ -23,8 +23,8 @@ pub(crate) struct FlightEstimator {
     commanded_s: f64,
 }
 
-/// A thrust that is commanded anew is in force after this long, s: four lags of the rotors. Until then they still give what was
-/// in force before, which nobody on this side knows.
+/// A newly commanded thrust is in force after this long, s: four lags of the rotors. Until then they still give what was
+/// in force before, which is not known on this side.
 const IN_FORCE_S: f64 = 0.2;
 
 impl FlightEstimator {

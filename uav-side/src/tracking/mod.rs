@@ -31,7 +31,7 @@ pub(crate) struct AttitudeCommand {
     pub(crate) thrust: f64,
 }
 
-/// How much the feedback may do.
+/// Authority of the feedback.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Authority {
     /// Tilt that the feedback may add, rad.

@@ -23,8 +23,8 @@ use nalgebra::{Complex, Vector3};
 /// A second over which a slope is averaged, as the apparent slope is, s.
 const MEAN_S: f64 = 1.0;
 
-/// Figures of the deck's motion whose powers are compared.
-pub(super) const FIGURES: usize = 7;
+/// Signals of the deck's motion whose powers are compared.
+pub(super) const SIGNALS: usize = 7;
 /// Apparent slope along and across the hull, averaged over a second.
 pub(super) const SLOPE: [usize; 2] = [0, 1];
 /// Vertical speed, m/s.
@@ -35,12 +35,12 @@ pub(super) const TILT: [usize; 2] = [3, 4];
 pub(super) const PUSH: usize = 5;
 pub(super) const LIFT: usize = 6;
 
-/// Powers of the figures.
-pub(super) type Powers = [f64; FIGURES];
+/// Powers of the signals.
+pub(super) type Powers = [f64; SIGNALS];
 
 /// A motion of the hull's reference point at one frequency, as complex amplitudes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Motion {
+pub(super) struct HullMotion {
     /// Acceleration forward and to starboard, m/s².
     pub push: [Complex<f64>; 2],
     /// Down, m.
@@ -49,8 +49,8 @@ pub(super) struct Motion {
     pub tilt: [Complex<f64>; 2],
 }
 
-impl Motion {
-    /// Squares of the amplitudes of the figures at the deck's centre (body frame, m), at the frequency `w`, rad/s.
+impl HullMotion {
+    /// Squares of the amplitudes of the signals at the deck's centre (body frame, m), at the frequency `w`, rad/s.
     pub(super) fn powers(&self, w: f64, deck: &Vector3<f64>) -> Powers {
         let i = Complex::i();
         let [roll, pitch] = self.tilt;
@@ -74,9 +74,9 @@ impl Motion {
 /// A wave as a hull meets it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Encounter {
-    /// Its own angular frequency, rad/s.
+    /// Angular frequency of the wave itself, rad/s.
     pub omega: f64,
-    /// Where it runs to, from the bow, rad.
+    /// Direction towards which it runs, from the bow, rad.
     pub relative: f64,
     /// Frequency of encounter, rad/s; negative where the vessel overtakes it.
     pub met: f64,
@@ -110,7 +110,7 @@ impl Oscillator {
 
 /// A hull.
 #[derive(Clone, Debug)]
-pub(super) struct Hull {
+pub(super) struct HullModel {
     heave: Oscillator,
     roll: Oscillator,
     pitch: Oscillator,
@@ -118,9 +118,9 @@ pub(super) struct Hull {
     beam_m: f64,
 }
 
-impl Hull {
+impl HullModel {
     /// By the vessel model; a degree of freedom without stiffness follows the water.
-    pub(super) fn of(model: &VesselModelConfig) -> Hull {
+    pub(super) fn of(model: &VesselModelConfig) -> HullModel {
         let (m, d, g) = (
             model.inertia_kg_kgm2,
             model.damping_npmps_nmpradps,
@@ -145,7 +145,7 @@ impl Hull {
                 0.0
             }
         };
-        Hull {
+        HullModel {
             heave: oscillator(HEAVE),
             roll: oscillator(ROLL),
             pitch: oscillator(PITCH),
@@ -153,15 +153,15 @@ impl Hull {
             beam_m: size(ROLL),
         }
     }
-    /// Its motion per metre of wave.
-    pub(super) fn motion(&self, e: &Encounter) -> Motion {
+    /// Motion of the hull per metre of wave.
+    pub(super) fn motion(&self, e: &Encounter) -> HullMotion {
         let k = e.omega * e.omega / GRAVITY;
         let (sin, cos) = e.relative.sin_cos();
         let (along, across) = (0.5 * k * self.length_m * cos, 0.5 * k * self.beam_m * sin);
         let whole = mean_over(along) * mean_over(across);
         let push = Complex::new(0.0, e.omega * e.omega * whole);
         let slope = Complex::new(0.0, -k);
-        Motion {
+        HullMotion {
             push: [push * cos, push * sin],
             heave: self.heave.response(e.met) * -whole,
             tilt: [
@@ -193,7 +193,7 @@ mod tests {
 
     fn powers(relative: f64, omega: f64, speed_mps: f64, deck: Vector3<f64>) -> (Powers, f64) {
         let e = Encounter::of(omega, relative, 0.0, speed_mps);
-        let hull = Hull::of(&VesselModelConfig::default());
+        let hull = HullModel::of(&VesselModelConfig::default());
         (hull.motion(&e).powers(e.met, &deck), e.met)
     }
 

@@ -5,7 +5,7 @@
 //! wind over the deck give the probability of a landing, with the drone's own meaning ([`alight_shared::landing`]): speed and
 //! angle of the contact, four feet on the deck, and staying there.
 //!
-//! Of the slopes that move a landed drone the measured ones of the last two minutes count, as the drone takes them, in the
+//! Slopes that move a landed drone: the measured ones of the last two minutes count, as the drone takes them, in the
 //! proportion of the modelled deviations on both courses: on the present course nothing modelled is in it.
 //!
 //! A course costs the time until it is steady. Waiting costs what the drone's mission takes it to cost
@@ -31,8 +31,8 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
 use serde::Serialize;
 
-use hull::{Hull, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
-use waves::{Sea, Spectrum};
+use hull::{HullModel, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
+use waves::{EstimatedSea, WaveSpectrum};
 
 /// A round of all courses begins so often, s.
 pub const PERIOD_S: f64 = 5.0;
@@ -90,20 +90,20 @@ impl CourseOutlook {
         let made = self.speed_mps * (self.heading_rad - other.heading_rad).cos();
         60.0 * (other.speed_mps - made)
     }
-    /// What it is worth to a vessel on `other`: its likelihood less the cost of the time until it is reached.
+    /// Value of this course to a vessel on `other`: its likelihood less the cost of the time until it is reached.
     fn worth(&self, other: &CourseOutlook) -> f64 {
         self.likelihood - WAITING_COST_PER_MIN / 60.0 * self.time_from_s(other)
     }
 }
 
-/// What the helm may do for a landing.
+/// Advice on what the helm may do for a landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
     /// The present course.
     pub here: CourseOutlook,
     /// The course that is worth most; the present one where none is worth more.
     pub best: CourseOutlook,
-    /// Where the waves run to, rad.
+    /// Direction towards which the waves run, rad.
     pub waves_to_rad: f64,
 }
 
@@ -112,7 +112,7 @@ impl Advice {
     pub fn heading_rad(&self) -> f64 {
         self.best.heading_rad
     }
-    /// Its speed, m/s.
+    /// Speed of the best course, m/s.
     pub fn speed_mps(&self) -> f64 {
         self.best.speed_mps
     }
@@ -145,7 +145,7 @@ impl From<&Advice> for CourseAdvice {
     }
 }
 
-/// What the advice depends on in addition to the waves.
+/// Conditions of the advice in addition to the waves.
 #[derive(Clone, Debug, PartialEq)]
 struct Conditions {
     /// Heading, rad, and speed along it, m/s.
@@ -189,26 +189,26 @@ pub struct Underway<'a> {
 /// Finds the course on which a landing is most likely to succeed.
 #[derive(Clone, Debug)]
 pub struct Advisor {
-    hull: Hull,
+    hull: HullModel,
     deck: DeckGeometry,
     drone: DroneGeometry,
-    spectrum: Spectrum,
+    spectrum: WaveSpectrum,
     newest: Option<Time<VesselClock>>,
     stepped: Option<Time<VesselClock>>,
-    sea: Option<(Time<VesselClock>, Sea)>,
+    sea: Option<(Time<VesselClock>, EstimatedSea)>,
     round: Option<Round>,
     begun: Option<Time<VesselClock>>,
     outlooks: Vec<CourseOutlook>,
 }
 
 impl Advisor {
-    /// Of a hull as the vessel model has it, for a drone of usual size on its deck.
+    /// Advice for a hull as the vessel model has it, for a drone of usual size on its deck.
     pub fn new(model: &VesselModelConfig, deck: &DeckGeometry) -> Advisor {
         Advisor {
-            hull: Hull::of(model),
+            hull: HullModel::of(model),
             deck: *deck,
             drone: DroneGeometry::default(),
-            spectrum: Spectrum::new(deck.centre()),
+            spectrum: WaveSpectrum::new(deck.centre()),
             newest: None,
             stepped: None,
             sea: None,
@@ -222,7 +222,7 @@ impl Advisor {
     pub fn outlooks(&self) -> &[CourseOutlook] {
         &self.outlooks
     }
-    /// Where the waves run to, rad; None while it is not known.
+    /// Direction towards which the waves run, rad; None while it is not known.
     pub fn waves_to_rad(&self) -> Option<f64> {
         self.sea.as_ref().map(|(_, sea)| sea.towards)
     }
@@ -314,7 +314,7 @@ impl Advisor {
         }
     }
 
-    /// A course on which the deck's figures have these powers, where the apparent slope of the present course has the
+    /// A course on which the deck's signals have these powers, where the apparent slope of the present course has the
     /// standard deviation `here`: the slopes measured there count in that proportion.
     fn outlook(
         &self,
@@ -375,7 +375,7 @@ impl Conditions {
         let (spread, whole) = (motion.spread(REACTION_S), motion.deviation());
         let part = |a: f64, b: f64| {
             let part = a / b;
-            // Of a motion that is none nothing is predicted.
+            // Without motion there is nothing to predict.
             if part.is_finite() { part.min(1.0) } else { 1.0 }
         };
         let tilt = |d: &[f64; 6]| d[ROLL].hypot(d[PITCH]);

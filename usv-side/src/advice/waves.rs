@@ -17,7 +17,7 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use core::f64::consts::TAU;
 use nalgebra::{Complex, Vector2, Vector3};
 
-use super::hull::{Encounter, FIGURES, Hull, Motion, Powers, SLOPE, TILT};
+use super::hull::{Encounter, HullModel, HullMotion, Powers, SIGNALS, SLOPE, TILT};
 
 /// Samples of a segment, and between the beginnings of two.
 const SEGMENT: usize = 256;
@@ -38,7 +38,7 @@ const SHORT_RADPS: f64 = 1.3;
 const DIRECTIONS: usize = 24;
 /// Longest length of the mean direction: seas have some spread.
 const MAX_DIRECTED: f64 = 0.95;
-/// Least length of the mean direction of all waves whose direction is known.
+/// Minimum length of the mean direction of all waves whose direction is known.
 const MIN_DIRECTED: f64 = 0.3;
 /// A wave to which the hull heaves with less power is not known by it.
 const MIN_RESPONSE: f64 = 0.1;
@@ -69,18 +69,18 @@ fn bin_of(met: f64) -> usize {
 /// Powers of one frequency of encounter.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
-    /// Of heave, m², and of the horizontal velocity, m²/s².
+    /// Variances of heave, m², and of the horizontal velocity, m²/s².
     heave: f64,
     speed: f64,
-    /// Of the heave (up) with the velocity north and east, m²/s.
+    /// Covariance of the heave (up) with the velocity north and east, m²/s.
     towards: Vector2<f64>,
-    /// Of the figures of the deck.
+    /// Powers of the deck's signals.
     deck: Powers,
 }
 
 /// Averaged powers of a vessel on one course.
 #[derive(Clone, Debug)]
-pub(super) struct Spectrum {
+pub(super) struct WaveSpectrum {
     deck: Vector3<f64>,
     record: VecDeque<(MotionSample<VesselClock>, Vector2<f64>)>,
     since: usize,
@@ -93,10 +93,10 @@ pub(super) struct Spectrum {
 
 /// A wave of a sea.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Wave {
+pub(super) struct WaveComponent {
     /// Angular frequency, rad/s.
     pub omega: f64,
-    /// Where it runs to, rad.
+    /// Direction towards which it runs, rad.
     pub towards: f64,
     /// Variance of the elevation, m².
     pub variance: f64,
@@ -104,18 +104,24 @@ pub(super) struct Wave {
 
 /// A sea, and how the deck's motion differs from the model's.
 #[derive(Clone, Debug)]
-pub(super) struct Sea {
-    /// Its waves.
-    pub waves: Vec<Wave>,
+pub(super) struct EstimatedSea {
+    /// Waves of the sea.
+    pub waves: Vec<WaveComponent>,
     /// Mean direction that the waves run to, rad.
     pub towards: f64,
     /// Measured over modelled power of each figure by frequency of encounter.
     correction: [Powers; BINS],
 }
 
-impl Sea {
-    /// Powers of the deck's figures on this heading (rad) at this speed, m/s.
-    pub(super) fn powers(&self, hull: &Hull, deck: &Vector3<f64>, heading: f64, speed_mps: f64) -> Powers {
+impl EstimatedSea {
+    /// Powers of the deck's signals on this heading (rad) at this speed, m/s.
+    pub(super) fn powers(
+        &self,
+        hull: &HullModel,
+        deck: &Vector3<f64>,
+        heading: f64,
+        speed_mps: f64,
+    ) -> Powers {
         let mut sum = Powers::default();
         for w in &self.waves {
             let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
@@ -128,10 +134,10 @@ impl Sea {
     }
 }
 
-impl Spectrum {
-    /// Of a vessel whose deck's centre is there, body frame, m.
-    pub(super) fn new(deck: Vector3<f64>) -> Spectrum {
-        Spectrum {
+impl WaveSpectrum {
+    /// A spectrum for a vessel whose deck's centre is there, body frame, m.
+    pub(super) fn new(deck: Vector3<f64>) -> WaveSpectrum {
+        WaveSpectrum {
             deck,
             record: VecDeque::with_capacity(SEGMENT),
             since: 0,
@@ -235,7 +241,7 @@ impl Spectrum {
         let (s, c) = heading.sin_cos();
         let body = |a: Complex<f64>, b: Complex<f64>| [a * c + b * s, b * c - a * s];
         let rate = Complex::new(0.0, w);
-        let motion = Motion {
+        let motion = HullMotion {
             push: body(north, east).map(|v| v * rate),
             heave,
             tilt: body(about_north, about_east),
@@ -250,7 +256,7 @@ impl Spectrum {
     }
 
     /// The sea by a hull; None before enough segments and where the waves have no direction that is known.
-    pub(super) fn sea(&self, hull: &Hull) -> Option<Sea> {
+    pub(super) fn sea(&self, hull: &HullModel) -> Option<EstimatedSea> {
         if self.segments < MIN_SEGMENTS {
             return None;
         }
@@ -264,10 +270,10 @@ impl Spectrum {
         if !(directed > MIN_DIRECTED) {
             return None;
         }
-        let mut sea = Sea {
+        let mut sea = EstimatedSea {
             waves: Vec::new(),
             towards: towards.y.atan2(towards.x),
-            correction: [[1.0; FIGURES]; BINS],
+            correction: [[1.0; SIGNALS]; BINS],
         };
         let mut modelled = [Powers::default(); BINS];
         for (k, bin) in self.bins.iter().enumerate() {
@@ -287,20 +293,20 @@ impl Spectrum {
         (all > 0.0).then_some(sea)
     }
 
-    /// The waves of one frequency of encounter, and the powers of the deck's figures that they make by the model.
-    fn waves(&self, hull: &Hull, k: usize, bin: &Bin) -> (Vec<Wave>, Powers) {
+    /// The waves of one frequency of encounter, and the powers of the deck's signals that they make by the model.
+    fn waves(&self, hull: &HullModel, k: usize, bin: &Bin) -> (Vec<WaveComponent>, Powers) {
         let directed = bin.towards.norm() / (bin.heave * bin.speed).sqrt().max(f64::MIN_POSITIVE);
         let r = directed.min(MAX_DIRECTED);
         let spread = 2.0 * r / (1.0 - r);
         let mean = bin.towards.y.atan2(bin.towards.x);
         let step = bin_width();
         let (heading, speed_mps) = (self.heading, ahead(&self.velocity, self.heading));
-        let mut waves: Vec<Wave> = Vec::with_capacity(DIRECTIONS * LINES.len());
+        let mut waves: Vec<WaveComponent> = Vec::with_capacity(DIRECTIONS * LINES.len());
         for j in 0..DIRECTIONS {
             let towards = TAU * j as f64 / DIRECTIONS as f64;
             let share = (0.5 * (towards - mean)).cos().abs().powf(spread);
             let along = speed_mps * (towards - heading).cos();
-            waves.extend(LINES.iter().map(|line| Wave {
+            waves.extend(LINES.iter().map(|line| WaveComponent {
                 omega: own_frequency(frequency(k) + line * step, along),
                 towards,
                 variance: share,
@@ -325,7 +331,7 @@ impl Spectrum {
     }
 }
 
-/// The figures' powers, of the two axes of slope and tilt together.
+/// The signals' powers, of the two axes of slope and tilt together.
 fn paired(powers: &Powers) -> Powers {
     core::array::from_fn(|f| {
         let pair = [SLOPE, TILT].into_iter().find(|p| p.contains(&f));
@@ -370,7 +376,7 @@ mod tests {
 
     /// Northwards at these speeds, m/s, each for so many samples; how many segments count then.
     fn segments(speeds: &[(f64, usize)]) -> f64 {
-        let mut spectrum = Spectrum::new(Vector3::zeros());
+        let mut spectrum = WaveSpectrum::new(Vector3::zeros());
         let each = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
         for (k, mps) in each.enumerate() {
             let sample = MotionSample {
@@ -411,15 +417,15 @@ mod tests {
 
     #[test]
     fn correction_of_a_figure_that_is_hardly_excited() {
-        let mut modelled = [1.0; FIGURES];
+        let mut modelled = [1.0; SIGNALS];
         modelled[0] = 1e-6;
         let mut measured = modelled.map(|m| 4.0 * m);
         measured[0] = 1e-3;
         let c = correction(&measured, &modelled, &paired(&modelled));
         assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
-        assert_eq!(correction(&measured, &[0.0; FIGURES], &[0.0; FIGURES])[2], 1.0);
+        assert_eq!(correction(&measured, &[0.0; SIGNALS], &[0.0; SIGNALS])[2], 1.0);
         // At a frequency without waves the rest of a manoeuvre is no response.
-        let quiet = correction(&[0.01; FIGURES], &[1e-6; FIGURES], &paired(&modelled));
+        let quiet = correction(&[0.01; SIGNALS], &[1e-6; SIGNALS], &paired(&modelled));
         assert!(quiet.iter().all(|c| *c < 1.2), "{quiet:?}");
     }
 }

@@ -33,9 +33,9 @@ const ITERATIONS: usize = 50;
 /// A parameter with a larger relative standard error is not observable.
 const KNOWN: f64 = 0.3;
 
-/// How a degree of freedom comes to rest.
+/// Way in which a degree of freedom comes to rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
+pub enum DecayOrder {
     /// Springs back: heave, roll, pitch.
     Stiff,
     /// Slows down: surge, sway, yaw.
@@ -44,7 +44,7 @@ pub enum Order {
 
 /// A measured signal of one degree of freedom.
 #[derive(Clone, Debug, Default)]
-pub struct Signal {
+pub struct DecaySignal {
     /// Times, rising, s.
     pub t_s: Vec<f64>,
     /// Values.
@@ -72,7 +72,7 @@ pub enum NotObservable {
         /// The largest value over the spread at rest.
         stands_out: f64,
     },
-    /// What stands out is no free decay: held, driven by waves, or another motion's.
+    /// The motion that stands out is no free decay: held, driven by waves, or another motion's.
     NoDecay {
         /// Fraction of the motion that a free decay explains.
         explained: f64,
@@ -82,7 +82,7 @@ pub enum NotObservable {
 }
 
 /// One push: its samples from the peak on.
-struct Push {
+struct DecaySamples {
     t: Vec<f64>,
     y: DVector<f64>,
     peak: f64,
@@ -91,7 +91,7 @@ struct Push {
 }
 
 /// The pushes in a signal, and how far its largest value stands out.
-fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
+fn pushes(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
     let rest = median(signal.y.iter().copied()).unwrap_or_default();
     let spread = median(signal.y.iter().map(|v| (v - rest).abs())).unwrap_or_default();
     let spread = (1.4826 * spread).max(1e-9);
@@ -121,7 +121,7 @@ fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
             .min(n)
             .min(peak + MAX_SAMPLES);
         if end >= peak + MIN_SAMPLES && size(peak) > STRONG * highest {
-            found.push(Push {
+            found.push(DecaySamples {
                 t: (peak..end).map(|i| time(i) - time(peak)).collect(),
                 y: DVector::from_iterator(end - peak, (peak..end).map(|i| signal.y[i] - rest)),
                 peak: size(peak),
@@ -134,11 +134,11 @@ fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
 }
 
 /// The functions that a push is made of, one column each.
-fn basis(order: Order, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
+fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
     let (a, b) = (p.x.exp(), p.y.exp());
     match order {
-        Order::Free => DMatrix::from_fn(t.len(), 2, |r, c| if c == 0 { (-a * t[r]).exp() } else { 1.0 }),
-        Order::Stiff => {
+        DecayOrder::Free => DMatrix::from_fn(t.len(), 2, |r, c| if c == 0 { (-a * t[r]).exp() } else { 1.0 }),
+        DecayOrder::Stiff => {
             let d = b - 0.25 * a * a;
             let w = d.abs().sqrt().max(1e-6);
             DMatrix::from_fn(t.len(), 3, |r, c| {
@@ -157,7 +157,7 @@ fn basis(order: Order, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
 }
 
 /// Residual of a push.
-fn residual(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
+fn residual(order: DecayOrder, p: Vector2<f64>, push: &DecaySamples) -> Option<DVector<f64>> {
     let phi = basis(order, p, &push.t);
     let normal = phi.transpose() * &phi;
     let scale = normal.diagonal().max();
@@ -167,7 +167,7 @@ fn residual(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> 
     r.iter().all(|v| v.is_finite()).then_some(r)
 }
 
-fn residuals(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Vec<DVector<f64>>> {
+fn residuals(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Vec<DVector<f64>>> {
     // A strong push counts as much as a weak one.
     pushes
         .iter()
@@ -180,7 +180,7 @@ fn cost(r: &[DVector<f64>]) -> f64 {
 }
 
 /// Residuals and their derivatives with respect to the logarithms of the parameters.
-fn slopes(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<[Vec<DVector<f64>>; 2]> {
+fn slopes(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<[Vec<DVector<f64>>; 2]> {
     const H: f64 = 1e-4;
     let along = |e: Vector2<f64>| -> Option<Vec<DVector<f64>>> {
         let (up, down) = (residuals(order, p + e, pushes)?, residuals(order, p - e, pushes)?);
@@ -189,28 +189,28 @@ fn slopes(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<[Vec<DVecto
     Some([along(Vector2::new(H, 0.0))?, along(Vector2::new(0.0, H))?])
 }
 
-fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: Order) -> (Matrix2<f64>, Vector2<f64>) {
+fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: DecayOrder) -> (Matrix2<f64>, Vector2<f64>) {
     let dot = |a: &[DVector<f64>], b: &[DVector<f64>]| a.iter().zip(b).map(|(x, y)| x.dot(y)).sum::<f64>();
     let mut h = Matrix2::from_fn(|i, k| dot(&j[i], &j[k]));
     let mut g = Vector2::from_fn(|i, _| dot(&j[i], r));
-    if order == Order::Free {
+    if order == DecayOrder::Free {
         // There is no second parameter.
         (h[(0, 1)], h[(1, 0)], h[(1, 1)], g.y) = (0.0, 0.0, 1.0, 0.0);
     }
     (h, g)
 }
 
-/// Logarithms of `a` and `b` that leave least, by Levenberg and Marquardt from the best of a grid.
-fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
+/// Logarithms of `a` and `b` with the smallest residual, by Levenberg and Marquardt from the best of a grid.
+fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
     let of = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
     let mut best = (f64::INFINITY, Vector2::zeros());
     for k in 0..32 {
         let x = f64::from(k) / 31.0;
         let tries: &[Vector2<f64>] = &match order {
             // 0.02 to 10 1/s.
-            Order::Free => [Vector2::new(0.02_f64.ln() + x * 500.0_f64.ln(), 0.0); 3],
+            DecayOrder::Free => [Vector2::new(0.02_f64.ln() + x * 500.0_f64.ln(), 0.0); 3],
             // 0.5 to 40 rad/s, damping ratios of 0.05, 0.2 and 0.6.
-            Order::Stiff => [0.05, 0.2, 0.6].map(|ratio: f64| {
+            DecayOrder::Stiff => [0.05, 0.2, 0.6].map(|ratio: f64| {
                 let w = 0.5 * 80.0_f64.powf(x);
                 Vector2::new((2.0 * ratio * w).ln(), (w * w).ln())
             }),
@@ -252,14 +252,14 @@ fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
 
 /// Covariance of the logarithms: residuals that neighbours share count once (Newey and West 1987, over a
 /// quarter of a push), and never less than what independent residuals would give.
-fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2<f64>> {
+fn covariance(order: DecayOrder, p: Vector2<f64>, pushes: &[&DecaySamples]) -> Option<Matrix2<f64>> {
     let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
     let (h, _) = normal(&j, &r, order);
     let bread = h.try_inverse()?;
     let n: usize = r.iter().map(DVector::len).sum();
     let own = match order {
-        Order::Stiff => 3,
-        Order::Free => 2,
+        DecayOrder::Stiff => 3,
+        DecayOrder::Free => 2,
     };
     let freedom = n.saturating_sub(own * pushes.len() + 2).max(1) as f64;
     let white = bread * (cost(&r) / freedom);
@@ -275,7 +275,7 @@ fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2
             }
         }
     }
-    if order == Order::Free {
+    if order == DecayOrder::Free {
         meat[(0, 1)] = 0.0;
         meat[(1, 0)] = 0.0;
         meat[(1, 1)] = 0.0;
@@ -289,21 +289,21 @@ fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2
 }
 
 /// Damping and stiffness per mass from the pushes in a signal.
-pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
+pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObservable> {
     if signal.y.len() < 2 * MIN_SAMPLES {
         return Err(NotObservable::NotMeasured);
     }
     let rest_s = match order {
-        Order::Stiff => 1.0,
-        Order::Free => 3.0,
+        DecayOrder::Stiff => 1.0,
+        DecayOrder::Free => 3.0,
     };
     let (all, stands_out) = pushes(signal, rest_s);
     if all.is_empty() {
         return Err(NotObservable::NotPushed { stands_out });
     }
-    let every: Vec<&Push> = all.iter().collect();
+    let every: Vec<&DecaySamples> = all.iter().collect();
     let p = fit(order, &every).ok_or(NotObservable::Vague)?;
-    let explained = |p: Vector2<f64>, push: &Push| {
+    let explained = |p: Vector2<f64>, push: &DecaySamples| {
         residual(order, p, push).map_or(0.0, |r| {
             let (mean, noise) = (push.y.mean(), push.spread.powi(2) * r.len() as f64);
             // What the sensor's noise leaves is nothing that a decay would have to explain.
@@ -312,7 +312,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
         })
     };
     // Pushes that somebody held, or of another degree of freedom, are left out.
-    let good: Vec<&Push> = all
+    let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)
         .collect();
@@ -336,7 +336,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
         }
     }
     let sd = variance.map(f64::sqrt);
-    let known = sd.x < KNOWN && (order == Order::Free || sd.y < KNOWN);
+    let known = sd.x < KNOWN && (order == DecayOrder::Free || sd.y < KNOWN);
     if !known {
         return Err(NotObservable::Vague);
     }
@@ -344,8 +344,8 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
     Ok(Decay {
         damping: figure(p.x, sd.x),
         stiffness: match order {
-            Order::Stiff => figure(p.y, sd.y),
-            Order::Free => ValueWithSd::default(),
+            DecayOrder::Stiff => figure(p.y, sd.y),
+            DecayOrder::Free => ValueWithSd::default(),
         },
         pushes: good.len(),
     })
@@ -363,16 +363,16 @@ mod tests {
     }
 
     /// Pushes every 10 s of strength 1, at 100 Hz.
-    fn pushed(order: Order, a: f64, b: f64, sd: f64, pushes: usize) -> Signal {
-        let mut s = Signal::default();
+    fn pushed(order: DecayOrder, a: f64, b: f64, sd: f64, pushes: usize) -> DecaySignal {
+        let mut s = DecaySignal::default();
         for k in 0..(pushes + 1) * 1000 {
             let t = k as f64 * 0.01;
             let since = t % 10.0;
             let w = (b - 0.25 * a * a).max(0.0).sqrt();
             let y = match order {
                 _ if t < 10.0 => 0.0,
-                Order::Stiff => (-0.5 * a * since).exp() * (w * since).cos(),
-                Order::Free => (-a * since).exp(),
+                DecayOrder::Stiff => (-0.5 * a * since).exp() * (w * since).cos(),
+                DecayOrder::Free => (-a * since).exp(),
             };
             s.t_s.push(t);
             s.y.push(y + 0.02 + sd * noise(k));
@@ -383,9 +383,9 @@ mod tests {
     #[test]
     fn free_decay_stated_errors() {
         for (order, a, b) in [
-            (Order::Stiff, 6.2, 243.0),
-            (Order::Stiff, 1.0, 9.0),
-            (Order::Free, 0.9, 0.0),
+            (DecayOrder::Stiff, 6.2, 243.0),
+            (DecayOrder::Stiff, 1.0, 9.0),
+            (DecayOrder::Free, 0.9, 0.0),
         ] {
             for sd in [0.003, 0.02] {
                 let found = identify(order, &pushed(order, a, b, sd, 4)).unwrap();
@@ -405,9 +405,9 @@ mod tests {
 
     #[test]
     fn free_decay_at_rest_or_in_waves() {
-        let still = pushed(Order::Stiff, 6.2, 243.0, 0.01, 0);
+        let still = pushed(DecayOrder::Stiff, 6.2, 243.0, 0.01, 0);
         assert!(matches!(
-            identify(Order::Stiff, &still),
+            identify(DecayOrder::Stiff, &still),
             Err(NotObservable::NotPushed { .. })
         ));
         let mut waves = still.clone();
@@ -415,25 +415,25 @@ mod tests {
             *y += (1.2 * t).sin() + 0.4 * (0.9 * t + 1.0).sin();
         }
         assert!(matches!(
-            identify(Order::Stiff, &waves),
+            identify(DecayOrder::Stiff, &waves),
             Err(NotObservable::NotPushed { .. })
         ));
         assert_eq!(
-            identify(Order::Free, &Signal::default()),
+            identify(DecayOrder::Free, &DecaySignal::default()),
             Err(NotObservable::NotMeasured)
         );
     }
 
     #[test]
     fn free_decay_of_a_held_vessel() {
-        let mut held = pushed(Order::Stiff, 6.2, 243.0, 0.005, 0);
+        let mut held = pushed(DecayOrder::Stiff, 6.2, 243.0, 0.005, 0);
         for k in 0..9 {
             // A saw: up in jumps, and down again.
             for (i, y) in held.y.iter_mut().skip(300 + 60 * k).take(20).enumerate() {
                 *y += if (i + k) % 3 == 0 { 1.0 } else { -0.7 };
             }
         }
-        let found = identify(Order::Stiff, &held);
+        let found = identify(DecayOrder::Stiff, &held);
         assert!(
             matches!(found, Err(NotObservable::NoDecay { .. } | NotObservable::Vague)),
             "{found:?}"

@@ -13,7 +13,7 @@
 use alight_shared::estimation::{ValueWithSd, median};
 use alight_shared::geometry::GRAVITY;
 
-use super::decay::{Decay, Signal};
+use super::decay::{Decay, DecaySignal};
 
 /// The level at rest is the median of the medians of pieces of this length, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
@@ -25,20 +25,20 @@ const KNOWN: f64 = 0.1;
 /// A weight on the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    /// Its mass, kg.
+    /// Mass of the weight, kg.
     pub mass_kg: f64,
-    /// Its place from the vessel's reference point, m: forward, right.
+    /// Place of the weight from the vessel's reference point, m: forward, right.
     pub at_m: [f64; 2],
 }
 
 /// Roll and pitch of a vessel at rest, rad; None of one that was recorded too short.
-pub type Level = [Option<ValueWithSd>; 2];
+pub type RestTilt = [Option<ValueWithSd>; 2];
 
 /// Stiffness in roll and pitch, Nm/rad, or the tilt that is too small: rad, None where it was not measured.
 pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
 /// Level of a signal at rest: occasional pushes shift it by a fraction of the sensor's noise.
-pub fn level(signal: &Signal) -> Option<ValueWithSd> {
+pub fn level(signal: &DecaySignal) -> Option<ValueWithSd> {
     let first = *signal.t_s.first()?;
     let mut pieces: Vec<Vec<f64>> = Vec::new();
     let mut number = None;
@@ -63,7 +63,7 @@ pub fn level(signal: &Signal) -> Option<ValueWithSd> {
 }
 
 /// Stiffness from the tilt under `weight`.
-pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
+pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffness {
     let [x, y] = weight.at_m;
     // Roll is positive to starboard, pitch with the bow up.
     let states = [y, -x].map(|arm| weight.mass_kg * GRAVITY * arm);
@@ -93,8 +93,8 @@ pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
 mod tests {
     use super::*;
 
-    fn at_rest(y: f64, seconds: usize, pushed: bool) -> Signal {
-        let mut s = Signal::default();
+    fn at_rest(y: f64, seconds: usize, pushed: bool) -> DecaySignal {
+        let mut s = DecaySignal::default();
         for k in 0..seconds * 100 {
             let t = k as f64 * 0.01;
             let noise = ((k * 7) as f64 * 0.754_877_666_246_693).fract() - 0.5;
@@ -113,7 +113,7 @@ mod tests {
             assert!((found.value - 0.02).abs() < off && found.sd < 1e-3, "{found:?}");
         }
         assert_eq!(level(&at_rest(0.02, 15, false)), None);
-        assert_eq!(level(&Signal::default()), None);
+        assert_eq!(level(&DecaySignal::default()), None);
     }
 
     #[test]

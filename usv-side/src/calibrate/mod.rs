@@ -21,8 +21,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::{VesselIn, VesselNodeConfig};
 pub use alight_shared::estimation::ValueWithSd;
-pub use decay::{Decay, NotObservable, Order, Signal};
-pub use incline::{Level, Stiffness, Weight};
+pub use decay::{Decay, DecayOrder, DecaySignal, NotObservable};
+pub use incline::{RestTilt, Stiffness, Weight};
 use lever::{InertialState, Lever};
 
 /// Names of the degrees of freedom.
@@ -38,11 +38,11 @@ const SLOPE: usize = 3;
 /// A gap between inertial samples ends a record that is integrated, s.
 const GAP_S: f64 = 0.1;
 
-/// How each degree of freedom comes to rest.
-pub const fn order(dof: usize) -> Order {
+/// Way in which each degree of freedom comes to rest.
+pub const fn order(dof: usize) -> DecayOrder {
     match dof {
-        HEAVE | ROLL | PITCH => Order::Stiff,
-        _ => Order::Free,
+        HEAVE | ROLL | PITCH => DecayOrder::Stiff,
+        _ => DecayOrder::Free,
     }
 }
 
@@ -54,7 +54,7 @@ pub struct VesselCalibration {
     /// Each degree of freedom.
     pub decays: [Result<Decay, NotObservable>; DOFS],
     /// Roll and pitch at rest.
-    pub level: Level,
+    pub level: RestTilt,
     /// GNSS antenna in the vessel's body, m; None without fixes or motion.
     pub antenna_m: Option<[ValueWithSd; 3]>,
 }
@@ -110,8 +110,8 @@ impl Record {
     }
 
     /// Roll and pitch at rest, from the accelerometer.
-    fn level(&self) -> Level {
-        let mut signals: [Signal; 2] = Default::default();
+    fn level(&self) -> RestTilt {
+        let mut signals: [DecaySignal; 2] = Default::default();
         for m in &self.imu {
             let [x, y, z] = m.accelerometer;
             for (signal, tilt) in signals.iter_mut().zip([(-y).atan2(-z), x.atan2(y.hypot(z))]) {
@@ -202,8 +202,8 @@ impl Record {
     }
 
     /// The signals of the six degrees of freedom.
-    fn signals(&self, config: &VesselNodeConfig, states: &[InertialState]) -> [Signal; DOFS] {
-        let mut signals: [Signal; DOFS] = Default::default();
+    fn signals(&self, config: &VesselNodeConfig, states: &[InertialState]) -> [DecaySignal; DOFS] {
+        let mut signals: [DecaySignal; DOFS] = Default::default();
         let mut add = |dof: usize, t_s: f64, y: f64| {
             signals[dof].t_s.push(t_s);
             signals[dof].y.push(y);
@@ -239,7 +239,7 @@ impl Record {
 }
 
 /// Every degree of freedom from its signal.
-pub fn identify(signals: &[Signal; DOFS]) -> [Result<Decay, NotObservable>; DOFS] {
+pub fn identify(signals: &[DecaySignal; DOFS]) -> [Result<Decay, NotObservable>; DOFS] {
     core::array::from_fn(|dof| decay::identify(order(dof), &signals[dof]))
 }
 

@@ -8,12 +8,12 @@ use alight_shared::topics;
 
 use super::VesselEvent;
 
-/// The orders that were taken last: a repetition is none of its own.
+/// The orders that were accepted last: a repetition does not count as another order.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CrewOrders(VecDeque<u32>);
 
 impl CrewOrders {
-    /// What of these counts now, and what the crew is to know of the others. One that is taken up late would be a wrong one.
+    /// Orders of these that count now, and events about the others. One that is taken up late would be a wrong one.
     pub(super) fn take(
         &mut self,
         now: Time<VesselClock>,

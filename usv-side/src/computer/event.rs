@@ -11,25 +11,25 @@ use serde::{Deserialize, Serialize};
 use crate::deck::ClearanceEnd;
 use crate::sensors::MAX_REPEATED;
 
-/// What people on board are to know.
+/// An event for the crew.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum VesselEvent {
     /// A drone reports another state of its mission, or reports for the first time.
     DroneState {
         /// The drone.
         drone: u32,
-        /// Its state.
+        /// State of the drone.
         state: State,
         /// Why it was entered.
         entered: Reason,
-        /// Its battery, 0 to 1; None: not reported.
+        /// Battery of the drone, 0 to 1; None: not reported.
         battery: Option<f64>,
     },
     /// An operator's command was accepted.
     Command {
         /// The drone.
         drone: u32,
-        /// What it is to do.
+        /// Command to the drone.
         kind: CommandKind,
     },
     /// The crew's order was taken.
@@ -54,7 +54,7 @@ pub enum VesselEvent {
     },
     /// An inertial sensor repeats one sample, or measures again.
     StuckImu {
-        /// Its number.
+        /// Number of the source.
         source: usize,
         /// It repeats one.
         stuck: bool,
@@ -152,7 +152,7 @@ impl fmt::Display for VesselEvent {
             }
             VesselEvent::ClearanceEnded { drone, why } => write!(
                 f,
-                "drone {drone} is no longer cleared for a take-off: {why}; see that nobody is near it, then clear the deck again"
+                "drone {drone} is no longer cleared for a take-off: {why}; see that no one is near it, then clear the deck again"
             ),
             VesselEvent::Helm(helm) => write!(f, "helm: {helm}"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),

@@ -2,24 +2,24 @@
 //!
 //! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the deck
 //! ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there
-//! is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the crew says
-//! so ([`claim`]). One status is no evidence, and silence is none: a drone that was granted the deck may have landed
-//! and been switched off, and its radio may fail in one direction, so that it lands unheard. So no silence is long
-//! enough to give the deck to another without a person; while another waits with a low battery the arbiter raises an
+//! is evidence that it has left: for seconds it reports itself armed, in the air and at a distance, or the crew reports
+//! so ([`claim`]). One status is not enough, and silence is no evidence: a drone that was granted the deck may have landed
+//! and been switched off, and its radio may fail in one direction, so that it lands unnoticed. So no silence is long
+//! enough to give the deck to another without the crew; while another waits with a low battery the arbiter raises an
 //! alarm ([`Starved`]), and who waits lands at the next place of its own order.
 //!
-//! A drone that is switched on without a position may stand on the deck. Nobody is given the deck until it reports its place;
-//! it takes the deck from nobody.
+//! A drone that is switched on without a position may stand on the deck. The deck is given to no drone until it reports
+//! its place; it takes the deck from no other drone.
 //!
-//! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there
-//! is its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its
+//! Every drone in the air gets a waiting place of its own, off the deck. Within [`OWNER_ONLY_M`] of the deck there
+//! is its owner alone: no other drone is given the deck before its previous owner is beyond that. A silent drone keeps its
 //! place. So does every station its height: of two at one height the later is left out of the grant, and gives way.
 //!
-//! The crew closes and opens the deck ([`DeckOrder`]). Opening it says that nothing lies there, which is evidence about
-//! whoever stood there, and none about a drone that was in the air when it fell silent: that one keeps the deck for as
-//! long as a landing takes, or until the order names it. A [`DeckCheckpoint`] outlives the process.
+//! The crew closes and opens the deck ([`DeckOrder`]). An order to open it states that nothing lies there, which is
+//! evidence about whoever stood there, and none about a drone that was in the air when it fell silent: that one keeps the
+//! deck for as long as a landing takes, or until the order names it. A [`DeckCheckpoint`] outlives the process.
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
-//! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
+//! deck that is no drone's weight. They never end an ownership, and an input that is not read any more closes the deck.
 //!
 //! A drone that stands on the deck takes off only while somebody aboard has cleared the deck for that
 //! ([`DeckOrder::TakeOff`]): for a while, for that drone, and until somebody has been at the deck; or for each of its take-offs
@@ -32,146 +32,38 @@ use core::mem::discriminant;
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
     Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
-    ReasonCode, STATION_APART_M, Starved, State, Station, Unheard,
+    STATION_APART_M, Starved, State, Unheard,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
 pub(crate) mod clearance;
 mod demand;
+mod drone;
 
 use super::MAX_DRONES;
 use super::checkpoint::{Claim, DeckCheckpoint, DroneClaim};
 use super::config::DeckConfig;
 use super::inputs::{DeckInputs, Reading};
 use super::stated_course::StatedCourse;
-use claim::Evidence;
+use claim::ClaimEvidence;
 use clearance::{Clearance, Clearances, StandingCharge};
+use drone::Drone;
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
 /// A drone is silent after this long: four periods.
 const FRESH: Span = Span::from_millis(2000);
-/// A status with another boot id is that of a drone that was started anew once the former was silent for this long:
-/// three periods.
-const RESTART_SILENCE: Span = Span::from_millis(1500);
 /// Two drones with one number are taken for that until one was silent for this long.
 const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
-/// Alternations of two senders with one number until they count as two: late packets of a former start make one.
-const MIN_ALTERNATIONS: u32 = 2;
 /// A battery below this is low for a drone that waits, 0 to 1: half as much again as the mission's reserve, so that the
 /// crew has time to look.
 const LOW_BATTERY: f64 = 0.3;
 
-#[derive(Clone, Copy, Debug)]
-struct Drone {
-    /// Of its newest status.
-    header: Header<DroneClock>,
-    received: Time<VesselClock>,
-    state: State,
-    claim: Claim,
-    /// Since when it has requested the deck without owning it, or has owned it without descending.
-    since: Time<VesselClock>,
-    /// Not known to be beyond [`OWNER_ONLY_M`] since it was within.
-    inside: bool,
-    place: Option<usize>,
-    rival: Option<Rival>,
-    /// In descent, not in flare, or in the air after one: it does not stand on the deck.
-    descends: bool,
-    /// Was switched on without a position, and has not reported one since: may stand on the deck.
-    unplaced: bool,
-    /// What ends its claim, or that it is unplaced.
-    evidence: Option<Evidence>,
-    /// Its newest status itself has it at the deck.
-    at_deck: bool,
-    /// Of its newest status it is armed and in the air.
-    flies: bool,
-    /// 0 to 1; None: not reported.
-    battery: Option<f64>,
-    /// While it stands on the deck.
-    standing: Option<StandingCharge>,
-    /// Is on its way down, or begins no descent because of the vessel's course.
-    wants_steady: bool,
-    /// The station that it keeps, and since when.
-    station: Option<(Station, Time<VesselClock>)>,
-}
-
-/// Another sender with the same number: the drone itself started anew, or a second drone.
-#[derive(Clone, Copy, Debug)]
-struct Rival {
-    header: Header<DroneClock>,
-    received: Time<VesselClock>,
-    /// The first sender was received since.
-    answered: bool,
-    /// How often both were received in turn.
-    alternations: u32,
-}
-
-impl Drone {
-    fn is_fresh(&self, now: Time<VesselClock>) -> bool {
-        now - self.received <= FRESH
-    }
-    /// The deck's sensor may have its weight.
-    fn may_stand(&self, now: Time<VesselClock>) -> bool {
-        self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
-    }
-    /// Of a silent drone: whether a look at the deck shows that it has left. One that stood there is seen, or is gone.
-    /// One that was in the air may be on its way down unheard, where nobody looks, for as long as a landing takes.
-    fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
-        self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
-    }
-    /// Two drones with this number.
-    fn is_double(&self) -> bool {
-        self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
-    }
-    /// Whether a status is of the sender that is known, in order, or of its next start.
-    fn admit(&mut self, now: Time<VesselClock>, h: &Header<DroneClock>) -> bool {
-        if h.boot == self.header.boot {
-            let new = h.follows(&self.header);
-            if let Some(rival) = self.rival.as_mut().filter(|r| new && !r.answered) {
-                rival.answered = true;
-                rival.alternations = rival.alternations.saturating_add(1);
-            }
-            return new;
-        }
-        let known = self.rival.filter(|r| r.header.boot == h.boot);
-        if known.is_some_and(|r| !h.follows(&r.header)) {
-            return false;
-        }
-        let alternations = known.map_or(0, |r| r.alternations);
-        let restarted = now - self.received > RESTART_SILENCE;
-        let (header, received) = if restarted {
-            (self.header, self.received)
-        } else {
-            (*h, now)
-        };
-        self.rival = Some(Rival {
-            header,
-            received,
-            answered: restarted,
-            alternations,
-        });
-        restarted
-    }
-}
-
-/// Whether a drone that reports this wants the vessel to keep course and speed.
-fn wants_steady(status: &DroneStatus) -> bool {
-    let waits = matches!(
-        status.waiting.code,
-        ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast | ReasonCode::HelmTurns
-    );
-    let moves = matches!(
-        status.state,
-        State::Descent | State::Flare | State::Countdown | State::SpinUp | State::TakeOff
-    );
-    waits || moves
-}
-
-/// What arrived since the last step.
+/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
     /// Statuses in their order of arrival.
@@ -180,7 +72,7 @@ pub struct ArbiterIn {
     pub orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub inputs: DeckInputs,
-    /// Where the handshake about the helm stands.
+    /// State of the handshake about the helm.
     pub helm: HelmStatus,
     /// By its end the vessel turns back to the course of its own autopilot.
     pub turns_back: bool,
@@ -188,7 +80,7 @@ pub struct ArbiterIn {
     pub checkpoint: Option<DeckCheckpoint>,
 }
 
-/// What the arbiter publishes.
+/// Output of the arbiter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ArbiterOut {
     /// The owner of the deck, when due.
@@ -225,7 +117,7 @@ pub struct DeckArbiter {
 }
 
 impl DeckArbiter {
-    /// The arbiter of vessel `vessel`, which started with this boot id; nobody owns the deck.
+    /// The arbiter of vessel `vessel`, which started with this boot id; no drone owns the deck.
     pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckArbiter {
         DeckArbiter {
             config: config.clone(),
@@ -258,7 +150,7 @@ impl DeckArbiter {
     fn sensed(&self, now: Time<VesselClock>) -> bool {
         Reading::active(self.sensor, !self.config.occupancy_sensor.is_empty(), now)
     }
-    /// What the helm intends at `now`.
+    /// Course that the helm intends at `now`.
     pub fn course(&self, now: Time<VesselClock>) -> Course {
         self.course.at(now, &self.config)
     }
@@ -286,12 +178,12 @@ impl DeckArbiter {
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
-    /// Drones that were switched on without a position: nobody is given the deck until they report one.
+    /// Drones that were switched on without a position: the deck is given to no drone until they report one.
     pub fn unplaced(&self) -> impl Iterator<Item = u32> {
         let unplaced = |d: &&Drone| d.unplaced;
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
     }
-    /// Whether a person has to look, because a drone with a low battery waits for a silent owner.
+    /// Whether the crew has to look, because a drone with a low battery waits for a silent owner.
     pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         let silent_s = (now - owner.received).secs();
@@ -316,8 +208,8 @@ impl DeckArbiter {
             battery,
         })
     }
-    /// Silent drones that may be on their way down unheard: an order to open the deck that does not name them leaves it to
-    /// them.
+    /// Silent drones that may be on their way down without reporting: an order to open the deck that does not name them
+    /// leaves it to them.
     pub fn unheard(&self, now: Time<VesselClock>) -> impl Iterator<Item = Unheard> {
         let timeout_s = self.config.status_timeout_s;
         let may_descend = move |d: &&Drone| {
@@ -333,7 +225,7 @@ impl DeckArbiter {
             }
         })
     }
-    /// What the next start of the process begins with.
+    /// Checkpoint with which the next start of the process begins.
     pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
             |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone) || d.place.is_some();
@@ -353,32 +245,8 @@ impl DeckArbiter {
 
     fn restore(&mut self, now: Time<VesselClock>, checkpoint: &DeckCheckpoint) {
         (self.owner, self.closed) = (checkpoint.owner, checkpoint.closed);
-        let drones = checkpoint.claims.iter().take(MAX_DRONES).map(|c| Drone {
-            // Whatever comes next follows it.
-            header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
-            // It was not received since.
-            received: now - FRESH - Span::from_millis(1),
-            // Of one on its way down nothing else is known.
-            state: match c.claim {
-                Claim::Landing => State::Descent,
-                Claim::Away | Claim::Requesting | Claim::Above | Claim::OnDeck => State::default(),
-            },
-            claim: c.claim,
-            since: now,
-            // The owner may have gone there meanwhile.
-            inside: c.inside || checkpoint.owner == Some(c.drone),
-            place: c.place,
-            rival: None,
-            descends: false,
-            unplaced: false,
-            evidence: None,
-            at_deck: false,
-            flies: false,
-            battery: None,
-            standing: None,
-            wants_steady: false,
-            station: None,
-        });
+        let claims = checkpoint.claims.iter().take(MAX_DRONES);
+        let drones = claims.map(|c| Drone::restored(c, self.vessel, checkpoint.owner, now));
         self.drones = drones.collect();
     }
 
@@ -403,6 +271,17 @@ impl DeckArbiter {
         if let Some(d) = before {
             self.cleared.follow(h.drone, d.state, status.state);
         }
+        let mut drone = self.updated(now, status, before);
+        drone.rival = known.and_then(|d| d.rival);
+        match index.and_then(|k| self.drones.get_mut(k)) {
+            Some(slot) => *slot = drone,
+            None => self.drones.push(drone),
+        }
+    }
+
+    /// A drone, but for its rival, by an admitted status and by what was known of it before.
+    fn updated(&mut self, now: Time<VesselClock>, status: &DroneStatus, before: Option<Drone>) -> Drone {
+        let h = &status.header;
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
         let shows = if former >= Claim::Landing {
@@ -410,7 +289,7 @@ impl DeckArbiter {
         } else {
             claim::shows_place(status)
         };
-        let evidence = Evidence::with(before.filter(|_| !begins).and_then(|d| d.evidence), now, shows);
+        let evidence = ClaimEvidence::with(before.filter(|_| !begins).and_then(|d| d.evidence), now, shows);
         let sustained = evidence.is_some_and(|e| e.is_sustained());
         let claim = Claim::of(status, former, sustained);
         let stood = before.filter(|d| d.claim == Claim::OnDeck && claim == Claim::OnDeck);
@@ -434,7 +313,7 @@ impl DeckArbiter {
         let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Requesting);
         let new_request = claim == Claim::Requesting && before.is_none_or(|d| d.claim == Claim::Away);
         let arrived = self.owner == Some(h.drone) && inside && !was_inside;
-        let drone = Drone {
+        Drone {
             header: *h,
             received: now,
             state: status.state,
@@ -442,7 +321,7 @@ impl DeckArbiter {
             since: same.filter(|_| !new_request && !arrived).map_or(now, |d| d.since),
             inside,
             place: place.filter(|_| !on_ground),
-            rival: known.and_then(|d| d.rival),
+            rival: None,
             descends: status.state == State::Descent
                 || Claim::reported(status) < Claim::Landing && claim::flies(status),
             unplaced,
@@ -452,16 +331,12 @@ impl DeckArbiter {
             flies: claim::flies(status),
             battery: status.battery,
             standing: standing.filter(|_| claim == Claim::OnDeck),
-            wants_steady: wants_steady(status),
+            wants_steady: Drone::asks_for_steady(status),
             station: status.station.map(|station| {
                 let kept = before.and_then(|d| d.station);
                 let same = kept.filter(|(kept, _)| kept.height_m == station.height_m);
                 (station, same.map_or(now, |(_, since)| since))
             }),
-        };
-        match index.and_then(|k| self.drones.get_mut(k)) {
-            Some(slot) => *slot = drone,
-            None => self.drones.push(drone),
         }
     }
 
@@ -534,7 +409,7 @@ impl DeckArbiter {
         // One that is silent may be on its way down; one that goes elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
-        // Nobody is given the deck while another may be above or on it, or may not know yet that it lost it.
+        // The deck is not given to a drone while another may be above or on it, or may not know yet that it lost it.
         let free = |next: &&Drone| {
             let may_be_there = |d: &Drone| d.inside || d.unplaced;
             !drones().any(|d| may_be_there(d) && d.header.drone != next.header.drone)

@@ -5,11 +5,12 @@ use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
 
-/// What a drone has to do with the deck.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+/// Relation of a drone to the deck.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Claim {
     /// Nothing.
+    #[default]
     Away,
     /// Above it, not stably: keeps it, does not request it.
     Above,
@@ -24,15 +25,15 @@ pub enum Claim {
 /// A drone that has to do with the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroneClaim {
-    /// Its number.
+    /// Number of the drone.
     pub drone: u32,
     /// The boot id of its newest status.
     pub boot: u32,
-    /// What it has to do with the deck.
+    /// Relation of the drone to the deck.
     pub claim: Claim,
-    /// Its waiting place.
+    /// Waiting place of the drone.
     pub place: Option<usize>,
-    /// It was where nobody but the deck's owner may be.
+    /// It was where only the deck's owner may be.
     pub inside: bool,
 }
 
@@ -48,7 +49,7 @@ pub struct DeckCheckpoint {
 }
 
 impl DeckCheckpoint {
-    /// In the place of one that is missing or cannot be read: nobody is known, so the deck is closed.
+    /// Replaces a checkpoint that is missing or cannot be read: no drone is known, so the deck is closed.
     pub fn unknown(closure: Closure) -> DeckCheckpoint {
         DeckCheckpoint {
             closed: Some(closure),

@@ -13,7 +13,7 @@ config! {
         /// A drone that does not begin to descend for this long gives way to another that requests the deck, s.
         /// Source: two calms between groups of swell.
         pub idle_timeout_s: f64 = 30.0, in 1.0..=3600.0;
-        /// After a start nobody is given the deck for this long, s: its owner before the restart reports first.
+        /// After a start the deck is given to no drone for this long, s: its owner before the restart reports first.
         /// Source: six periods of a drone's status.
         pub startup_hold_s: f64 = 3.0, in 1.0..=60.0;
         /// Digital input of the crew's switch, 1 while they close the deck: a line (`/dev/gpiochip0:17`, with

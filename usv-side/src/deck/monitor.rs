@@ -12,7 +12,7 @@ use super::MAX_DRONES;
 /// Mean winds stay what they are for so long, s.
 const MAX_WIND_AGE_S: f64 = 600.0;
 
-/// What a status changes.
+/// Changes by a status.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct News {
     /// The mission's state is another than before.

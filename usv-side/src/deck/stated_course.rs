@@ -20,7 +20,7 @@ enum Ordered {
 pub(super) struct StatedCourse {
     /// The helm's switch: the vessel turns or may turn.
     pub(super) switch: Option<Reading>,
-    /// Where the handshake about the helm stands.
+    /// State of the handshake about the helm.
     pub(super) helm: HelmStatus,
     /// It turns back to the course of its own autopilot.
     pub(super) turns_back: bool,
@@ -37,7 +37,7 @@ impl StatedCourse {
     pub(super) fn order_turning(&mut self) {
         self.ordered = Ordered::Turning;
     }
-    /// What counts at `now`: a turn by whichever states it, one that the computer steers or has just left, else the
+    /// Course that counts at `now`: a turn by whichever states it, one that the computer steers or has just left, else the
     /// longest promise.
     pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
         if self.is_turning(now, config) {

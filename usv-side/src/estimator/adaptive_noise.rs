@@ -91,7 +91,7 @@ impl AdaptiveNoise {
     }
 
     /// The model's parameters with these disturbances: the spread times the factor, the memory divided by it, so
-    /// that slow motion grows least.
+    /// that slow motion grows by the smallest factor.
     pub(crate) fn adapted(&self, model: &VesselModelConfig) -> VesselModelConfig {
         let mut adapted = model.clone();
         for dof in 0..6 {

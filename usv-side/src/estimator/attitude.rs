@@ -6,7 +6,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
 use nalgebra::Vector3;
 
-use super::{Channel, Filter, STEP_S};
+use super::{InnovationChannel, STEP_S, VesselFilter};
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
@@ -18,7 +18,7 @@ const SILENT_S: f64 = 0.5;
 /// smoothed over tens of milliseconds).
 const RATE_SD: f64 = 0.02;
 
-impl Filter {
+impl VesselFilter {
     /// Inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
         self.inertial && (at - self.last_imu).secs() < SILENT_S
@@ -41,9 +41,9 @@ impl Filter {
         let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
         let (roll, pitch) = turn_tilt(fix.tilt[0], fix.tilt[1], -heading);
         let measured = [
-            (Channel::Tilt, ROLL, Some(roll), fix.tilt_sd),
-            (Channel::Tilt, PITCH, Some(pitch), fix.tilt_sd),
-            (Channel::Heave, HEAVE, fix.heave, fix.heave_sd),
+            (InnovationChannel::Tilt, ROLL, Some(roll), fix.tilt_sd),
+            (InnovationChannel::Tilt, PITCH, Some(pitch), fix.tilt_sd),
+            (InnovationChannel::Heave, HEAVE, fix.heave, fix.heave_sd),
         ];
         for (channel, dof, z, sd) in measured {
             let Some(z) = z else { continue };
@@ -62,7 +62,7 @@ impl Filter {
                 let predicted = self.belief.get(dof, NU) - late * self.belief.acceleration(&self.model, dof);
                 let row = [Term::new(dof, NU, 1.0)];
                 let update = self.belief.update(&row, z - predicted, RATE_SD * RATE_SD, gate);
-                self.consistency.observe(Channel::Rate, update);
+                self.consistency.observe(InnovationChannel::Rate, update);
                 rejected += u64::from(!update.fused());
             }
         }

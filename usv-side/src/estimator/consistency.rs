@@ -11,7 +11,7 @@ const CHI_SQUARE_95: f64 = 3.841;
 /// Kind of a scalar measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Channel {
+pub enum InnovationChannel {
     /// Gyroscope.
     Gyro,
     /// Accelerometer.
@@ -24,42 +24,42 @@ pub enum Channel {
     Heading,
     /// Roll and pitch of an attitude sensor.
     Tilt,
-    /// Its angular rates.
+    /// Angular rates of an attitude sensor.
     Rate,
-    /// Its heave.
+    /// Heave of an attitude sensor.
     Heave,
 }
 
-impl Channel {
+impl InnovationChannel {
     /// All, in the order of the table.
-    pub const ALL: [Channel; 8] = [
-        Channel::Gyro,
-        Channel::Accelerometer,
-        Channel::Position,
-        Channel::Velocity,
-        Channel::Heading,
-        Channel::Tilt,
-        Channel::Rate,
-        Channel::Heave,
+    pub const ALL: [InnovationChannel; 8] = [
+        InnovationChannel::Gyro,
+        InnovationChannel::Accelerometer,
+        InnovationChannel::Position,
+        InnovationChannel::Velocity,
+        InnovationChannel::Heading,
+        InnovationChannel::Tilt,
+        InnovationChannel::Rate,
+        InnovationChannel::Heave,
     ];
-    /// Its name in a table.
+    /// Name of the channel in a table.
     pub const fn name(self) -> &'static str {
         match self {
-            Channel::Gyro => "gyroscope",
-            Channel::Accelerometer => "accelerometer",
-            Channel::Position => "position",
-            Channel::Velocity => "velocity",
-            Channel::Heading => "heading",
-            Channel::Tilt => "roll, pitch",
-            Channel::Rate => "rates",
-            Channel::Heave => "heave",
+            InnovationChannel::Gyro => "gyroscope",
+            InnovationChannel::Accelerometer => "accelerometer",
+            InnovationChannel::Position => "position",
+            InnovationChannel::Velocity => "velocity",
+            InnovationChannel::Heading => "heading",
+            InnovationChannel::Tilt => "roll, pitch",
+            InnovationChannel::Rate => "rates",
+            InnovationChannel::Heave => "heave",
         }
     }
 }
 
 /// Innovations of one channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Fit {
+pub struct InnovationStatistics {
     /// Scalars fused.
     pub fused: u64,
     /// Sum of their normalised innovations squared.
@@ -70,7 +70,7 @@ pub struct Fit {
     pub gated: u64,
 }
 
-impl Fit {
+impl InnovationStatistics {
     /// Mean normalised innovation squared of the fused scalars; 1 in a consistent filter.
     pub fn mean(&self) -> Option<f64> {
         (self.fused > 0).then(|| self.sum / self.fused as f64)
@@ -84,14 +84,14 @@ impl Fit {
 
 /// Innovations of all channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Consistency([Fit; Channel::ALL.len()]);
+pub struct Consistency([InnovationStatistics; InnovationChannel::ALL.len()]);
 
 impl Consistency {
     /// One channel's.
-    pub fn of(&self, channel: Channel) -> Fit {
+    pub fn of(&self, channel: InnovationChannel) -> InnovationStatistics {
         self.0.get(channel as usize).copied().unwrap_or_default()
     }
-    pub(crate) fn observe(&mut self, channel: Channel, update: Update) {
+    pub(crate) fn observe(&mut self, channel: InnovationChannel, update: Update) {
         let Some(fit) = self.0.get_mut(channel as usize) else {
             return;
         };

@@ -7,7 +7,7 @@ use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::history::PastState;
-use super::{Channel, Filter, GNSS_BIAS, STEP_S};
+use super::{GNSS_BIAS, InnovationChannel, STEP_S, VesselFilter};
 use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
@@ -35,7 +35,7 @@ pub(super) struct HeightReference {
 }
 
 impl HeightReference {
-    /// Of the filter's first fix.
+    /// Reference of the filter's first fix.
     pub(super) fn of(fix: &GnssFix) -> Self {
         let measured = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
         HeightReference {
@@ -68,7 +68,7 @@ fn lever(axis: usize, arm: &Vector3<f64>) -> Option<(usize, f64)> {
     }
 }
 
-impl Filter {
+impl VesselFilter {
     /// Fuses a fix; returns the number of its rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
         let has_height = fix.position_sd[HEAVE] < NOT_MEASURED_SD;
@@ -174,7 +174,7 @@ impl Filter {
         self.count(axis, ETA, update.fused());
         // Components that are not measured do not count.
         if fix.position_sd[axis] < NOT_MEASURED_SD {
-            self.consistency.observe(Channel::Position, update);
+            self.consistency.observe(InnovationChannel::Position, update);
         }
         update.fused()
     }
@@ -212,7 +212,7 @@ impl Filter {
             self.sank_at = fix.header.at;
         }
         if fix.velocity_sd[axis] < NOT_MEASURED_SD {
-            self.consistency.observe(Channel::Velocity, update);
+            self.consistency.observe(InnovationChannel::Velocity, update);
         }
         update.fused()
     }
@@ -266,7 +266,7 @@ impl Filter {
         ];
         let innovation = wrap_angle(fix.heading - predicted);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
-        self.consistency.observe(Channel::Heading, update);
+        self.consistency.observe(InnovationChannel::Heading, update);
         // A gyroscope measures the rate of turn better.
         if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
             let innovation =
@@ -274,7 +274,7 @@ impl Filter {
             let update = self
                 .belief
                 .update(&[Term::new(YAW, NU, 1.0)], innovation, RATE_SD * RATE_SD, GATE);
-            self.consistency.observe(Channel::Rate, update);
+            self.consistency.observe(InnovationChannel::Rate, update);
         }
         update.fused()
     }

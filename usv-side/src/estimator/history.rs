@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
 
-use super::{Filter, Tilt};
+use super::{Tilt, VesselFilter};
 
 /// Steps that are kept: for a later fix the state is rolled back by the model.
 const STEPS: usize = 32;
@@ -24,7 +24,7 @@ pub(super) struct PastState {
     pub(super) tilt: Tilt,
 }
 
-/// What was estimated at the last steps, oldest first.
+/// Estimates of the last steps, oldest first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct History(VecDeque<PastState>);
 
@@ -55,7 +55,7 @@ impl History {
     }
 }
 
-impl Filter {
+impl VesselFilter {
     fn present(&self) -> PastState {
         let b = &self.belief;
         PastState {

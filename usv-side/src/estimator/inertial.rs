@@ -2,17 +2,19 @@
 
 use alight_shared::estimation::Update;
 use alight_shared::geometry::GRAVITY;
-use alight_shared::vessel_model::{DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
+use alight_shared::vessel_model::{
+    DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, VesselModelConfig, YAW,
+};
 use nalgebra::Vector3;
 
-use super::{Channel, Filter, STEP_S};
+use super::{InnovationChannel, STEP_S, VesselFilter};
 use crate::VesselNodeConfig;
 
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
 /// After this many steps with a rejection in a row the covariance is opened (half a second).
 const MAX_REJECTED: u32 = 25;
-/// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
+/// Error of the model of specific force (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
 /// Largest offset along the vertical of an accelerometer that measures, in standard deviations of bias and model.
@@ -28,13 +30,16 @@ const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
+/// Mean of a step's samples, and the last less the first.
+type Samples = (Vector3<f64>, Option<Vector3<f64>>);
+
 /// Whether a rejected innovation is motion: the samples of the step agree. A single outlier among two makes their
 /// difference twice the innovation of their mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
 }
 
-impl Filter {
+impl VesselFilter {
     fn gyro_bias(&self) -> Vector3<f64> {
         Vector3::new(
             self.belief.get(ROLL, HEAD),
@@ -58,7 +63,7 @@ impl Filter {
     }
 
     /// Records an innovation for the statistics and the adaptive noise.
-    fn record_innovation(&mut self, channel: Channel, dof: usize, update: Update) {
+    fn record_innovation(&mut self, channel: InnovationChannel, dof: usize, update: Update) {
         self.consistency.observe(channel, update);
         match update {
             Update::Fused { nis } | Update::Gated { nis } => {
@@ -120,19 +125,27 @@ impl Filter {
         } else {
             GATE
         };
+        let rates = config.imu.gyro_sd_radps.powi(2) / n;
+        let forces = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
+        let mut rejected = self.fuse_rates((gyro, apart.map(|a| a.0)), rates, offset, gate);
+        rejected += self.fuse_force(&config.model, (force, apart.map(|a| a.1)), forces, gate);
+        self.rejected_imu = if rejected > 0 { self.rejected_imu + 1 } else { 0 };
+        rejected
+    }
+
+    /// Gyroscope: `n_dot = (R omega) x n` gives the rates of roll and pitch at the reference. `r`: variance of a rate.
+    fn fuse_rates(&mut self, (gyro, apart): Samples, r: f64, offset: f64, gate: f64) -> u64 {
         let mut rejected = 0;
-        // Gyroscope: n_dot = (R omega) x n gives the rates of roll and pitch at the reference.
-        let r = config.imu.gyro_sd_radps.powi(2) / n;
         let tilt = self.tilt();
         let measured = tilt.rates_from_gyro(gyro - self.gyro_bias());
-        let differ = apart.map(|(gyro, _)| tilt.rates_from_gyro(gyro));
+        let differ = apart.map(|gyro| tilt.rates_from_gyro(gyro));
         for (k, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
             let z = measured[k];
             let predicted = self.belief.get(dof, NU) + offset * self.belief.acceleration(&self.model, dof);
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
-            self.record_innovation(Channel::Gyro, dof, update);
+            self.record_innovation(InnovationChannel::Gyro, dof, update);
             let impulse = differ.is_some_and(|d| is_impulse(innovation, d[k], MAX_IMPULSE[0]));
             if impulse && matches!(update, Update::Gated { .. }) {
                 self.impulse(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
@@ -140,8 +153,18 @@ impl Filter {
                 rejected += self.reject(dof, update, innovation, 1.0);
             }
         }
-        // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
-        let white = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
+        rejected
+    }
+
+    /// Accelerometer: `f = R' (a + lever arm - g)`, all in the reference-parallel frame. `white`: variance of a force.
+    fn fuse_force(
+        &mut self,
+        config: &VesselModelConfig,
+        (force, apart): Samples,
+        white: f64,
+        gate: f64,
+    ) -> u64 {
+        let mut rejected = 0;
         let arm = self.imu_lever_arm;
         for axis in 0..3 {
             let tilt = self.tilt();
@@ -156,38 +179,32 @@ impl Filter {
             // fluctuation separates tilt from bias as long as the horizontal force has no correlated fluctuation of
             // its own. On a platform that turns about a point away from the sensor it has (tilt error of 0.1 rad),
             // and on a slamming hull (0.02 rad).
-            let known = self
-                .adaptive_noise
-                .factor(SURGE)
-                .max(self.adaptive_noise.factor(SWAY));
+            let noise = &self.adaptive_noise;
+            let known = noise.factor(SURGE).max(noise.factor(SWAY));
             let lift = GRAVITY - (f.z + GRAVITY).clamp(-MAX_LIFT, MAX_LIFT) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
             // What changes fast is also sampled at the wrong instant.
-            let fast = self.adaptive_noise.spread(&config.model, axis);
+            let fast = noise.spread(config, axis);
             let r = white + (FAST_SHARE * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);
             row.clear();
             self.belief.acceleration_terms(&self.model, axis, 1.0, &mut row);
             row.push(Term::new(axis, HEAD, 1.0));
-            match axis {
-                SURGE => {
-                    row.push(Term::new(PITCH, ETA, lift));
-                    self.belief
-                        .acceleration_terms(&self.model, PITCH, arm.z, &mut row);
-                }
-                SWAY => {
-                    row.push(Term::new(ROLL, ETA, -lift));
-                    self.belief
-                        .acceleration_terms(&self.model, ROLL, -arm.z, &mut row);
-                }
-                _ => {}
+            let tilts = match axis {
+                SURGE => Some((PITCH, lift, arm.z)),
+                SWAY => Some((ROLL, -lift, -arm.z)),
+                _ => None,
+            };
+            if let Some((dof, lift, height)) = tilts {
+                row.push(Term::new(dof, ETA, lift));
+                self.belief.acceleration_terms(&self.model, dof, height, &mut row);
             }
             let update = self.belief.update(&row, z, r, gate);
             self.row = row;
-            self.record_innovation(Channel::Accelerometer, axis, update);
+            self.record_innovation(InnovationChannel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
             let impulsive =
-                apart.is_some_and(|(_, force)| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
+                apart.is_some_and(|force| is_impulse(z, (rotation * force)[axis], MAX_IMPULSE[1]));
             if gated && impulsive {
                 // It has grown over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
@@ -195,7 +212,6 @@ impl Filter {
                 rejected += self.reject(axis, update, z, STEP_S);
             }
         }
-        self.rejected_imu = if rejected > 0 { self.rejected_imu + 1 } else { 0 };
         rejected
     }
 }

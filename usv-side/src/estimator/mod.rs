@@ -30,7 +30,7 @@ use alight_shared::vessel_model::{
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
-pub use consistency::{Channel, Consistency, Fit};
+pub use consistency::{Consistency, InnovationChannel, InnovationStatistics};
 pub use tilt::Tilt;
 
 /// Length of a filter step, s.
@@ -44,7 +44,7 @@ const TURN_RAD: f64 = 0.1;
 /// bias. The vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
-/// What the gates rejected, since start.
+/// Counts of what the gates rejected, since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gated {
     /// Inertial channels.
@@ -68,10 +68,10 @@ pub struct Estimator {
     start: Start,
     /// Consecutive fixes of which the gates rejected most.
     lost_fixes: u32,
-    filter: Option<Filter>,
-    /// Of filters before the last restart.
+    filter: Option<VesselFilter>,
+    /// Consistency of filters before the last restart.
     consistency: Consistency,
-    /// Of the filter before the last restart, for the next one.
+    /// Motion model of the filter before the last restart, for the next one.
     motion: MotionModel<VesselClock>,
 }
 
@@ -83,26 +83,26 @@ struct Start {
 
 /// The running filter.
 #[derive(Clone, Debug)]
-pub(crate) struct Filter {
+pub(crate) struct VesselFilter {
     pub(crate) at: Time<VesselClock>,
     pub(crate) belief: Belief,
     pub(crate) model: VesselModel,
     pub(crate) reference: f64,
     pub(crate) datum: Datum,
-    /// What the heights refer to.
+    /// Reference of the heights.
     height_reference: gnss::HeightReference,
     /// Mean velocity north, east (m/s), mean heading (rad) and its rate (rad/s).
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
-    /// What she gains of speed by herself.
+    /// Speed that the vessel gains by itself.
     pub(crate) gain: speed_gain::SpeedGain,
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
     /// Identified modes of the motion.
     pub(crate) motion: MotionModel<VesselClock>,
-    /// Of place (north, east, m) and heading (rad) as predicted.
+    /// Errors of place (north, east, m) and heading (rad) as predicted.
     course_errors: MeasuredErrors<3, VesselClock>,
-    /// What the waves are reckoned about.
+    /// Slow motion that the waves are relative to.
     pub(crate) slow: SlowMotion,
     step: Step,
     /// Sum of the samples since the last step, and how many.
@@ -155,7 +155,7 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
-    /// How far a heading is off, rad.
+    /// Error of a heading, rad.
     pub(crate) fn off(&self, heading: f64) -> f64 {
         wrap_angle(heading - self.heading)
     }
@@ -179,7 +179,7 @@ impl Estimator {
             motion: MotionModel::default(),
         }
     }
-    /// What its gates rejected.
+    /// Counts of what the gates rejected.
     pub fn gated(&self) -> Gated {
         self.gated
     }
@@ -188,7 +188,7 @@ impl Estimator {
     pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
         self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
     }
-    pub(crate) fn filter(&self) -> Option<&Filter> {
+    pub(crate) fn filter(&self) -> Option<&VesselFilter> {
         self.filter.as_ref()
     }
 
@@ -341,52 +341,51 @@ impl Estimator {
         if !fresh(fix.header.at) || !fresh(heading.header.at) {
             return;
         }
-        let mut filter = Filter::new(&self.config, at, &fix, &heading);
+        let mut filter = VesselFilter::new(&self.config, at, &fix, &heading);
         filter.motion = core::mem::take(&mut self.motion);
         self.filter = Some(filter);
     }
 }
 
-impl Filter {
+/// States that are estimated in addition to the vessel's motion, and the spread at the start.
+fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
+    let bias = |sd: f64, time_s: f64| Extra {
+        sd,
+        walk: sd * (2.0 / time_s).sqrt(),
+        time_s,
+    };
+    let (imu, gnss, heading) = (&config.imu, &config.gnss, &config.heading);
+    let force = bias(imu.accelerometer_bias_sd_mps2, imu.bias_time_s);
+    let gyro = bias(imu.gyro_bias_sd_radps, imu.bias_time_s);
+    let compass = bias(heading.bias_sd_deg.to_radians(), heading.bias_time_s);
+    let height = bias(gnss.height_bias_sd_m, gnss.height_bias_time_s);
+    BeliefSpec {
+        couplings: vec![(SURGE, PITCH), (SWAY, ROLL)],
+        extras: [
+            vec![force],
+            vec![force],
+            vec![force, height],
+            vec![gyro],
+            vec![gyro],
+            vec![gyro, compass],
+        ],
+        // Of the first fix, the waves' orbital velocity, a rocking vessel.
+        initial_sd: [
+            [1.0, 1.0],
+            [1.0, 1.0],
+            [1.0, 1.0],
+            [0.1, 0.2],
+            [0.1, 0.2],
+            [0.05, 0.1],
+        ],
+    }
+}
+
+impl VesselFilter {
     fn new(config: &VesselNodeConfig, at: Time<VesselClock>, fix: &GnssFix, heading: &HeadingFix) -> Self {
         let model = VesselModel::with_bank(&config.model);
-        let bias = |sd: f64, time_s: f64| Extra {
-            sd,
-            walk: sd * (2.0 / time_s).sqrt(),
-            time_s,
-        };
-        let imu = &config.imu;
-        let force = bias(imu.accelerometer_bias_sd_mps2, imu.bias_time_s);
-        let gyro = bias(imu.gyro_bias_sd_radps, imu.bias_time_s);
-        let compass = bias(
-            config.heading.bias_sd_deg.to_radians(),
-            config.heading.bias_time_s,
-        );
-        let spec = BeliefSpec {
-            couplings: vec![(SURGE, PITCH), (SWAY, ROLL)],
-            extras: [
-                vec![force],
-                vec![force],
-                vec![
-                    force,
-                    bias(config.gnss.height_bias_sd_m, config.gnss.height_bias_time_s),
-                ],
-                vec![gyro],
-                vec![gyro],
-                vec![gyro, compass],
-            ],
-            // Of the first fix, the waves' orbital velocity, a rocking vessel.
-            initial_sd: [
-                [1.0, 1.0],
-                [1.0, 1.0],
-                [1.0, 1.0],
-                [0.1, 0.2],
-                [0.1, 0.2],
-                [0.05, 0.1],
-            ],
-        };
         let reference = heading.heading;
-        let mut belief = Belief::new(&model, &spec);
+        let mut belief = Belief::new(&model, &belief_spec(config));
         let antenna = fix.lever_arm.unwrap_or(config.gnss.antenna_m);
         let level = Tilt::default().rotation() * Vector3::from(antenna);
         let p = Rotation2::new(-reference) * Vector2::new(fix.position[0], fix.position[1]);
@@ -403,7 +402,7 @@ impl Filter {
         belief.set(SWAY, SLOW, v.y);
         belief.set(YAW, ETA, heading.heading);
         let step = belief.step(&model, STEP_S);
-        Filter {
+        VesselFilter {
             at,
             belief,
             model,
@@ -442,7 +441,7 @@ impl Filter {
         self.belief.propagate(&self.step);
         self.at += Span::from_secs(STEP_S);
     }
-    /// What follows from the state of each step, measured or not: a hole in the identification's record costs its past.
+    /// Ends a step, measured or not: a hole in the identification's record costs its past.
     fn end_step(&mut self) {
         self.remember();
         self.follow_heading();

@@ -11,11 +11,11 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
-use super::{Filter, GNSS_BIAS, Tilt};
+use super::{GNSS_BIAS, Tilt, VesselFilter};
 use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
-/// Where the vessel goes: its mean velocity, which turns with the mean heading, the waves' and what both leave.
+/// Course of the vessel: its mean velocity, which turns with the mean heading, the waves' and what both leave.
 struct Course<'a> {
     modes: &'a Modes<VesselClock>,
     /// From the modes' time of validity to now, s, and what the waves have moved it by since, north and east, m.
@@ -26,7 +26,7 @@ struct Course<'a> {
     mean_velocity: Vector2<f64>,
     mean_heading: f64,
     rate: f64,
-    /// What mean and modes leave of velocity and heading now.
+    /// Remainder of velocity and heading without mean and modes now.
     left: Vector2<f64>,
     left_yaw: f64,
 }
@@ -42,7 +42,7 @@ struct CoursePoint {
     heading_rate: f64,
 }
 
-/// What the waves move a vessel by within `t` seconds, north and east, m.
+/// Displacement of a vessel by the waves within `t` seconds, north and east, m.
 fn path(modes: &Modes<VesselClock>, t: f64) -> Vector2<f64> {
     Vector2::new(modes.path(SURGE, t), modes.path(SWAY, t))
 }
@@ -76,7 +76,7 @@ impl Course<'_> {
     }
 }
 
-impl Filter {
+impl VesselFilter {
     /// NED from the reference-parallel frame.
     pub(super) fn ned(&self, x: f64, y: f64) -> Vector2<f64> {
         Rotation2::new(self.reference) * Vector2::new(x, y)

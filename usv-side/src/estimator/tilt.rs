@@ -23,7 +23,7 @@ pub struct Tilt {
 fn normal([roll, pitch]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos())
 }
-/// Its derivative.
+/// Derivative of the normal.
 fn normal_rate([roll, pitch]: [f64; 2], [dr, dp]: [f64; 2]) -> Vector3<f64> {
     let ((sr, cr), (sp, cp)) = (roll.sin_cos(), pitch.sin_cos());
     Vector3::new(

@@ -1,12 +1,12 @@
-//! How much older a receiver's velocities are than its positions.
+//! Lag of a receiver's velocities behind its positions.
 //!
 //! Receivers made for boats average speed and course over ground for seconds and send them as if they were of now: a recorded
 //! satellite compass is 2.4 s late. In a turn such a velocity points where the vessel went.
 //!
-//! The lag is that `tau` for which the path that the velocities add up to is the path of the positions, the least mean square of
-//! `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course every lag fits as well as none; there is
-//! nothing to correct then, and none is assumed. Otherwise a velocity is turned by as much as the vessel has turned since: in a
-//! turn the course follows the heading.
+//! The lag is that `tau` for which the path that the velocities add up to is the path of the positions, the smallest mean
+//! square of `p(t) - p(t - T) - integral of v over [t - T + tau, t + tau]`. On a straight course every lag fits as well
+//! as none; there is nothing to correct then, and none is assumed. Otherwise a velocity is turned by as much as the
+//! vessel has turned since: in a turn the course follows the heading.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ const LAGS: usize = 41;
 const MAX_LAG_S: f64 = STEP_S * (LAGS - 1) as f64;
 /// Two positions that are compared lie at least this far apart, s.
 const PAIR_S: f64 = 1.0;
-/// What lies further apart than this is not of one path, s.
+/// Fixes further apart than this are not of one path, s.
 const GAP_S: f64 = 3.0;
 /// Pairs that the mean squares remember, a minute, and those before which no lag is assumed.
 const MEMORY: f64 = 60.0;
@@ -41,7 +41,7 @@ struct Travelled {
     at: Time<VesselClock>,
     velocity: Vector2<f64>,
     path: Vector2<f64>,
-    /// Of the vessel, rad.
+    /// Heading of the vessel, rad.
     heading: f64,
 }
 
@@ -50,7 +50,7 @@ struct Travelled {
 pub(super) struct VelocityLags([VelocityLag; MAX_SOURCES]);
 
 impl VelocityLags {
-    /// Of this source; None where there is none of that number.
+    /// The lag of this source; None without a source of that number.
     pub(super) fn of(&mut self, source: u8) -> Option<&mut VelocityLag> {
         self.0.get_mut(usize::from(source))
     }
@@ -160,8 +160,8 @@ impl VelocityLag {
             })
     }
     fn take(&mut self, squares: &[f64; LAGS]) {
-        let least = |s: &[f64; LAGS]| s.iter().copied().fold(f64::INFINITY, f64::min);
-        if self.pairs >= FIRST && least(squares) > JUMP * least(&self.squares) {
+        let smallest = |s: &[f64; LAGS]| s.iter().copied().fold(f64::INFINITY, f64::min);
+        if self.pairs >= FIRST && smallest(squares) > JUMP * smallest(&self.squares) {
             self.jumps += 1;
             if self.jumps >= JUMPS {
                 *self = VelocityLag::default();
@@ -177,10 +177,10 @@ impl VelocityLag {
     /// The lag, s: zero where none fits better than none by more than chance.
     fn lag_s(&self) -> f64 {
         let (first, rest) = (self.squares[0], self.squares.iter().enumerate());
-        let Some((k, least)) = rest.min_by(|a, b| a.1.total_cmp(b.1)) else {
+        let Some((k, smallest)) = rest.min_by(|a, b| a.1.total_cmp(b.1)) else {
             return 0.0;
         };
-        let better = self.pairs * (first / least.max(f64::MIN_POSITIVE)).ln();
+        let better = self.pairs * (first / smallest.max(f64::MIN_POSITIVE)).ln();
         if self.pairs >= FIRST && better > SURE {
             STEP_S * k as f64
         } else {
@@ -229,7 +229,7 @@ mod tests {
         }
     }
     #[test]
-    fn no_lag_where_none_can_be_told() {
+    fn no_lag_where_none_is_observable() {
         // Without one; on a course that hardly turns; where positions are too noisy.
         for (turn, sd, lag) in [(0.03, 0.02, 0.0), (1e-4, 0.02, 2.0), (0.03, 1.5, 1.0)] {
             let measured = lag_of(turn, sd, lag);

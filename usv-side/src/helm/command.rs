@@ -1,21 +1,21 @@
-//! What the boat's autopilot is to do, and what it reports, whichever it is.
+//! Commands to the boat's autopilot, and its reports, for any kind of it.
 
 use alight_shared::time::{Time, VesselClock};
 
-/// What it is to do.
+/// Command to the boat's autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Command {
+pub(super) enum HelmCommand {
     Nothing,
     Steer { heading_rad: f64, speed_mps: f64 },
     GiveBack { mode: Option<u32> },
 }
 
-/// What it reports.
+/// Report of the boat's autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct ReadBack {
     /// It is there.
     pub present: bool,
-    /// Its mode, where it reports one.
+    /// Mode, where it reports one.
     pub mode: Option<u32>,
     /// When it did last.
     pub reported: Option<Time<VesselClock>>,

@@ -36,8 +36,8 @@ config! {
         /// The boat's autopilot: "mavlink" (ArduPilot Rover, PX4), "nmea0183" (APB, HSC, RMB and BWC), "signalk" (the autopilot
         /// API of a Signal K server), "none": it is not steered.
         pub output: HelmOutput = HelmOutput::None;
-        /// Where it is, written as a sensor's address: serial:///dev/ttyUSB1:57600, udpin://127.0.0.1:14560; of Signal K
-        /// ws://HOST:3000.
+        /// Address of the boat's autopilot, in the form of a sensor's: serial:///dev/ttyUSB1:57600,
+        /// udpin://127.0.0.1:14560; of Signal K ws://HOST:3000.
         pub connect: String = String::new();
         /// Bearings that a marine autopilot is sent: "true", or "magnetic", which wants `variation_deg`.
         /// Source: Raymarine forum, thread 4077: magnetic ones are preferred, true ones need the variation.

@@ -5,13 +5,13 @@ use alight_shared::time::{Span, Time, VesselClock};
 /// The switch counts as open when it was not read for so long: four periods.
 const UNREAD: Span = Span::from_millis(2000);
 
-/// Its newest level that counts, and when it was read.
+/// Newest level of the switch that counts, and when it was read.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ConsentSwitch(Option<(Time<VesselClock>, bool)>);
 
 impl ConsentSwitch {
     /// The answer by the level at `now`, if it was read. Yes is a 0 that was read and then a 1, with no gap between; a 1
-    /// behind a gap is the level that nobody saw change. No is a 1 that goes to 0 or is not read any more.
+    /// behind a gap is a level whose change was not observed. No is a 1 that goes to 0 or is not read any more.
     pub(super) fn answer(&mut self, now: Time<VesselClock>, level: Option<bool>) -> Option<bool> {
         let before = self.0;
         let known = before.filter(|(at, _)| now - *at <= UNREAD);

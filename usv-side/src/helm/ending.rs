@@ -1,4 +1,4 @@
-//! How a helm ends: back to the former course and to the former mode, or to the mode at once.
+//! End of a helm: back to the former course and to the former mode, or to the mode at once.
 //!
 //! The mode that is given back is the one that the skipper wants: that of before, or a newer one that he, or a failsafe, has set
 //! while a request of ours may still have been on its way.
@@ -15,15 +15,15 @@ use crate::demand::Demand;
 const GIVE_BACK: Span = Span::from_millis(10_000);
 /// A request of a mode is taken within this, and the next report shows it: a report that is older by less may be of before.
 const LATENCY: Span = Span::from_millis(2000);
-/// What a former start left is given back where that was no longer ago, s: a process that crashed is started again within
-/// seconds, and of a boat that has lain for longer it is unknown who set its mode.
+/// A mode that a former start left is given back where that was no longer ago, s: a process that crashed is started again
+/// within seconds, and of a boat that has lain for longer it is unknown who set its mode.
 const LEFT_S: f64 = 60.0;
 /// A boat that is given back shows whether it turns as soon as after any command ([`LAG_S`]). From then on it is at rest once
 /// it turns more slowly, rad/s (1.5 deg/s), and after this at the latest.
 const AT_REST_RADPS: f64 = 0.026;
 const AT_REST_WITHIN: Span = Span::from_millis(60_000);
 
-/// How the giving back of a mode stands.
+/// Progress of giving a mode back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum GivingBack {
     GoesOn,
@@ -32,7 +32,7 @@ enum GivingBack {
     Failed,
 }
 
-/// What is given back where the autopilot reports this: a mode that is not ours is the newest that the skipper wants.
+/// Checkpoint to give back where the autopilot reports this: a mode that is not ours is the newest that the skipper wants.
 fn newest(former: HelmCheckpoint, r: &ReadBack) -> HelmCheckpoint {
     HelmCheckpoint {
         mode: r.mode.filter(|_| r.present && !r.is_ours).or(former.mode),
@@ -41,7 +41,7 @@ fn newest(former: HelmCheckpoint, r: &ReadBack) -> HelmCheckpoint {
 }
 
 impl HelmNode {
-    /// What a former start left, where a boat is steered: an old mode is the skipper's affair.
+    /// Checkpoint that a former start left, where a boat is steered: an old mode is the skipper's affair.
     pub(super) fn found(now: Time<VesselClock>, former: HelmCheckpoint) -> Phase {
         let is_new = (0.0..=LEFT_S).contains(&(now - former.at).secs());
         Phase::Withdrawn {
@@ -64,8 +64,8 @@ impl HelmNode {
             former: (commanded && !chosen).then(|| newest(s.former, &v.read_back)),
         }
     }
-    /// What was before is given back once; a landing that goes on is not asked for again, nor is any while the boat may be in
-    /// the mode that it was to leave.
+    /// The former state is given back once; a landing that goes on is not asked for again, nor is any while the boat may
+    /// be in the mode that it was to leave.
     pub(super) fn withdrawn(
         &self,
         v: &View<'_>,
@@ -86,7 +86,7 @@ impl HelmNode {
             false => Phase::Withdrawn { since, why, former },
         }
     }
-    /// How it stands with a mode that is given back from `since` on. The autopilot may yet take our last request, so that
+    /// Progress of a mode that is given back from `since` on. The autopilot may yet take our last request, so that
     /// its report shows another mode for good only once it is later by [`LATENCY`].
     fn giving_back(v: &View<'_>, since: Time<VesselClock>, former: &HelmCheckpoint) -> GivingBack {
         let r = &v.read_back;

@@ -10,7 +10,7 @@ const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
 /// A course that differs by less is not worth a helm: heading, rad (10 deg, two errors of a course), and speed, m/s.
 const WORTH_RAD: f64 = 0.175;
 const WORTH_MPS: f64 = 0.5;
-/// Where there are keep-out sectors, no larger turn, rad (150 deg): an autopilot may take a half turn by the other way, whose
+/// Maximum turn where there are keep-out sectors, rad (150 deg): an autopilot may take a half turn by the other way, whose
 /// sectors were not checked.
 const SURE_TURN_RAD: f64 = 2.62;
 

@@ -9,7 +9,7 @@ use alight_shared::mavlink::{
 };
 use alight_shared::time::{Span, Time, VesselClock};
 
-use super::command::{Command, ReadBack};
+use super::command::{HelmCommand, ReadBack};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// Time between two heartbeats of ours and two requests of a mode.
@@ -37,7 +37,7 @@ enum Firmware {
 }
 
 impl Firmware {
-    /// Of `MAV_AUTOPILOT`; None: it is not known how that one is steered.
+    /// Firmware by `MAV_AUTOPILOT`; None: it is not known how that one is steered.
     fn of(autopilot: u8) -> Option<Firmware> {
         match autopilot {
             3 => Some(Firmware::ArduPilot),
@@ -90,7 +90,7 @@ impl core::fmt::Debug for MavlinkHelm {
     }
 }
 
-/// What is sent in turn.
+/// Slots of the messages that are sent in turn.
 const BEAT: usize = 0;
 const MODE: usize = 1;
 const SET_POINT: usize = 2;
@@ -129,7 +129,7 @@ impl MavlinkHelm {
         let (system, component) = (acknowledgement.u8(8), acknowledgement.u8(9));
         system == 0 || Some(system) == self.systems.own() && [0, COMPANION].contains(&component)
     }
-    /// What it reports.
+    /// Report of the autopilot.
     pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
         let present = self.received.is_some_and(|t| now - t <= SILENT) && self.firmware.is_some();
         ReadBack {
@@ -149,7 +149,7 @@ impl MavlinkHelm {
         due
     }
     /// The bytes that are due at `now` for a command.
-    pub(super) fn send(&mut self, now: Time<VesselClock>, command: &Command) -> Vec<u8> {
+    pub(super) fn send(&mut self, now: Time<VesselClock>, command: &HelmCommand) -> Vec<u8> {
         let mut bytes = Vec::new();
         if self.is_due(BEAT, now, SLOW) {
             bytes.extend(self.frame(&heartbeat()));
@@ -159,8 +159,8 @@ impl MavlinkHelm {
         };
         let ours = firmware.steered_mode();
         match *command {
-            Command::Nothing => (self.steers, self.denied, self.requested) = (None, false, false),
-            Command::Steer {
+            HelmCommand::Nothing => (self.steers, self.denied, self.requested) = (None, false, false),
+            HelmCommand::Steer {
                 heading_rad,
                 speed_mps,
             } => {
@@ -174,7 +174,7 @@ impl MavlinkHelm {
                     self.requested = true;
                 }
             }
-            Command::GiveBack { mode } => {
+            HelmCommand::GiveBack { mode } => {
                 self.steers = None;
                 let wanted = mode.filter(|mode| *mode != ours && self.mode == Some(ours));
                 if let Some(mode) = wanted.filter(|_| self.is_due(MODE, now, SLOW)) {

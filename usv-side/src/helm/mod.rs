@@ -2,10 +2,10 @@
 //! and gives back what was before.
 //!
 //! A handshake of drone, skipper and boat ([`HelmState`]): `Idle` -> `Asked` (a drone comes for the deck, and another course
-//! is worth it) -> `Agreed` (he said yes: she turns) -> `Steady` (she is on the course) -> `Done` (the landing is over: she
-//! goes back) -> `Idle`. Anything else ends in `Withdrawn` until that landing is over: a refusal, no answer, a hand on the
-//! helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not become steady. Without an answer a
-//! drone lands as it does on a boat that is not steered.
+//! is worth it) -> `Agreed` (the skipper answered yes: the boat turns) -> `Steady` (it is on the course) -> `Done` (the
+//! landing is over: it goes back) -> `Idle`. Anything else ends in `Withdrawn` until that landing is over: a refusal, no
+//! answer, a hand on the helm ([`response`]), another mode of the boat's autopilot, a lost link, a boat that does not
+//! become steady. Without an answer a drone lands as it does on a boat that is not steered.
 //!
 //! A yes is for one landing or take-off of one drone, and for a time and a way that the skipper has set
 //! ([`HelmConfig::max_time_s`]). A question is about one course: where the limits permit it no more from where the boat is, it ends, and another is asked. A yes
@@ -33,10 +33,10 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{HelmBearings, HelmConfig, HelmOutput};
 
-use autopilot::Autopilot;
-use command::{Command, ReadBack};
+use autopilot::HelmDriver;
+use command::{HelmCommand, ReadBack};
 use consent::ConsentSwitch;
-use response::Response;
+use response::SteeringResponse;
 
 use crate::demand::Demand;
 
@@ -91,10 +91,10 @@ pub struct BoatPlace {
     pub position_m: [f64; 2],
 }
 
-/// What arrived since the last step.
+/// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct HelmIn {
-    /// What the drones want.
+    /// Request of the drones.
     pub demand: Demand,
     /// The drone that comes or descends.
     pub drone: Option<u32>,
@@ -118,16 +118,16 @@ pub struct HelmIn {
     pub ends: bool,
 }
 
-/// What is published.
+/// Output of the helm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct HelmOut {
-    /// Where the handshake stands.
+    /// State of the handshake.
     pub status: HelmStatus,
     /// Bytes for the boat's autopilot.
     pub bytes: Vec<u8>,
 }
 
-/// What was before the vessel was steered; it outlives the process.
+/// State before the vessel was steered; it outlives the process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HelmCheckpoint {
     /// It was steered then.
@@ -144,20 +144,20 @@ pub struct HelmCheckpoint {
 #[derive(Clone, Copy, Debug)]
 struct Steering {
     since: Time<VesselClock>,
-    /// Its way since, m, until the step at this time.
+    /// Distance covered since, m, until the step at this time.
     way_m: f64,
     at: Time<VesselClock>,
     /// The drone that it is for, and whether that has stood on the deck since: a yes is for one landing or take-off.
     drone: Option<u32>,
     stood: bool,
-    response: Response,
+    response: SteeringResponse,
     former: HelmCheckpoint,
     /// The autopilot has taken the mode.
     engaged: bool,
     steady: bool,
 }
 
-/// Where the handshake stands.
+/// Phase of the handshake.
 #[derive(Clone, Copy, Debug)]
 enum Phase {
     Idle,
@@ -182,7 +182,7 @@ enum Phase {
 #[derive(Debug)]
 pub struct HelmNode {
     config: HelmConfig,
-    autopilot: Autopilot,
+    autopilot: HelmDriver,
     phase: Phase,
     began: bool,
     /// When a drone came for the deck last.
@@ -196,11 +196,11 @@ pub struct HelmNode {
     coming_to_rest: Option<Time<VesselClock>>,
 }
 
-/// What a step looks at.
+/// Input of a step.
 struct View<'a> {
     now: Time<VesselClock>,
     input: &'a HelmIn,
-    /// Where it is fresh.
+    /// Motion of the boat, where it is fresh.
     motion: Option<BoatMotion>,
     read_back: ReadBack,
     answer: Option<bool>,
@@ -210,7 +210,7 @@ impl HelmNode {
     /// The helm of `config`.
     pub fn new(config: &HelmConfig) -> HelmNode {
         HelmNode {
-            autopilot: Autopilot::new(config),
+            autopilot: HelmDriver::new(config),
             config: config.clone(),
             phase: Phase::Idle,
             began: false,
@@ -259,7 +259,7 @@ impl HelmNode {
             Phase::Steering(_) | Phase::Returning { .. } => false,
         }
     }
-    /// What the next start of the process begins with.
+    /// Checkpoint with which the next start of the process begins.
     pub fn checkpoint(&self) -> Option<HelmCheckpoint> {
         let former = match &self.phase {
             Phase::Idle | Phase::Asked { .. } => None,
@@ -332,8 +332,8 @@ impl HelmNode {
         };
         self.config.permitted(&advice, motion)
     }
-    /// The same of a course that the skipper is asked for, from the motion now: within the errors of a course she heads and
-    /// goes as when he was asked.
+    /// Permission for a course that the skipper is asked for, from the motion now: within the errors of a course the boat
+    /// heads and goes as when he was asked.
     fn still_permits(&self, goal: &Goal, now: &BoatMotion) -> bool {
         let keeps_speed = (goal.speed_mps - now.speed_mps).abs() < SPEED_ERROR_MPS;
         (self.autopilot.steers_speed() || keeps_speed) && self.config.permits(goal, now)
@@ -386,8 +386,8 @@ impl HelmNode {
             Some(_) | None => Phase::Asked { since, goal },
         }
     }
-    fn response(&self, now: Time<VesselClock>, goal: Goal, motion: &BoatMotion) -> Response {
-        Response::begin(now, goal, motion, !self.autopilot.steers_speed())
+    fn response(&self, now: Time<VesselClock>, goal: Goal, motion: &BoatMotion) -> SteeringResponse {
+        SteeringResponse::begin(now, goal, motion, !self.autopilot.steers_speed())
     }
 
     /// Why a helm ends at once.
@@ -472,14 +472,14 @@ impl HelmNode {
         s.steady = true;
     }
 
-    fn command(&self, now: Time<VesselClock>) -> Command {
-        let steer = |s: &Steering| Command::Steer {
+    fn command(&self, now: Time<VesselClock>) -> HelmCommand {
+        let steer = |s: &Steering| HelmCommand::Steer {
             heading_rad: s.response.goal().heading_rad,
             speed_mps: s.response.goal().speed_mps,
         };
         match &self.phase {
-            Phase::Idle | Phase::Asked { .. } => Command::Nothing,
-            Phase::Steering(s) if now - s.since <= LEAD => Command::Nothing,
+            Phase::Idle | Phase::Asked { .. } => HelmCommand::Nothing,
+            Phase::Steering(s) if now - s.since <= LEAD => HelmCommand::Nothing,
             Phase::Steering(s)
             | Phase::Returning {
                 steering: s,
@@ -488,14 +488,14 @@ impl HelmNode {
             Phase::Returning {
                 steering: s,
                 mode_since: Some(_),
-            } => Command::GiveBack { mode: s.former.mode },
+            } => HelmCommand::GiveBack { mode: s.former.mode },
             Phase::Withdrawn { former, .. } => match former {
-                Some(former) => Command::GiveBack { mode: former.mode },
-                None => Command::Nothing,
+                Some(former) => HelmCommand::GiveBack { mode: former.mode },
+                None => HelmCommand::Nothing,
             },
         }
     }
-    /// Where the handshake stands.
+    /// State of the handshake.
     pub fn status(&self) -> HelmStatus {
         let of = |state, goal: &Goal, steady_in_s: f64| HelmStatus {
             state,

@@ -16,7 +16,7 @@ use alight_shared::lines::{Cut, LineBuffer};
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::BoatPlace;
-use super::command::{Command, ReadBack};
+use super::command::{HelmCommand, ReadBack};
 use super::config::{HelmBearings, HelmConfig};
 
 /// Time between two pairs of sentences: navigators send them once a second.
@@ -27,7 +27,7 @@ const MILE_M: f64 = 1852.0;
 const AHEAD_MILES: f64 = 5.0;
 /// Longest sentence, bytes; what is longer is no sentence.
 const MAX_SENTENCE: usize = 120;
-/// What HTD says counts for so long.
+/// An HTD sentence counts for so long.
 const FRESH: Span = Span::from_millis(5000);
 
 /// The link to it.
@@ -36,7 +36,7 @@ pub(super) struct NmeaHelm {
     open: bool,
     lines: LineBuffer,
     due: Option<Time<VesselClock>>,
-    /// Its newest HTD, and who steers by it.
+    /// Newest HTD, and who steers by it.
     htd: Option<(Time<VesselClock>, Steers)>,
     bearings: HelmBearings,
     /// East positive, rad.
@@ -76,7 +76,7 @@ impl NmeaHelm {
             }
         }
     }
-    /// What it reports: of one that reports nothing no more is known to be missing than its link.
+    /// Report of the autopilot: of one that reports nothing no more is known to be missing than its link.
     pub(super) fn read_back(&self, now: Time<VesselClock>) -> ReadBack {
         let newest = self.htd.filter(|(at, _)| now - *at <= FRESH);
         let steers = newest.map(|(_, steers)| steers);
@@ -93,10 +93,10 @@ impl NmeaHelm {
     pub(super) fn send(
         &mut self,
         now: Time<VesselClock>,
-        command: &Command,
+        command: &HelmCommand,
         boat: Option<&BoatPlace>,
     ) -> Vec<u8> {
-        let Command::Steer {
+        let HelmCommand::Steer {
             heading_rad,
             speed_mps,
         } = *command
@@ -196,8 +196,8 @@ fn steers(line: &str) -> Option<Steers> {
 mod tests {
     use super::*;
 
-    fn steer(deg: f64) -> Command {
-        Command::Steer {
+    fn steer(deg: f64) -> HelmCommand {
+        HelmCommand::Steer {
             heading_rad: deg.to_radians(),
             speed_mps: 2.0,
         }
@@ -309,13 +309,13 @@ mod tests {
             ["$EIHSC,340.0,T,,M*64", ""],
             "no waypoint without a place"
         );
-        let mut at = |t_s: f64, command: &Command| {
+        let mut at = |t_s: f64, command: &HelmCommand| {
             String::from_utf8(helm.send(Time::from_secs(t_s), command, None)).unwrap()
         };
         assert_eq!(at(0.5, &steer(0.0)), "", "once a second");
         let next = at(1.0, &steer(-0.01));
         assert!(next.contains("$EIHSC,0.0,T"), "{next}");
-        assert_eq!(at(3.0, &Command::Nothing), "");
+        assert_eq!(at(3.0, &HelmCommand::Nothing), "");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! How far a boat that follows a command may be off it, and when it is steady.
+//! Error that a boat may have that follows a command, and the time at which it is steady.
 //!
 //! One bound over the whole helm: from what it was off when the command was given, less what the slowest boat makes good
 //! meanwhile, down to what a boat is off on a straight course. What lies beyond it for longer than a measurement errs is not
@@ -18,7 +18,7 @@ const STRAIGHT: [f64; 2] = [0.26, 1.2];
 pub(super) const LAG_S: f64 = 6.0;
 /// The slowest boat turns and changes its speed so fast, rad/s (3 deg/s) and m/s².
 const SLOWEST: [f64; 2] = [0.052, 0.08];
-/// A boat is expected to turn and to change its speed so fast, rad/s (6 deg/s) and m/s²; and to need so long beside it, s.
+/// A boat is expected to turn and to change its speed so fast, rad/s (6 deg/s) and m/s²; and to take so long in addition, s.
 const USUAL: [f64; 2] = [0.105, 0.3];
 const SETTLE_S: f64 = 4.0;
 /// Beyond the bound for so long it is not the boat's response, s: half a wave.
@@ -31,12 +31,12 @@ const FEW_WAVES_S: f64 = 10.0;
 
 /// A command that a boat follows.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Response {
+pub(super) struct SteeringResponse {
     goal: Goal,
     /// It does not steer the speed.
     heading_only: bool,
     began: Time<VesselClock>,
-    /// What it was off then: heading, rad, and speed, m/s.
+    /// Errors then: heading, rad, and speed, m/s.
     first: [f64; 2],
     beyond: Option<Time<VesselClock>>,
     steady: Option<Time<VesselClock>>,
@@ -46,15 +46,15 @@ pub(super) struct Response {
     observed: Time<VesselClock>,
 }
 
-impl Response {
+impl SteeringResponse {
     /// The command is given at `now` to a boat that moves so.
     pub(super) fn begin(
         now: Time<VesselClock>,
         goal: Goal,
         motion: &BoatMotion,
         heading_only: bool,
-    ) -> Response {
-        let mut response = Response {
+    ) -> SteeringResponse {
+        let mut response = SteeringResponse {
             goal,
             heading_only,
             began: now,
@@ -70,7 +70,7 @@ impl Response {
         response.newest = response.first;
         response
     }
-    /// What is commanded.
+    /// Commanded course.
     pub(super) fn goal(&self) -> Goal {
         self.goal
     }
@@ -151,7 +151,7 @@ mod tests {
             likelihood: None,
             slope_sd: None,
         };
-        let mut response = Response::begin(Time::EPOCH, goal, &at(0.0), false);
+        let mut response = SteeringResponse::begin(Time::EPOCH, goal, &at(0.0), false);
         (1..400).map(|k| 0.1 * f64::from(k)).find(|t| {
             let now = Time::EPOCH + Span::from_secs(*t);
             response.observe(now, &at(*t));
@@ -174,7 +174,7 @@ mod tests {
                 rate_radps: 1.3 * yaw_rad * (1.3 * t).cos(),
                 speed_mps: 3.0,
             };
-            let mut response = Response::begin(Time::EPOCH, goal, &at(0.0), false);
+            let mut response = SteeringResponse::begin(Time::EPOCH, goal, &at(0.0), false);
             let times = (1..600).map(|k| 0.1 * f64::from(k));
             times.for_each(|t| response.observe(Time::EPOCH + Span::from_secs(t), &at(t)));
             let now = Time::EPOCH + Span::from_secs(60.0);

@@ -15,7 +15,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 use core::f64::consts::TAU;
 use serde_json::Value;
 
-use super::command::{Command, ReadBack};
+use super::command::{HelmCommand, ReadBack};
 use super::config::{HelmBearings, HelmConfig};
 
 /// Time between two looks at the autopilot, and between two requests of a state or a target.
@@ -150,7 +150,7 @@ impl SignalKHelm {
         due
     }
     /// The requests that are due at `now` for a command.
-    pub(super) fn send(&mut self, now: Time<VesselClock>, command: &Command) -> Vec<u8> {
+    pub(super) fn send(&mut self, now: Time<VesselClock>, command: &HelmCommand) -> Vec<u8> {
         let mut out = String::new();
         if self.is_due(LOOK, now) {
             out.push_str("GET / {}\n");
@@ -159,16 +159,16 @@ impl SignalKHelm {
         // A process that was started again does not know it yet.
         let may_be_auto = state.is_none_or(|state| state == AUTO);
         let request = match *command {
-            Command::Nothing => {
+            HelmCommand::Nothing => {
                 (self.goal, self.taken, self.denied) = (None, None, false);
                 self.gives_back &= may_be_auto;
                 None
             }
-            Command::Steer { heading_rad, .. } => {
+            HelmCommand::Steer { heading_rad, .. } => {
                 let goal = (heading_rad - self.variation_rad).rem_euclid(TAU);
                 self.steer(now, goal, state)
             }
-            Command::GiveBack { mode } => {
+            HelmCommand::GiveBack { mode } => {
                 (self.goal, self.taken) = (None, None);
                 let former = mode.filter(|mode| *mode != AUTO);
                 let name = former.and_then(|mode| STATES.get(mode as usize).copied());
@@ -254,7 +254,7 @@ mod tests {
             self.helm.read_back(Time::from_secs(self.t_s))
         }
         /// So many seconds with a command, each request answered at once; what is reported at their end.
-        fn run(&mut self, lasts_s: f64, command: &Command) -> ReadBack {
+        fn run(&mut self, lasts_s: f64, command: &HelmCommand) -> ReadBack {
             let end_s = self.t_s + lasts_s;
             while self.t_s < end_s - 1e-6 {
                 self.t_s += 0.1;
@@ -297,7 +297,7 @@ mod tests {
         }
     }
 
-    const STEER: Command = Command::Steer {
+    const STEER: HelmCommand = HelmCommand::Steer {
         heading_rad: 0.7,
         speed_mps: 2.0,
     };
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn signalk_autopilot_from_standby_and_back() {
         let mut s = Server::new("standby", None);
-        let idle = s.run(1.0, &Command::Nothing);
+        let idle = s.run(1.0, &HelmCommand::Nothing);
         assert!(idle.present && !idle.is_ours && idle.mode == Some(0), "{idle:?}");
         let steered = s.run(5.0, &STEER);
         assert_eq!(
@@ -317,13 +317,13 @@ mod tests {
         );
         assert!(steered.is_ours && steered.mode == Some(AUTO), "{steered:?}");
         // Another course, then back to where it was.
-        let other = Command::Steer {
+        let other = HelmCommand::Steer {
             heading_rad: -0.1,
             speed_mps: 2.0,
         };
         assert!(s.run(2.0, &other).is_ours);
         assert_eq!(s.puts.last().unwrap(), "PUT /target {\"value\":6.18319}");
-        let given_back = s.run(3.0, &Command::GiveBack { mode: Some(0) });
+        let given_back = s.run(3.0, &HelmCommand::GiveBack { mode: Some(0) });
         assert_eq!(s.puts.last().unwrap(), "PUT /state {\"value\":\"standby\"}");
         assert!(
             !given_back.is_ours && given_back.mode == Some(0),
@@ -336,26 +336,26 @@ mod tests {
     fn signalk_autopilot_with_magnetic_headings() {
         let mut s = Server::new("auto", Some(10.0));
         assert!(
-            !s.run(1.0, &Command::Nothing).is_ours,
+            !s.run(1.0, &HelmCommand::Nothing).is_ours,
             "the skipper's own heading"
         );
         assert!(s.run(3.0, &STEER).is_ours);
         assert_eq!(s.puts, ["PUT /target {\"value\":0.52547}"]);
         // It keeps the heading that it has.
-        assert!(!s.run(3.0, &Command::GiveBack { mode: Some(AUTO) }).is_ours);
+        assert!(!s.run(3.0, &HelmCommand::GiveBack { mode: Some(AUTO) }).is_ours);
         assert_eq!(s.puts.len(), 1);
     }
 
     #[test]
     fn hand_on_a_signalk_autopilot() {
         let mut s = Server::new("auto", None);
-        s.run(1.0, &Command::Nothing);
+        s.run(1.0, &HelmCommand::Nothing);
         assert!(s.run(9.0, &STEER).is_ours);
         s.target += 0.17;
         assert!(!s.run(1.5, &STEER).is_ours, "ten degrees by its knob");
         assert_eq!(s.puts.len(), 1, "it is not turned back");
         let mut s = Server::new("auto", None);
-        s.run(1.0, &Command::Nothing);
+        s.run(1.0, &HelmCommand::Nothing);
         s.run(3.0, &STEER);
         s.state = "standby";
         let by_hand = s.run(1.5, &STEER);
@@ -366,10 +366,10 @@ mod tests {
     #[test]
     fn signalk_server_that_denies_or_falls_silent() {
         let mut s = Server::new("standby", None);
-        s.run(1.0, &Command::Nothing);
+        s.run(1.0, &HelmCommand::Nothing);
         s.status = 403;
         assert!(s.run(1.5, &STEER).denied);
-        assert!(!s.run(1.0, &Command::Nothing).denied);
+        assert!(!s.run(1.0, &HelmCommand::Nothing).denied);
         // A failure that passes is no denial.
         s.status = 502;
         let failed = s.run(1.5, &STEER);
@@ -379,23 +379,23 @@ mod tests {
         // A state that we cannot bring back, and one that is not there.
         for state in ["enabled", "off-line"] {
             let mut s = Server::new(state, None);
-            assert!(!s.run(2.0, &Command::Nothing).present, "{state}");
+            assert!(!s.run(2.0, &HelmCommand::Nothing).present, "{state}");
         }
     }
 
     #[test]
     fn signalk_state_that_is_not_given_back() {
         let mut s = Server::new("standby", None);
-        s.run(1.0, &Command::Nothing);
+        s.run(1.0, &HelmCommand::Nothing);
         assert!(s.run(3.0, &STEER).is_ours);
         s.status = 502;
-        let give = Command::GiveBack { mode: Some(0) };
+        let give = HelmCommand::GiveBack { mode: Some(0) };
         assert!(s.run(3.0, &give).is_steered());
         assert!(
-            s.run(3.0, &Command::Nothing).is_steered(),
+            s.run(3.0, &HelmCommand::Nothing).is_steered(),
             "until he sets another"
         );
         s.state = "standby";
-        assert!(!s.run(1.5, &Command::Nothing).is_steered());
+        assert!(!s.run(1.5, &HelmCommand::Nothing).is_steered());
     }
 }

@@ -19,7 +19,7 @@ struct Bench {
     mode: u32,
     /// Heading, rad, and speed, m/s.
     motion: [f64; 2],
-    /// What it steers to in its own mode, and by set-points.
+    /// Course that it steers in its own mode, and by set-points.
     own: [f64; 2],
     set_point: Option<[f64; 2]>,
     demand: Demand,
@@ -40,7 +40,7 @@ struct Bench {
     turning: bool,
     ends: bool,
     frames: FrameReader,
-    /// Its answers on their way.
+    /// Answers of the boat's autopilot on their way.
     answers: Vec<u8>,
     modes_set: Vec<u32>,
     visited: Vec<HelmState>,
@@ -326,7 +326,7 @@ fn question_about_one_course() {
         "{} {limit}",
         asks.heading_deg()
     );
-    // The yes to what is not permitted in that step is none.
+    // A yes to what is not permitted in that step does not count.
     let mut b = Bench::new();
     b.run(1.0);
     b.motion[0] = -0.6;
@@ -487,7 +487,7 @@ fn autopilots_that_deny_or_fall_silent() {
     assert_eq!(
         b.run(5.0).state,
         HelmState::Idle,
-        "nobody is asked for a boat that cannot be steered"
+        "the crew is not asked for a boat that cannot be steered"
     );
     let mut b = Bench::new();
     b.agreed(10.0);

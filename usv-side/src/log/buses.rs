@@ -1,4 +1,4 @@
-//! What went over a boat's networks and serial lines: NMEA 2000 as text of a gateway or a logger and deltas of Signal K, a
+//! Recordings of a boat's networks and serial lines: NMEA 2000 as text of a gateway or a logger and deltas of Signal K, a
 //! message a line; UBX and MAVLink as they were received. They are decoded as they are live.
 
 use std::borrow::Cow;
@@ -6,9 +6,9 @@ use std::borrow::Cow;
 use alight_shared::time::Time;
 
 use super::wrapping::Peeled;
-use super::{Gather, LogError, Recording};
+use super::{Gather, LogError, SensorRecording};
 use crate::sensors::{
-    Decoder, MavlinkDecoder, Mount, Mounting, N2kDecoder, SignalKDecoder, SourceMeasurement, UbxDecoder,
+    MavlinkDecoder, Mount, Mounting, N2kDecoder, SensorDecoder, SignalKDecoder, SourceMeasurement, UbxDecoder,
 };
 
 /// Lines that are looked at, and how many of their messages have to be such.
@@ -23,25 +23,25 @@ const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_
 
 /// A format of lines or a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Bus {
+pub(super) enum LogFormat {
     N2k,
     SignalK,
     Ubx,
     Mavlink,
 }
 
-impl Bus {
+impl LogFormat {
     /// Formats with a message a line.
-    pub(super) const LINES: [Bus; 2] = [Bus::N2k, Bus::SignalK];
+    pub(super) const LINES: [Self; 2] = [Self::N2k, Self::SignalK];
     /// Streams of bytes.
-    pub(super) const STREAMS: [Bus; 2] = [Bus::Ubx, Bus::Mavlink];
+    pub(super) const STREAMS: [Self; 2] = [Self::Ubx, Self::Mavlink];
 
     /// Which of these the beginning is.
-    pub(super) fn of(these: &[Bus], head: &[u8]) -> Option<Bus> {
+    pub(super) fn of(these: &[Self], head: &[u8]) -> Option<Self> {
         these.iter().copied().find(|bus| bus.begins(head))
     }
     fn has_lines(self) -> bool {
-        Bus::LINES.contains(&self)
+        Self::LINES.contains(&self)
     }
     fn begins(self, head: &[u8]) -> bool {
         let mut decoder = self.decoder(&Mounting::default());
@@ -51,16 +51,16 @@ impl Bus {
         }
         let found = decoder.decoded();
         // A MAVLink decoder leaves out what is not the vessel's.
-        let others = if self == Bus::Mavlink { found.left_out } else { 0 };
+        let others = if self == Self::Mavlink { found.left_out } else { 0 };
         let messages = found.good + found.ignored + others;
         messages >= ENOUGH && messages > found.corrupted
     }
     /// The bytes in parts: lines, packets or chunks.
     fn pieces(self, bytes: &[u8]) -> Box<dyn Iterator<Item = &[u8]> + '_> {
         match self {
-            Bus::N2k | Bus::SignalK => Box::new(bytes.split_inclusive(|b| *b == b'\n')),
-            Bus::Mavlink if stamped(bytes).is_some() => Box::new(packets(bytes)),
-            Bus::Mavlink | Bus::Ubx => Box::new(bytes.chunks(CHUNK)),
+            Self::N2k | Self::SignalK => Box::new(bytes.split_inclusive(|b| *b == b'\n')),
+            Self::Mavlink if stamped(bytes).is_some() => Box::new(packets(bytes)),
+            Self::Mavlink | Self::Ubx => Box::new(bytes.chunks(CHUNK)),
         }
     }
     fn peeled(self, piece: &[u8]) -> Peeled<'_> {
@@ -72,27 +72,27 @@ impl Bus {
             },
         }
     }
-    fn decoder(self, mounting: &Mounting) -> Box<dyn Decoder> {
+    fn decoder(self, mounting: &Mounting) -> Box<dyn SensorDecoder> {
         match self {
-            Bus::N2k => Box::new(N2kDecoder::new(mounting)),
-            Bus::SignalK => Box::new(SignalKDecoder::new(mounting)),
-            Bus::Ubx => Box::new(UbxDecoder::new(mounting)),
-            Bus::Mavlink => Box::new(MavlinkDecoder::new(mounting)),
+            Self::N2k => Box::new(N2kDecoder::new(mounting)),
+            Self::SignalK => Box::new(SignalKDecoder::new(mounting)),
+            Self::Ubx => Box::new(UbxDecoder::new(mounting)),
+            Self::Mavlink => Box::new(MavlinkDecoder::new(mounting)),
         }
     }
     /// Reads the messages.
-    pub(super) fn read(self, bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+    pub(super) fn read(self, bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
         let mut decoder = self.decoder(&Mounting::new(mount));
         let (mut gather, mut decoded) = (Gather::default(), Vec::new());
         // A MAVLink decoder numbers the sensors of one autopilot.
         let source = |m: &SourceMeasurement| match self {
-            Bus::Mavlink => m.measurement.source(),
-            Bus::N2k | Bus::SignalK | Bus::Ubx => 0,
+            Self::Mavlink => m.measurement.source(),
+            Self::N2k | Self::SignalK | Self::Ubx => 0,
         };
         for piece in self.pieces(bytes) {
             let peeled = self.peeled(piece);
             // A delta has the time of its update.
-            let arrival_ns = peeled.arrival_ns.filter(|_| matches!(self, Bus::N2k));
+            let arrival_ns = peeled.arrival_ns.filter(|_| matches!(self, Self::N2k));
             if let Some(at_ns) = arrival_ns {
                 decoder.arrive(Time::from_nanos(at_ns));
             }
@@ -105,10 +105,10 @@ impl Bus {
         decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
         let count = decoder.decoded();
         let (format, messages, others) = match self {
-            Bus::N2k => ("NMEA 2000", "messages", "groups"),
-            Bus::SignalK => ("Signal K", "values", "paths or vessels"),
-            Bus::Ubx => ("UBX", "messages", "kinds"),
-            Bus::Mavlink => ("MAVLink", "messages", "kinds"),
+            Self::N2k => ("NMEA 2000", "messages", "groups"),
+            Self::SignalK => ("Signal K", "values", "paths or vessels"),
+            Self::Ubx => ("UBX", "messages", "kinds"),
+            Self::Mavlink => ("MAVLink", "messages", "kinds"),
         };
         let damaged = if self.has_lines() { "lines" } else { "messages" };
         let mut found = format!(
@@ -116,7 +116,7 @@ impl Bus {
             count.good, count.ignored, count.corrupted
         );
         let missing = gather.missing();
-        if self == Bus::Mavlink && missing.contains("no roll and pitch") {
+        if self == Self::Mavlink && missing.contains("no roll and pitch") {
             found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";
         }
         let mut notes = vec![match missing.is_empty() {
@@ -124,7 +124,7 @@ impl Bus {
             false => format!("{found}; of all that came {missing}"),
         }];
         notes.extend(decoder.remarks().into_iter().map(|r| r.text));
-        Ok(Recording {
+        Ok(SensorRecording {
             format,
             measurements: gather.finish(origin, &found)?,
             decoded: count,
@@ -183,10 +183,10 @@ mod tests {
             ("NMEA 2000", 330, 30)
         );
         assert_eq!(r.measurements.len(), 330);
-        let said = r.notes.join("\n");
+        let notes = r.notes.join("\n");
         assert!(
-            said.contains("no heading") && said.contains("30 130306"),
-            "{said}"
+            notes.contains("no heading") && notes.contains("30 130306"),
+            "{notes}"
         );
     }
 
@@ -237,10 +237,10 @@ mod tests {
             (r.format, r.decoded.good, r.decoded.ignored, r.measurements.len()),
             ("Signal K", 300, 300, 299)
         );
-        let said = r.notes.join("\n");
+        let notes = r.notes.join("\n");
         assert!(
-            said.contains("no position, no heading") && said.contains("300 speedApparent"),
-            "{said}"
+            notes.contains("no position, no heading") && notes.contains("300 speedApparent"),
+            "{notes}"
         );
     }
 

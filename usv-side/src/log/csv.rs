@@ -27,8 +27,8 @@ use super::table::Quantity::{
     Altitude, Down, East, ForceX, ForceY, ForceZ, GyroX, GyroY, GyroZ, Heading, Heave, Latitude, Longitude,
     North, Pitch, Roll, Surge, Sway,
 };
-use super::table::{Quantity, Row, Table, TableError};
-use super::{Gather, LogError, MAX_MEASUREMENTS, Recording};
+use super::table::{CsvRow, CsvTable, Quantity, TableError};
+use super::{Gather, LogError, MAX_MEASUREMENTS, SensorRecording};
 use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement};
 
 /// Columns of which a file has all or none.
@@ -42,7 +42,7 @@ const TOGETHER: [&[Quantity]; 6] = [
 ];
 const GYRO: [Quantity; 3] = [GyroX, GyroY, GyroZ];
 const FORCE: [Quantity; 3] = [ForceX, ForceY, ForceZ];
-/// What is read.
+/// Text on the columns that are read.
 const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, \
                        gyro_x_radps, gyro_y_radps, gyro_z_radps, accel_x_mps2, accel_y_mps2, accel_z_mps2, \
                        latitude_deg, longitude_deg, altitude_m, north_mps, east_mps, down_mps";
@@ -71,8 +71,8 @@ struct Series<const N: usize> {
 }
 
 impl<const N: usize> Series<N> {
-    /// Of the rows that have all of these quantities.
-    fn of(rows: &[Row], quantities: [Quantity; N]) -> Self {
+    /// A series from the rows that have all of these quantities.
+    fn of(rows: &[CsvRow], quantities: [Quantity; N]) -> Self {
         let mut all: Vec<(f64, [f64; N])> = rows
             .iter()
             .filter_map(|row| Some((row.t, row.all(quantities)?)))
@@ -119,14 +119,14 @@ impl<const N: usize> Series<N> {
 }
 
 /// Reads a table.
-pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let error = |e: TableError| match e {
         TableError::Header { line, message } => {
             LogError::at_line(origin, line, format!("{message}; {COLUMNS}"))
         }
         TableError::Row { line, message } => LogError::at_line(origin, line, message),
     };
-    let mut table = Table::read(bytes).map_err(error)?;
+    let mut table = CsvTable::read(bytes).map_err(error)?;
     table.require_together(&TOGETHER).map_err(error)?;
     let decoded = Decoded {
         good: table.read,
@@ -187,7 +187,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     }
     let columns: Vec<&str> = table.unused(&[]).into_iter().map(Quantity::name).collect();
     let found = format!("{} rows of {}", decoded.good, columns.join(", "));
-    Ok(Recording {
+    Ok(SensorRecording {
         format: "CSV",
         measurements: gather.finish(origin, &found)?,
         decoded,
@@ -218,7 +218,7 @@ struct Reading {
 }
 
 impl Reading {
-    fn of(table: &Table, mount: &Mount) -> Self {
+    fn of(table: &CsvTable, mount: &Mount) -> Self {
         let rows = &table.rows;
         // Surge and sway are along the mean heading, which is north where it was not recorded.
         let (mut s, mut c) = (0.0, 0.0);
@@ -251,7 +251,7 @@ impl Reading {
     }
 
     /// Gravity is in the accelerations, and upwards: what is read is specific force in forward, right, down.
-    fn check_gravity(&self, table: &Table, origin: &str) -> Result<(), LogError> {
+    fn check_gravity(&self, table: &CsvTable, origin: &str) -> Result<(), LogError> {
         let forces: Vec<[f64; 3]> = table.rows.iter().filter_map(|r| r.all(FORCE)).collect();
         if forces.len() < MIN_SAMPLES || !self.inertial {
             return Ok(());
@@ -282,7 +282,7 @@ impl Reading {
     }
 
     /// The measurements of a row.
-    fn measurements(&mut self, row: &Row) -> Vec<Measurement> {
+    fn measurements(&mut self, row: &CsvRow) -> Vec<Measurement> {
         let mut out = Vec::new();
         out.extend(self.imu(row));
         out.extend(self.attitude(row));
@@ -295,7 +295,7 @@ impl Reading {
         out
     }
 
-    fn imu(&mut self, row: &Row) -> Option<Measurement> {
+    fn imu(&mut self, row: &CsvRow) -> Option<Measurement> {
         let force = row.all(FORCE)?;
         let Some(gyro) = row.all(GYRO).or_else(|| self.gyro.at(row.t)) else {
             self.lost_forces += 1;
@@ -304,7 +304,7 @@ impl Reading {
         Some(self.mounting.imu(gyro, force).into())
     }
 
-    fn attitude(&mut self, row: &Row) -> Option<Measurement> {
+    fn attitude(&mut self, row: &CsvRow) -> Option<Measurement> {
         let heave = row.get(Heave);
         let (rates, tilt) = (row.all(GYRO), row.all([Roll, Pitch]));
         self.own_rates += u64::from(rates.is_some() && tilt.is_none() && !self.inertial);
@@ -332,7 +332,7 @@ impl Reading {
         }))
     }
 
-    fn displacement(&self, row: &Row) -> Option<Measurement> {
+    fn displacement(&self, row: &CsvRow) -> Option<Measurement> {
         let [surge, sway] = row.all([Surge, Sway])?;
         let (s, c) = self.mean_heading.sin_cos();
         Some(Measurement::Gnss(GnssFix {
@@ -348,7 +348,7 @@ impl Reading {
     }
 
     /// A fix of what the row has of place, altitude and velocity.
-    fn fix(&mut self, row: &Row) -> Option<Measurement> {
+    fn fix(&mut self, row: &CsvRow) -> Option<Measurement> {
         let (place, altitude) = (row.all([Latitude, Longitude]), row.get(Altitude));
         let (velocity, down) = (row.all([North, East]), row.get(Down));
         if place.is_none() && altitude.is_none() && velocity.is_none() && down.is_none() {
@@ -379,8 +379,8 @@ impl Reading {
         )
     }
 
-    /// What was made of quantities that lack others, for people.
-    fn notes(&self, table: &Table) -> Vec<String> {
+    /// Notes on quantities that lack others.
+    fn notes(&self, table: &CsvTable) -> Vec<String> {
         let mut notes = Vec::new();
         if self.rated > 0 {
             let own = match self.own_rates {

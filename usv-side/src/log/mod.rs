@@ -26,7 +26,7 @@ const FOREIGN: [(&[u8], &str); 4] = [
 ];
 /// Begin of a sentence of VectorNav with its solution.
 const VNINS: &[u8] = b"$VNINS,";
-/// What is looked at to tell the formats apart, bytes.
+/// Bytes at the beginning that distinguish the formats.
 const HEAD_BYTES: usize = 16 << 10;
 /// Most measurements that a recording may hold.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
@@ -39,7 +39,7 @@ pub struct LogError {
     pub origin: String,
     /// The line that makes it unusable, counted from 1.
     pub line: Option<u64>,
-    /// What is wrong, and what to do.
+    /// Fault, and its remedy.
     pub message: String,
 }
 
@@ -63,10 +63,10 @@ impl LogError {
 
 /// The content of a recording.
 #[derive(Clone, Debug, Default)]
-pub struct Recording {
+pub struct SensorRecording {
     /// File format.
     pub format: &'static str,
-    /// Its measurements in their order, on a clock that begins near zero.
+    /// Measurements of the recording in their order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
     /// Statistics of its decoder.
     pub decoded: Decoded,
@@ -109,7 +109,7 @@ impl Gather {
         let at: Time<VesselClock> = Time::from_nanos(at_ns);
         self.measurements.push(measurement.of(source, at));
     }
-    /// Of which kinds nothing was gathered, for people; empty where there is something of each.
+    /// Text on the kinds of which nothing was gathered; empty where there is something of each.
     fn missing(&self) -> String {
         let is_place =
             |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
@@ -165,7 +165,7 @@ impl Gather {
 
 /// Reads a recording and leaves out channels that cannot be true, with a note; `origin` names it in errors, `mount` is the
 /// mounting of its sensors.
-pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let recorded = read_format(bytes, origin, mount)?;
     let (measurements, remarks) = plausible::sift(recorded.measurements);
     let mut notes = recorded.notes;
@@ -173,7 +173,7 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
         Some(remedy) => format!("{}: {remedy}", r.text),
         None => r.text,
     }));
-    Ok(Recording {
+    Ok(SensorRecording {
         measurements,
         notes,
         ..recorded
@@ -181,7 +181,7 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
 }
 
 /// Reads a recording as its format has it.
-fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {
         return Err(kind("the file is empty"));
@@ -194,7 +194,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, L
         let message = format!("the file is {name}: {}", table::CONVERT);
         return Err(LogError::new(origin, message));
     }
-    if let Some(bus) = buses::Bus::of(&buses::Bus::LINES, head) {
+    if let Some(bus) = buses::LogFormat::of(&buses::LogFormat::LINES, head) {
         return bus.read(bytes, origin, mount);
     }
     if table::is_table(head) {
@@ -212,7 +212,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, L
         };
         return sentences::read(bytes, origin, mount).map_err(error);
     }
-    if let Some(bus) = buses::Bus::of(&buses::Bus::STREAMS, head) {
+    if let Some(bus) = buses::LogFormat::of(&buses::LogFormat::STREAMS, head) {
         return bus.read(bytes, origin, mount);
     }
     match table::has_columns(head) {
@@ -264,7 +264,7 @@ mod tests {
         for (bytes, advice) in packed {
             let e = read(bytes, "boat.csv.gz", &Mount::default()).unwrap_err();
             assert!(e.to_string().contains(advice), "{e}");
-            let e = table::Table::read(bytes).unwrap_err();
+            let e = table::CsvTable::read(bytes).unwrap_err();
             assert!(e.to_string().contains(advice), "{e}");
         }
     }

@@ -4,14 +4,14 @@ use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
 use super::wrapping::Peeled;
-use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoder, Mount, Mounting, NmeaDecoder};
+use super::{Gather, LogError, SensorRecording};
+use crate::sensors::{Mount, Mounting, NmeaDecoder, SensorDecoder};
 
 /// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;
 const MAX_NAMED: usize = 16;
 
-/// What became of the sentences of a kind.
+/// Counts of the sentences of a kind.
 #[derive(Clone, Copy, Debug, Default)]
 struct Fate {
     read: u64,
@@ -140,7 +140,7 @@ impl Pass {
 }
 
 /// Reads the sentences.
-pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
+pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let decoder = || NmeaDecoder::new(&Mounting::new(mount));
     let mut pass = Pass::of(bytes, decoder());
     if pass.is_empty() {
@@ -154,7 +154,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
         false => format!("{found}; of all that came {missing}"),
     }];
     notes.extend(pass.decoder.carried_remarks().into_iter().map(|r| r.text));
-    Ok(Recording {
+    Ok(SensorRecording {
         format: "NMEA 0183",
         measurements: pass.gather.finish(origin, &found)?,
         decoded: pass.decoder.decoded(),
@@ -178,14 +178,14 @@ mod tests {
         let e = crate::log::read(text.as_bytes(), "boat.nmea", &Mount::default())
             .unwrap_err()
             .to_string();
-        for says in [
+        for expected in [
             "300 sentences",
             "IIHDT 100 empty",
             "WIMWV 100 passed over",
             "GPZDA 100 read",
             "no roll and pitch, no position, no heading",
         ] {
-            assert!(e.contains(says), "{says}: {e}");
+            assert!(e.contains(expected), "{expected}: {e}");
         }
     }
 
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_of_sentences_beside_measurements() {
+    fn kinds_of_sentences_among_measurements() {
         let mut text = String::new();
         for k in 0..200 {
             text += &sentence(&format!(
@@ -297,14 +297,14 @@ mod tests {
             text += "$GPGLL,5000.000,N,014*00\r\n";
         }
         let r = read(text.as_bytes(), "boat.nmea", &Mount::default()).unwrap();
-        let said = r.notes.join("\n");
+        let notes = r.notes.join("\n");
         assert!(
-            said.contains("PASHR 200 read") && said.contains("GPGLL 200 damaged"),
-            "{said}"
+            notes.contains("PASHR 200 read") && notes.contains("GPGLL 200 damaged"),
+            "{notes}"
         );
         assert!(
-            said.contains("no position") && !said.contains("no heading"),
-            "{said}"
+            notes.contains("no position") && !notes.contains("no heading"),
+            "{notes}"
         );
     }
 }

@@ -108,7 +108,7 @@ impl Quantity {
 
 /// Measurements of one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct CsvRow {
     /// Line in the file, counted from 1.
     pub line: u64,
     /// s.
@@ -116,7 +116,7 @@ pub struct Row {
     cells: [Option<f64>; Quantity::COUNT],
 }
 
-impl Row {
+impl CsvRow {
     /// Value of a quantity, in the unit of the quantity's name.
     pub fn get(&self, q: Quantity) -> Option<f64> {
         self.cells.get(q as usize).copied().flatten()
@@ -132,7 +132,7 @@ impl Row {
     fn is_empty(&self) -> bool {
         self.cells.iter().all(Option::is_none)
     }
-    fn overlaps(&self, other: &Row) -> bool {
+    fn overlaps(&self, other: &CsvRow) -> bool {
         let mut pairs = self.cells.iter().zip(&other.cells);
         pairs.any(|(a, b)| a.is_some() && b.is_some())
     }
@@ -157,12 +157,12 @@ impl Bad {
 /// Why a table cannot be read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TableError {
-    /// The columns do not say what is needed.
+    /// The columns lack what is needed.
     #[error("line {line}: {message}")]
     Header {
         /// The header's line, counted from 1.
         line: u64,
-        /// What is wrong.
+        /// Fault of the header.
         message: String,
     },
     /// A row makes it unusable.
@@ -170,16 +170,16 @@ pub enum TableError {
     Row {
         /// Line of the row, counted from 1.
         line: u64,
-        /// What is wrong.
+        /// Fault of the row.
         message: String,
     },
 }
 
 /// A table.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Table {
+pub struct CsvTable {
     /// Rows in their order, on the clock of the file.
-    pub rows: Vec<Row>,
+    pub rows: Vec<CsvRow>,
     /// Number of rows of the file in them.
     pub read: u64,
     /// Rows that are left out.
@@ -278,14 +278,14 @@ fn number(name: &str, text: &str, limit: f64) -> Result<f64, String> {
     }
 }
 
-fn row(record: &StringRecord, columns: &[Option<Quantity>], line: u64) -> Result<Row, String> {
+fn row(record: &StringRecord, columns: &[Option<Quantity>], line: u64) -> Result<CsvRow, String> {
     if record.len() != columns.len() {
         let (values, columns) = (record.len(), columns.len());
         return Err(format!(
             "{values} values for {columns} columns; cells are separated by commas and have a decimal point"
         ));
     }
-    let mut row = Row {
+    let mut row = CsvRow {
         line,
         t: 0.0,
         cells: [None; Quantity::COUNT],
@@ -306,9 +306,9 @@ fn row(record: &StringRecord, columns: &[Option<Quantity>], line: u64) -> Result
     Ok(row)
 }
 
-impl Table {
+impl CsvTable {
     /// Reads a table.
-    pub fn read(bytes: &[u8]) -> Result<Table, TableError> {
+    pub fn read(bytes: &[u8]) -> Result<CsvTable, TableError> {
         if let Some(message) = packed(bytes) {
             return Err(TableError::Header { line: 1, message });
         }
@@ -358,15 +358,15 @@ impl Table {
             Some(header) => header,
             None => (1, self::columns(&StringRecord::new(), 1)?),
         };
-        Table::of(rows, bad, line, &columns)
+        CsvTable::of(rows, bad, line, &columns)
     }
 
     fn of(
-        mut rows: Vec<Row>,
+        mut rows: Vec<CsvRow>,
         bad: Bad,
         line: u64,
         columns: &[Option<Quantity>],
-    ) -> Result<Table, TableError> {
+    ) -> Result<CsvTable, TableError> {
         let back = rows.windows(2).find(|w| w[1].t < w[0].t);
         let backwards = back.map(|w| (w[1].line, w[1].t));
         rows.retain(|r| !r.is_empty());
@@ -391,7 +391,7 @@ impl Table {
         for q in columns.iter().flatten() {
             has[*q as usize] = true;
         }
-        Ok(Table {
+        Ok(CsvTable {
             rows,
             read,
             bad,
@@ -432,7 +432,7 @@ impl Table {
                 let message = format!("column `{}` is there without `{}`", there.name(), missing.name());
                 return Err(self.header_error(message));
             }
-            let count = |row: &Row| group.iter().filter(|q| row.get(**q).is_some()).count();
+            let count = |row: &CsvRow| group.iter().filter(|q| row.get(**q).is_some()).count();
             if !self.rows.iter().any(|r| count(r) == group.len()) {
                 continue;
             }
@@ -457,8 +457,8 @@ impl Table {
 }
 
 /// Rows of one time that have different quantities are one row.
-fn joined(rows: Vec<Row>) -> Vec<Row> {
-    let mut out: Vec<Row> = Vec::with_capacity(rows.len());
+fn joined(rows: Vec<CsvRow>) -> Vec<CsvRow> {
+    let mut out: Vec<CsvRow> = Vec::with_capacity(rows.len());
     for row in rows {
         match out.last_mut() {
             Some(last) if last.t == row.t && !last.overlaps(&row) => {
@@ -478,7 +478,7 @@ mod tests {
     #[test]
     fn table_cells_in_quotes_and_line_counts() {
         let text = "\n\"t_s\",\"roll_deg\",\"pitch_deg\"\r\n\"0\",\"1.5\",\"-2\"\r\n\r\n,,\r\n1, 2 ,nan\r\n2,x,1\r\n";
-        let table = Table::read(text.as_bytes()).unwrap();
+        let table = CsvTable::read(text.as_bytes()).unwrap();
         let values: Vec<_> = table
             .rows
             .iter()
@@ -501,8 +501,8 @@ mod tests {
             let rows = (0..100).map(|k| format!("{},1,2\n", k / repeat * repeat));
             "t_s,roll_deg,pitch_deg\n".to_owned() + &rows.collect::<String>()
         };
-        assert_eq!(Table::read(rows(1).as_bytes()).unwrap().rows.len(), 100);
-        let e = Table::read(rows(10).as_bytes()).unwrap_err().to_string();
+        assert_eq!(CsvTable::read(rows(1).as_bytes()).unwrap().rows.len(), 100);
+        let e = CsvTable::read(rows(10).as_bytes()).unwrap_err().to_string();
         for part in [
             "line 3: 90 of 100 rows",
             "python -m alight.convert FILE",
@@ -512,7 +512,8 @@ mod tests {
         }
         // A roll and a heave at one time are of two sensors.
         let two: String = (0..100).map(|k| format!("{k},1,2,\n{k},,,3\n")).collect();
-        let table = Table::read(("t_s,roll_deg,pitch_deg,heave_m\n".to_owned() + &two).as_bytes()).unwrap();
+        let table =
+            CsvTable::read(("t_s,roll_deg,pitch_deg,heave_m\n".to_owned() + &two).as_bytes()).unwrap();
         assert_eq!((table.read, table.rows.len()), (200, 100));
     }
 

@@ -61,7 +61,7 @@ fn node() -> VesselNode {
 }
 
 #[test]
-fn stuck_inertial_sensor_beside_a_good_one() {
+fn stuck_inertial_sensor_with_a_good_one() {
     let frozen = |k: i64| ImuSample {
         header: imu(k).header,
         gyro: [0.0, 0.3, 0.0],
@@ -280,7 +280,7 @@ fn identified_frequency_at_any_inertial_rate() {
     }
 }
 
-/// The record of the motion began anew after a gap of more than 0.15 s: for 5.7 s no mode was known.
+/// The record of the motion began again after a gap of more than 0.15 s: for 5.7 s no mode was known.
 #[test]
 fn modes_half_a_second_after_an_inertial_gap() {
     for gap in [20, 50, 90] {
@@ -477,7 +477,7 @@ fn modes_of_identified_motion() {
         .map(|w| w.modes.len())
         .collect();
     let first = modes.iter().position(|m| *m > 0).unwrap();
-    assert!(first > 0, "before the identification there is none");
+    assert!(first > 0, "no modes before the identification");
     assert!(modes[first..].iter().all(|m| *m > 0), "{modes:?}");
 }
 

@@ -15,8 +15,8 @@ use serde::Serialize;
 
 use crate::VesselNodeConfig;
 use crate::advice::CourseOutlook;
-use crate::estimator::{Channel, Consistency, Fit};
-use crate::log::Recording;
+use crate::estimator::{Consistency, InnovationChannel, InnovationStatistics};
+use crate::log::SensorRecording;
 use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
 use crate::sensors::Measurement;
 use predictions::Predictions;
@@ -56,7 +56,7 @@ pub struct SourceReview {
     pub gaps: u64,
     /// The longest silence, s.
     pub longest_gap_s: f64,
-    /// What the node made of them.
+    /// Use that the node made of them.
     #[serde(flatten)]
     pub counts: SourceCounts,
 }
@@ -92,8 +92,8 @@ pub struct ModeReview {
 /// Innovations of one channel.
 #[derive(Clone, Debug, Serialize)]
 pub struct FitReview {
-    /// What was measured.
-    pub channel: Channel,
+    /// Channel that was measured.
+    pub channel: InnovationChannel,
     /// Scalars fused.
     pub fused: u64,
     /// Scalars that the gate rejected.
@@ -117,7 +117,7 @@ pub struct Review {
     pub decoded: Decoded,
     /// Measurements dated far ahead of those after them.
     pub outliers_in_time: u64,
-    /// Its sources.
+    /// Sources of the recording.
     pub sources: Vec<SourceReview>,
     /// Restarts of the estimator.
     pub restarts: u64,
@@ -139,7 +139,7 @@ pub struct Review {
 }
 
 /// Runs a recording through the node.
-pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
+pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     let all = without_outliers(&recorded.measurements);
     let first = all.first().map(|m| m.at()).unwrap_or_default();
     let last = all.iter().map(|m| m.at()).max().unwrap_or_default();
@@ -315,7 +315,7 @@ impl Spread {
     }
 }
 
-/// What is collected for the review.
+/// Data collected for the review.
 #[derive(Default)]
 struct Evaluation {
     from: Time<VesselClock>,
@@ -393,9 +393,9 @@ impl Evaluation {
     }
     fn innovations(&self, all: &Consistency) -> Vec<FitReview> {
         let before = self.before.unwrap_or_default();
-        let rows = Channel::ALL.map(|channel| {
+        let rows = InnovationChannel::ALL.map(|channel| {
             let (a, b) = (all.of(channel), before.of(channel));
-            let fit = Fit {
+            let fit = InnovationStatistics {
                 fused: a.fused - b.fused,
                 sum: a.sum - b.sum,
                 inside: a.inside - b.inside,

@@ -1,4 +1,4 @@
-//! Predictions against the node's own later estimates, beside a ridge regression and holding the last estimate.
+//! Predictions against the node's own later estimates, compared with a ridge regression and holding the last estimate.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use alight_shared::msg::{VesselEstimate, VesselPrediction};
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::Serialize;
 
-use super::ridge::{Published, RefittedRidge};
+use super::ridge::{PublishedMotion, RefittedRidge};
 
 /// Times ahead, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
@@ -67,7 +67,7 @@ pub(super) struct Predictions {
     pending: VecDeque<Pending>,
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
-    published: Published,
+    published: PublishedMotion,
     /// Since the first estimate.
     ridge: Option<RefittedRidge>,
 }

@@ -18,7 +18,7 @@ const LAGS: [usize; 24] = [
 const RIDGE: f64 = 3e-3;
 /// It is fitted to so much of the past, s, and as often, s.
 const WINDOW_S: f64 = 120.0;
-/// Time after which it is fitted anew, s.
+/// Time after which it is fitted again, s.
 const REFIT_S: f64 = 10.0;
 /// Before that the estimator has not settled, s.
 const SETTLED_S: f64 = 10.0;
@@ -28,16 +28,16 @@ const CHANNELS: usize = 6;
 const FEATURES: usize = LAGS.len() * CHANNELS;
 
 /// Roll, pitch (rad) and heave about the mean water level (m down), and their rates.
-pub type Motion = [f64; CHANNELS];
+pub type RollPitchHeave = [f64; CHANNELS];
 
-/// What the node has published, oldest first.
+/// Estimates that the node has published, oldest first.
 #[derive(Clone, Debug, Default)]
-pub struct Published {
+pub struct PublishedMotion {
     times: Vec<Time<VesselClock>>,
-    values: Vec<Motion>,
+    values: Vec<RollPitchHeave>,
 }
 
-impl Published {
+impl PublishedMotion {
     /// Takes an estimate, later than those before, and the mean water level (m down) at that time.
     pub fn push(&mut self, e: &VesselEstimate<VesselClock>, level: f64) {
         let rate = |d: usize| f64::from(e.eta_dot[d]);
@@ -54,7 +54,7 @@ impl Published {
         );
     }
     /// Takes a motion, later than those before.
-    pub fn push_motion(&mut self, at: Time<VesselClock>, motion: Motion) {
+    pub fn push_motion(&mut self, at: Time<VesselClock>, motion: RollPitchHeave) {
         self.times.push(at);
         self.values.push(motion);
     }
@@ -69,7 +69,7 @@ impl Published {
             self.values.drain(..old);
         }
     }
-    /// What was published until `t`.
+    /// Estimates published until `t`.
     pub fn until(&self, t: Time<VesselClock>) -> Past<'_> {
         let n = self.times.partition_point(|at| *at <= t);
         Past {
@@ -79,16 +79,16 @@ impl Published {
     }
 }
 
-/// What was published until some time.
+/// Estimates published until some time.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     times: &'a [Time<VesselClock>],
-    values: &'a [Motion],
+    values: &'a [RollPitchHeave],
 }
 
 impl Past<'_> {
     /// At time `t`: cubic between two estimates, from the last one on by its rates; None before the first.
-    pub fn at(&self, t: Time<VesselClock>) -> Option<Motion> {
+    pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
         let since = (t - *t0).secs();
@@ -112,8 +112,8 @@ impl Past<'_> {
 /// The regression, fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ridge {
-    mean: Motion,
-    scale: Motion,
+    mean: RollPitchHeave,
+    scale: RollPitchHeave,
     /// By horizon: weights of the features for roll, pitch, heave.
     weights: Vec<DMatrix<f64>>,
 }
@@ -122,7 +122,7 @@ impl Ridge {
     /// Fitted for these times ahead (s) to what was published in the two minutes before `t` and not before `settled`;
     /// None where that is too little.
     pub fn fit(
-        all: &Published,
+        all: &PublishedMotion,
         t: Time<VesselClock>,
         settled: Time<VesselClock>,
         horizons_s: &[f64],
@@ -137,11 +137,11 @@ impl Ridge {
             return None;
         }
         let back = |steps: f64| last - Span::from_secs(steps * STEP_S);
-        let samples: Vec<Motion> = (0..=count as usize)
+        let samples: Vec<RollPitchHeave> = (0..=count as usize)
             .map(|k| past.at(back(count - k as f64)))
             .collect::<Option<_>>()?;
         let n = samples.len() as f64;
-        let mean: Motion = core::array::from_fn(|c| samples.iter().map(|s| s[c]).sum::<f64>() / n);
+        let mean: RollPitchHeave = core::array::from_fn(|c| samples.iter().map(|s| s[c]).sum::<f64>() / n);
         let scale = core::array::from_fn(|c| {
             let square = samples.iter().map(|s| (s[c] - mean[c]).powi(2)).sum::<f64>();
             (square / n).sqrt().max(1e-6)
@@ -151,7 +151,7 @@ impl Ridge {
             scale,
             weights: Vec::with_capacity(horizons_s.len()),
         };
-        let scaled: Vec<Motion> = samples.iter().map(|s| ridge.scaled(s)).collect();
+        let scaled: Vec<RollPitchHeave> = samples.iter().map(|s| ridge.scaled(s)).collect();
         // One row per sample that has all its lags.
         let z = DMatrix::from_fn(scaled.len() - reach, FEATURES, |r, f| {
             scaled[reach + r - LAGS[f / CHANNELS]][f % CHANNELS]
@@ -167,7 +167,7 @@ impl Ridge {
                 let at = back(count - (reach + r) as f64) + Span::from_secs(*horizon);
                 Some(ridge.scaled(&past.at(at)?))
             };
-            let targets: Vec<Motion> = (0..known).map(target).collect::<Option<_>>()?;
+            let targets: Vec<RollPitchHeave> = (0..known).map(target).collect::<Option<_>>()?;
             let y = DMatrix::from_fn(known, 3, |r, q| targets[r][q]);
             let mut gram = z.tr_mul(&z);
             for i in 0..FEATURES {
@@ -177,7 +177,7 @@ impl Ridge {
         }
         Some(ridge)
     }
-    fn scaled(&self, s: &Motion) -> Motion {
+    fn scaled(&self, s: &RollPitchHeave) -> RollPitchHeave {
         core::array::from_fn(|c| (s[c] - self.mean[c]) / self.scale[c])
     }
     /// Roll, pitch and heave at every horizon after `t`.
@@ -197,7 +197,7 @@ impl Ridge {
     }
 }
 
-/// The regression in use: fitted anew every 10 s since the node began, once the estimator has settled.
+/// The regression in use: fitted again every 10 s since the node began, once the estimator has settled.
 #[derive(Clone, Debug)]
 pub struct RefittedRidge {
     began: Time<VesselClock>,
@@ -216,7 +216,7 @@ impl RefittedRidge {
         }
     }
     /// Roll, pitch and heave at every horizon after `t`, of what was published until then; times do not decrease.
-    pub fn predict(&mut self, published: &Published, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+    pub fn predict(&mut self, published: &PublishedMotion, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
         let period = ((t - self.began).secs() / REFIT_S).floor();
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
             let at = self.began + Span::from_secs(period * REFIT_S);
@@ -238,7 +238,7 @@ mod tests {
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
     /// Two lines, and their rates.
-    fn motion(t: Time<VesselClock>) -> Motion {
+    fn motion(t: Time<VesselClock>) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;
             [a * x.sin(), a * w * x.cos()]
@@ -253,7 +253,7 @@ mod tests {
 
     #[test]
     fn ridge_prediction_of_lines() {
-        let mut published = Published::default();
+        let mut published = PublishedMotion::default();
         for k in 0..30 * 100 {
             let t = Time::from_secs(f64::from(k) / 30.0);
             published.push_motion(t, motion(t));
@@ -261,7 +261,7 @@ mod tests {
         let settled = Time::from_secs(10.0);
         let t = Time::from_secs(80.0);
         let ridge = Ridge::fit(&published, t, settled, &AHEAD_S).unwrap();
-        let mut known = Published::default();
+        let mut known = PublishedMotion::default();
         for k in 0..=30 * 80 {
             let t = Time::from_secs(f64::from(k) / 30.0);
             known.push_motion(t, motion(t));
@@ -278,12 +278,12 @@ mod tests {
             }
         }
         assert!(Ridge::fit(&published, Time::from_secs(30.0), settled, &AHEAD_S).is_none());
-        assert!(Ridge::fit(&Published::default(), t, settled, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&PublishedMotion::default(), t, settled, &AHEAD_S).is_none());
     }
 
     #[test]
     fn published_history_length() {
-        let mut published = Published::default();
+        let mut published = PublishedMotion::default();
         for k in 0..10 * 1000 {
             let t = Time::from_secs(0.1 * f64::from(k));
             published.push_motion(t, motion(t));

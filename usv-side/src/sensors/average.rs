@@ -106,7 +106,7 @@ mod tests {
         }
     }
 
-    /// What passes of samples that are so far apart, and when, ms.
+    /// Samples that pass of those so far apart, with their times, and the delays, ms.
     fn passed(apart_ms: impl Fn(i64) -> i64, samples: i64) -> (Vec<(i64, f64)>, Vec<i64>) {
         let (mut a, mut out, mut delays, mut t) = (Average::default(), Vec::new(), Vec::new(), 0);
         for k in 0..samples {

@@ -34,7 +34,7 @@ const MISSED_NS: i64 = 5_000_000_000;
 const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
 
 /// Something that a device sent, and when, ns.
-pub(super) type Newest<T> = Option<(T, i64)>;
+pub(super) type LatestValue<T> = Option<(T, i64)>;
 
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,12 +61,12 @@ pub(super) enum Content {
     /// Course over ground (rad) and speed (m/s).
     Velocity { course: f64, speed: f64, magnetic: bool },
     /// The whole fix.
-    Gnss(Gnss),
+    Gnss(GnssReport),
 }
 
 /// The whole fix of a receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Gnss {
+pub(super) struct GnssReport {
     /// Latitude and longitude, deg.
     pub(super) place: [f64; 2],
     /// As the receiver counts it, m.
@@ -80,7 +80,7 @@ pub(super) struct Gnss {
     pub(super) caution: bool,
 }
 
-impl Gnss {
+impl GnssReport {
     /// Standard deviation of its horizontal position, m, or why it is no fix.
     fn position_sd(&self) -> Result<f64, Why> {
         let dilution = self.hdop.unwrap_or(1.0).clamp(0.5, 50.0);
@@ -103,7 +103,7 @@ impl Content {
             Content::Velocity { .. } => VELOCITIES,
         }
     }
-    /// A velocity of a speed (m/s) with or without a course (rad, and whether it is magnetic): at rest there is none.
+    /// A velocity of a speed (m/s) with or without a course (rad, and whether it is magnetic): at rest it has none.
     pub(super) fn velocity(speed: f64, course: Option<(f64, bool)>) -> Option<Content> {
         match course {
             Some((course, magnetic)) => Some(Content::Velocity {
@@ -120,9 +120,9 @@ impl Content {
     }
 }
 
-/// What was received by now.
+/// Values received so far.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Bus {
+pub(super) struct SensorBus {
     mounting: Mounting,
     /// Name of the device that the configuration chooses for each group; empty: none.
     choices: [String; GROUPS],
@@ -131,16 +131,16 @@ pub(super) struct Bus {
     /// Times of the first and the newest message, ns.
     times_ns: Option<[i64; 2]>,
     variation: Option<f64>,
-    rate: Newest<f64>,
-    rates: Newest<[f64; 3]>,
-    heave: Newest<f64>,
+    rate: LatestValue<f64>,
+    rates: LatestValue<[f64; 3]>,
+    heave: LatestValue<f64>,
     /// With their device.
-    velocity: Newest<([f64; 2], u32)>,
-    fix: Newest<(Gnss, u32)>,
+    velocity: LatestValue<([f64; 2], u32)>,
+    fix: LatestValue<(GnssReport, u32)>,
     /// That fix's height has not gone with a position yet.
     height_due: bool,
     /// The device and time of the last position without a height.
-    quick: Newest<u32>,
+    quick: LatestValue<u32>,
     geoid: LocalGeoid,
     /// Heights that can only be above the sea, and all.
     above_sea: u64,
@@ -150,13 +150,13 @@ pub(super) struct Bus {
     fixes: u64,
 }
 
-impl Bus {
-    /// Of devices with this mounting.
+impl SensorBus {
+    /// No values yet, for devices with this mounting.
     pub(super) fn new(mounting: &Mounting) -> Self {
-        Bus {
+        SensorBus {
             mounting: mounting.clone(),
             choices: choices(&mounting.mount.devices),
-            ..Bus::default()
+            ..SensorBus::default()
         }
     }
     /// Names a device: the name under which it sends, and another that it claimed (empty: none). The caller bounds the number
@@ -187,7 +187,7 @@ impl Bus {
             _ => self.groups.get(k).is_some_and(|g| g.is_spare(device, at_ns)),
         }
     }
-    /// What a message of `device` gives, alone or with those before it.
+    /// Measurements that a message of `device` gives, alone or with those before it.
     pub(super) fn take(
         &mut self,
         device: u32,
@@ -455,8 +455,8 @@ pub(super) fn name_text(number: u64) -> String {
     format!("0x{number:016x}")
 }
 
-/// What was sent within `limit_ns` of a time.
-fn paired<T>(newest: Newest<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
+/// Value that was sent within `limit_ns` of a time.
+fn paired<T>(newest: LatestValue<T>, at_ns: i64, limit_ns: i64) -> Option<T> {
     newest
         .filter(|(_, at)| is_near(at_ns, *at, limit_ns))
         .map(|(x, _)| x)

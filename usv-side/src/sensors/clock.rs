@@ -35,7 +35,7 @@ pub struct SourceClock {
     /// The source time that arrived last, ns.
     newest_ns: Option<i64>,
     restarts: u64,
-    /// What the source's clock changed by at its newest restart, s, forward positive.
+    /// Change of the source's clock at its newest restart, s, forward positive.
     step_s: f64,
 }
 
@@ -43,15 +43,15 @@ pub struct SourceClock {
 #[derive(Clone, Copy, Debug)]
 struct Other {
     /// Smallest and largest, ns.
-    least: i64,
-    most: i64,
+    min: i64,
+    max: i64,
     count: u32,
     since: Time<VesselClock>,
     /// It began with a time that no delay explains.
     stepped: bool,
 }
 
-/// Unwraps a time that starts anew every `PERIOD_NS` (time of day, time of week).
+/// Unwraps a time that wraps every `PERIOD_NS` (time of day, time of week).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rollover<const PERIOD_NS: i64> {
     periods: i64,
@@ -119,57 +119,57 @@ pub(super) fn utc_ns(text: &str) -> Option<i64> {
 
 impl SourceClock {
     /// The vessel's time of a measurement that its source dates at `at_ns` and that arrives at `now`, at least
-    /// `least` after it was made. None when that time is implausible.
+    /// `latency` after it was made. None when that time is implausible.
     pub fn vessel_time(
         &mut self,
         now: Time<VesselClock>,
         at_ns: i64,
-        least: Span,
+        latency: Span,
     ) -> Option<Time<VesselClock>> {
-        let seen = now.nanos().saturating_sub(at_ns);
+        let measured = now.nanos().saturating_sub(at_ns);
         let max_delay_ns = Span::from_secs(MAX_DELAY_S).nanos();
         let Some((offset, updated)) = self.offset else {
-            (self.offset, self.newest_ns) = (Some((seen, now)), Some(at_ns));
-            return Some(now - least);
+            (self.offset, self.newest_ns) = (Some((measured, now)), Some(at_ns));
+            return Some(now - latency);
         };
         // The smallest observed, enlarged by the drift possible since.
         let drifted = offset.saturating_add(((now - updated).nanos() as f64 * DRIFT) as i64);
-        let excess = seen.saturating_sub(drifted);
+        let excess = measured.saturating_sub(drifted);
         // A clock that is set back shows a time again while the arrivals go on.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
         if excess <= Span::from_secs(JITTER_S).nanos() && excess >= -max_delay_ns {
             self.other = None;
-            self.offset = Some((drifted.min(seen), now));
-        } else if let Some(least) = self.deviates(now, seen, excess, again) {
+            self.offset = Some((drifted.min(measured), now));
+        } else if let Some(offset) = self.deviates(now, measured, excess, again) {
             self.restarts += 1;
-            self.step_s = drifted.saturating_sub(least) as f64 * 1e-9;
-            self.offset = Some((least, now));
+            self.step_s = drifted.saturating_sub(offset) as f64 * 1e-9;
+            self.offset = Some((offset, now));
             self.other = None;
         } else if excess.saturating_abs() > max_delay_ns {
             return None;
         }
         let (offset, _) = self.offset?;
-        Some(Time::from_nanos(at_ns.saturating_add(offset)) - least)
+        Some(Time::from_nanos(at_ns.saturating_add(offset)) - latency)
     }
     /// Counts an offset that deviates by `excess` ns, of a time that came `again`; the new one once there is evidence enough.
-    fn deviates(&mut self, now: Time<VesselClock>, seen: i64, excess: i64, again: bool) -> Option<i64> {
+    fn deviates(&mut self, now: Time<VesselClock>, measured: i64, excess: i64, again: bool) -> Option<i64> {
         let is_delay = excess.saturating_abs() <= Span::from_secs(MAX_DELAY_S).nanos();
         let own = Other {
-            least: seen,
-            most: seen,
+            min: measured,
+            max: measured,
             count: 1,
             since: now,
             // Two messages of one time, held up together, are no clock that was set back.
             stepped: excess < 0 || self.other.map_or(again, |o| o.stepped),
         };
         let other = self.other.map_or(own, |o| Other {
-            least: o.least.min(seen),
-            most: o.most.max(seen),
+            min: o.min.min(measured),
+            max: o.max.max(measured),
             count: o.count.saturating_add(1),
             ..o
         });
         // A clock that runs: what stands still, or is being caught up with, drifts apart.
-        let agrees = other.most.saturating_sub(other.least) <= Span::from_secs(JITTER_S).nanos();
+        let agrees = other.max.saturating_sub(other.min) <= Span::from_secs(JITTER_S).nanos();
         let other = if agrees { other } else { own };
         self.other = Some(other);
         let (enough, long_enough) = match (other.stepped, is_delay) {
@@ -178,7 +178,7 @@ impl SourceClock {
             (false, false) => (AGREEING, STEPPED_S),
         };
         let for_s = (now - other.since).secs();
-        (other.count >= enough && for_s >= long_enough).then_some(other.least)
+        (other.count >= enough && for_s >= long_enough).then_some(other.min)
     }
     /// Restarts and steps of the source's clock.
     pub fn restarts(&self) -> u64 {
@@ -225,13 +225,13 @@ mod tests {
     #[test]
     fn source_clock_with_arrival_jitter() {
         let mut c = SourceClock::default();
-        let least = Span::from_millis(5);
+        let latency = Span::from_millis(5);
         let mut errors = Vec::new();
         for k in 0..600_i64 {
             let made = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
             let delay = Span::from_millis(5 + (k * 37) % 60);
             let at = c
-                .vessel_time(made + delay, made.nanos() + APART_NS, least)
+                .vessel_time(made + delay, made.nanos() + APART_NS, latency)
                 .unwrap();
             errors.push((at - made).secs());
         }

@@ -8,7 +8,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCE
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Decoder, NmeaDecoder};
+use super::{NmeaDecoder, SensorDecoder};
 use crate::config::{GnssConfig, ImuConfig};
 
 /// Sign of a source's heave.
@@ -101,15 +101,15 @@ config! {
         /// Orientation of its inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. What the
         /// sensor shows while the vessel lies level and heads north.
         pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
-        /// Its inertial sensor in the vessel's body frame, m; left out: `vessel.imu.lever_arm_m`.
+        /// Place of its inertial sensor in the vessel's body frame, m; left out: `vessel.imu.lever_arm_m`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub lever_arm_m: Option<[f64; 3]> = None, in -50.0..=50.0;
-        /// Its GNSS antenna in the vessel's body frame, m; left out: `vessel.gnss.antenna_m`.
+        /// Place of its GNSS antenna in the vessel's body frame, m; left out: `vessel.gnss.antenna_m`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub antenna_m: Option<[f64; 3]> = None, in -50.0..=50.0;
         /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
         pub second_antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
-        /// What its heading (of two antennas, or a compass) shows while the vessel heads north, deg.
+        /// Reading of its heading (of two antennas, or a compass) while the vessel heads north, deg.
         pub heading_offset_deg: f64 = 0.0, in -360.0..=360.0;
         /// Standard deviation of its roll and pitch, deg.
         /// Chosen: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
@@ -172,13 +172,13 @@ impl Format {
 config! {
     /// A source of measurements.
     pub struct SourceConfig {
-        /// Its name in messages to people.
+        /// Name of the source in messages to people.
         pub name: String = "source".into();
-        /// Its URL: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, `can://can0`,
+        /// URL of the source: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, `can://can0`,
         /// `ws://HOST:3000` of a Signal K server, ...
         /// Source: NMEA over UDP as most multiplexers send it.
         pub connect: String = "udpin://0.0.0.0:10110".into();
-        /// Its protocol.
+        /// Protocol of the source.
         pub format: Format = Format::Nmea;
         /// The vessel's system on a MAVLink link; zero: the first whose heartbeat is a boat's.
         /// Source: MAV_TYPE in its heartbeat; an autopilot set up as another vehicle needs its number here.
@@ -232,7 +232,7 @@ config! {
 }
 
 impl SourcesConfig {
-    /// The same with every place: one that is left out is the vessel's own.
+    /// This source with every place: one that is left out is the vessel's own.
     pub fn placed(&self, imu: &ImuConfig, gnss: &GnssConfig) -> SourcesConfig {
         let mut placed = self.clone();
         for source in &mut placed.sources {

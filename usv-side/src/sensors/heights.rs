@@ -1,4 +1,4 @@
-//! Heights above the ellipsoid from heights above the sea: by the receiver's own word, or by the geoid's model.
+//! Heights above the ellipsoid from heights above the sea: by the receiver's own separation, or by the geoid's model.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid::{LocalGeoid, Undulation};
@@ -10,7 +10,7 @@ pub(super) const DOUBTFUL_M: f64 = 25.0;
 
 /// The separation of sea and ellipsoid for a source's heights, and an account of whose it was.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Heights {
+pub(super) struct EllipsoidHeights {
     geoid: LocalGeoid,
     /// Fixes whose receiver stated its separation, and fixes for which the model stood in.
     stated: u64,
@@ -23,8 +23,8 @@ pub(super) struct Heights {
     doubtful: Option<(f64, f64)>,
 }
 
-impl Heights {
-    /// How far the sea at `place` lies above the ellipsoid, and the spread of that, m. What the receiver states is taken:
+impl EllipsoidHeights {
+    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's own separation is taken:
     /// the height above the sea is its own. Where it cannot be a geoid, the two witnesses' difference is the spread.
     pub(super) fn separation(&mut self, place: &Datum, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
@@ -53,14 +53,14 @@ impl Heights {
                      {model:.1} m: taken as stated, +- {:.0} m",
                     (stated - model).abs()
                 ),
-                "set the receiver to heights above the sea, with its geoid's separation beside them",
+                "set the receiver to heights above the sea, together with its geoid separation",
             ));
         }
         if self.modelled > 0 {
             let Undulation { height_m, sigma_m } = self.model;
             return Some(Remark::fault(
                 format!(
-                    "height: {} of {} fixes do not say how far the sea lies above the ellipsoid; by EGM96 {height_m:.1} m \
+                    "height: {} of {} fixes do not give the sea's height above the ellipsoid; by EGM96 {height_m:.1} m \
                      +- {sigma_m:.1} m",
                     self.modelled,
                     self.modelled + self.stated

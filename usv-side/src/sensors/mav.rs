@@ -11,9 +11,9 @@ use alight_shared::mavlink::{
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::heights::Heights;
+use super::heights::EllipsoidHeights;
 use super::nmea::account::{Account, Why};
-use super::{Decoded, Decoder, Mounting, Remark, SourceMeasurement, euler};
+use super::{Decoded, Mounting, Remark, SensorDecoder, SourceMeasurement, euler};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
@@ -37,7 +37,7 @@ const WANTED: [(u32, f32); 6] = [
     (EKF_STATUS_REPORT.0, 1_000_000.0),
 ];
 const ESTIMATOR_STATUS: u32 = 230;
-/// Its first flag, and that of ArduPilot's report: the attitude is good.
+/// First flag of the estimator's status, and that of ArduPilot's report: the attitude is good.
 const ATTITUDE_GOOD: u16 = 1;
 /// So many attitudes are left out after a report without that flag, unless one with it comes: 10 s at 25 Hz.
 const UNFIT: u16 = 250;
@@ -55,10 +55,10 @@ pub struct MavlinkDecoder {
     decoded: Decoded,
     systems: Systems,
     sequence: u8,
-    heights: Heights,
-    /// What the receiver said last of sea and ellipsoid, m.
+    heights: EllipsoidHeights,
+    /// Separation of sea and ellipsoid that the receiver reported last, m.
     separation: Option<f64>,
-    /// Of the local frame, its height above the sea.
+    /// Origin of the local frame, its height above the sea.
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
@@ -87,7 +87,7 @@ impl MavlinkDecoder {
         }
     }
 
-    /// The same of the system with this number; zero: the first that says that it is a boat.
+    /// A decoder of the system with this number; zero: the first whose type is a boat.
     pub fn of_system(self, system: u8) -> Self {
         MavlinkDecoder {
             systems: Systems::new(Some(system).filter(|s| *s > 0)),
@@ -263,7 +263,7 @@ impl MavlinkDecoder {
             };
             out.push(SourceMeasurement::new(at_ns, fix));
         }
-        // Of two antennas: 0 is none, 65535 not now, 36000 north.
+        // Heading by two antennas: 0 without them, 65535 not now, 36000 north.
         let yaw = p.u16(at.yaw);
         if (1..=36_000).contains(&yaw) {
             self.gps_heading = true;
@@ -342,7 +342,7 @@ impl MavlinkDecoder {
     }
 }
 
-impl Decoder for MavlinkDecoder {
+impl SensorDecoder for MavlinkDecoder {
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for part in bytes.chunks(MAX_WAITING / 4) {
             self.frames.push(part);

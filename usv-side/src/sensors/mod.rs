@@ -27,7 +27,7 @@ pub use n2k::N2kDecoder;
 pub use nmea::NmeaDecoder;
 pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut};
 pub use signalk::{MAX_MESSAGE as MAX_SIGNALK_MESSAGE, SignalKDecoder};
-pub use stuck::{MAX_REPEATED, Repetition};
+pub use stuck::{MAX_REPEATED, RepeatedSamples};
 pub use ubx::UbxDecoder;
 
 use alight_shared::mavlink::Signing;
@@ -83,7 +83,7 @@ impl Readings {
         self.heading.extend_from_slice(&message.heading);
         self.attitude.extend_from_slice(&message.attitude);
     }
-    /// The same as messages, numbered on from `header`: as many as the kind of which there are most needs.
+    /// These measurements as messages, numbered on from `header`: as many as the kind of which there are most needs.
     pub fn messages(&self, header: &mut Header<VesselClock>) -> Vec<SensorReadings> {
         fn part<T: Copy + Default, const N: usize>(all: &[T], k: usize) -> Seq<T, N> {
             Seq::filled(all.iter().skip(k * N).take(N).copied())
@@ -125,7 +125,7 @@ pub enum Measurement {
     Attitude(AttitudeFix),
 }
 
-/// The same expression of a measurement of whichever kind.
+/// Evaluates one expression for a measurement of any kind.
 macro_rules! of_any_kind {
     ($measurement:expr, $m:ident => $result:expr) => {
         match $measurement {
@@ -149,15 +149,15 @@ macro_rules! measurement_from {
 measurement_from!(Imu ImuSample, Gnss GnssFix, Heading HeadingFix, Attitude AttitudeFix);
 
 impl Measurement {
-    /// Its header.
+    /// Header of the measurement.
     pub fn header(&self) -> &Header<VesselClock> {
         of_any_kind!(self, m => &m.header)
     }
-    /// Its time of validity.
+    /// Time of validity.
     pub fn at(&self) -> Time<VesselClock> {
         self.header().at
     }
-    /// Its place in [`crate::KINDS`].
+    /// Index in [`crate::KINDS`].
     pub const fn kind(&self) -> usize {
         match self {
             Measurement::Imu(_) => 0,
@@ -170,12 +170,12 @@ impl Measurement {
     pub const fn source(&self) -> u8 {
         of_any_kind!(self, m => m.source)
     }
-    /// The same of another source and time.
+    /// This measurement of another source and time.
     pub fn of(self, source: u8, at: Time<VesselClock>) -> Self {
         let header = Header { at, ..*self.header() };
         self.headed(source, header)
     }
-    /// The same of another source, with this header.
+    /// This measurement of another source, with this header.
     pub fn headed(mut self, source: u8, header: Header<VesselClock>) -> Self {
         of_any_kind!(&mut self, m => (m.source, m.header) = (source, header));
         self
@@ -202,7 +202,7 @@ impl SourceMeasurement {
 }
 
 /// Makes measurements of the bytes of one source.
-pub trait Decoder {
+pub trait SensorDecoder {
     /// The bytes that are pushed next arrive at `now`. A recording has no arrivals.
     fn arrive(&mut self, _now: Time<VesselClock>) {}
     /// Takes bytes, cut anywhere, and appends the measurements that they complete.
@@ -215,15 +215,15 @@ pub trait Decoder {
     fn timeless(&mut self) -> Vec<Measurement> {
         Vec::new()
     }
-    /// Its kinds of measurements are of devices with clocks of their own.
+    /// Whether its kinds of measurements come from devices with clocks of their own.
     fn has_clocks_by_kind(&self) -> bool {
         false
     }
-    /// What a person should know of its bytes beside the counts.
+    /// Remarks on the source's bytes for the crew, in addition to the counts.
     fn remarks(&self) -> Vec<Remark> {
         Vec::new()
     }
-    /// What it takes is signed with this key, and what it asks. A protocol without signatures goes on without.
+    /// Signs requests with this key, and takes only what is signed with it; no effect on a protocol without signatures.
     fn sign(&mut self, _key: Signing) {}
     /// Bytes to be sent to the source now, once a second, where it sends only what it is asked for.
     fn request(&mut self) -> Option<Vec<u8>> {
@@ -231,12 +231,12 @@ pub trait Decoder {
     }
 }
 
-/// What became of a source's bytes, in words.
+/// Use that was made of a source's bytes, as text.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Remark {
-    /// What is so, with its figures.
+    /// The finding, with its values.
     pub text: String,
-    /// What to do about it; None: it is as it should be.
+    /// Remedy; None: the finding is as it should be.
     pub remedy: Option<String>,
 }
 
@@ -245,7 +245,7 @@ impl Remark {
     pub fn fine(text: String) -> Self {
         Remark { text, remedy: None }
     }
-    /// Something that a person should mend.
+    /// A fault that the crew should repair.
     pub fn fault(text: String, remedy: impl Into<String>) -> Self {
         Remark {
             text,

@@ -21,8 +21,8 @@ use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::{NmeaFrame, parse_frame};
 
 use super::clock::{DAY_NS, Rollover, time_of_day_ns};
-use super::heights::Heights;
-use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use super::heights::EllipsoidHeights;
+use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use account::{Account, Why};
 use attribution::Attribution;
 use carried::{Carried, CarriedMessage};
@@ -50,7 +50,7 @@ pub struct NmeaDecoder {
     unchecked: Option<u32>,
     decoded: Decoded,
     account: Account,
-    heights: Heights,
+    heights: EllipsoidHeights,
     day: Rollover<DAY_NS>,
     epoch: Option<Epoch>,
     attribution: Attribution,
@@ -101,7 +101,7 @@ struct Epoch {
     velocity: Option<[f64; 2]>,
     heading: Option<(f64, f64)>,
     rate: Option<f64>,
-    /// Its receiver says that the position is none.
+    /// The receiver marks the position as invalid.
     refused: bool,
     /// The sentence that has heights came, with one or empty.
     levelled: bool,
@@ -122,7 +122,7 @@ enum Untimed {
 }
 
 impl Untimed {
-    /// Its kind in [`Attribution`].
+    /// Kind of the content in [`Attribution`].
     const fn kind(&self) -> usize {
         match self {
             Untimed::Velocity(_) => 0,
@@ -142,7 +142,7 @@ impl NmeaDecoder {
             unchecked: Some(0),
             decoded: Decoded::default(),
             account: Account::default(),
-            heights: Heights::default(),
+            heights: EllipsoidHeights::default(),
             day: Rollover::default(),
             epoch: None,
             attribution: Attribution::new(mounting.mount.untimed_lead),
@@ -294,7 +294,7 @@ impl NmeaDecoder {
         self.decoded.good += 1;
         self.left_out(address, why);
     }
-    /// The same of a sentence that is counted already.
+    /// Leaves a sentence out that is counted already.
     fn left_out(&mut self, address: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(address, why);
@@ -491,7 +491,7 @@ impl NmeaDecoder {
     }
 }
 
-impl Decoder for NmeaDecoder {
+impl SensorDecoder for NmeaDecoder {
     fn arrive(&mut self, now: Time<VesselClock>) {
         self.attribution.arrive(now.nanos());
     }

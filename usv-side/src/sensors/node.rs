@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::age_counts::AgeCounts;
 use super::plausible::Plausibility;
 use super::{
-    Average, Decoder, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings,
-    Remark, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
+    Average, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings, Remark,
+    SensorDecoder, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
@@ -33,7 +33,7 @@ const REQUEST_PERIOD: Span = Span::from_millis(1000);
 pub struct SensorsIn {
     /// One for each source.
     pub bytes: Vec<Vec<u8>>,
-    /// The same of sources whose driver gives measurements.
+    /// Measurements of sources whose driver gives them.
     pub samples: Vec<Vec<SourceMeasurement>>,
 }
 
@@ -47,7 +47,7 @@ pub struct SensorsOut {
 }
 
 wiring! {
-    /// What the sensors' node writes; it reads bytes alone.
+    /// Topics that the sensors' node writes; it reads bytes alone.
     SensorPorts of SensorNode: SensorsIn => SensorsOut {
         reads {}
         edge { bytes, samples }
@@ -57,9 +57,9 @@ wiring! {
 }
 
 struct Source {
-    decoder: Box<dyn Decoder>,
-    least: Span,
-    /// Of times from the source's start, and of times from 1970; one of each, or one a kind.
+    decoder: Box<dyn SensorDecoder>,
+    latency: Span,
+    /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
     clocks: [[SourceClock; 2]; KINDS.len()],
     average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
@@ -79,7 +79,7 @@ const HEADING: usize = 2;
 impl Source {
     fn new(config: &SourceConfig) -> Self {
         let mounting = Mounting::new(&config.mount);
-        let decoder: Box<dyn Decoder> = match config.format {
+        let decoder: Box<dyn SensorDecoder> = match config.format {
             Format::Nmea => Box::new(NmeaDecoder::new(&mounting)),
             Format::Ubx => Box::new(UbxDecoder::new(&mounting)),
             Format::N2k => Box::new(N2kDecoder::new(&mounting)),
@@ -88,7 +88,7 @@ impl Source {
         };
         Source {
             decoder,
-            least: Span::from_secs(config.latency_s),
+            latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),
             average: Default::default(),
             newest: Default::default(),
@@ -132,7 +132,7 @@ impl Source {
             .get_mut(kind)?
             .get_mut(usize::from(at_ns > EPOCH_NS))?;
         let before = clock.restarts();
-        let at = clock.vessel_time(now, at_ns, self.least);
+        let at = clock.vessel_time(now, at_ns, self.latency);
         if clock.restarts() > before {
             self.status.step_s = clock.step_s();
             self.status.restarts += 1;
@@ -140,7 +140,7 @@ impl Source {
         }
         at
     }
-    /// What a person should know of its bytes and its clock.
+    /// Remarks on its bytes and its clock for the crew.
     fn remarks(&self) -> Vec<Remark> {
         let within = self.plausible.iter().zip(WHOSE);
         let mut all: Vec<Remark> = within.flat_map(|(p, whose)| p.remarks(whose)).collect();
@@ -149,7 +149,7 @@ impl Source {
         let s = &self.status;
         if s.restarts > 0 {
             all.push(Remark::fine(format!(
-                "its clock changed {} times, at last by {:+.2} s: dated anew",
+                "its clock changed {} times, at last by {:+.2} s: dated again",
                 s.restarts, s.step_s
             )));
         }
@@ -183,9 +183,9 @@ impl Source {
         };
         self.pass(now, at, (0, decoded.at_ns), decoded.measurement)
     }
-    /// The same of a measurement whose arrival is its time.
+    /// Dates a measurement by its arrival.
     fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
-        self.pass(now, now - self.least, (1, now.nanos()), measurement)
+        self.pass(now, now - self.latency, (1, now.nanos()), measurement)
     }
     /// The measurement where its time on its own clock (0: the source's, 1: ours), ns, is newer than the last of its kind.
     fn pass(
@@ -239,12 +239,12 @@ fn no_ages() -> [AgeCounts; 2] {
 /// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
-    /// Of the newest measurement, and of the newest message.
+    /// Headers of the newest measurement, and of the newest message.
     headers: [Header<VesselClock>; 2],
 }
 
 impl SensorNode {
-    /// For these sources. `boot` is drawn anew at each start.
+    /// A node for these sources. `boot` is a random number of each start.
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
@@ -257,7 +257,7 @@ impl SensorNode {
             source.decoder.sign(key);
         }
     }
-    /// What a person should know of each source beside its statistics.
+    /// Remarks on each source for the crew, in addition to its statistics.
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
         self.sources.iter().map(Source::remarks).collect()
     }

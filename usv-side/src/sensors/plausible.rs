@@ -79,7 +79,7 @@ enum Part {
     Heave,
     /// Angular rates of an attitude, by its roll and pitch.
     Rates,
-    /// The same rates, by the heading.
+    /// Rate of turn, by the heading.
     YawRate,
     /// Rate of turn of a heading.
     RateOfTurn,

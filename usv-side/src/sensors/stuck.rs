@@ -12,12 +12,12 @@ pub const MAX_REPEATED: u32 = 25;
 
 /// The newest numbers of one sensor, and how often they came in a row.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Repetition {
+pub struct RepeatedSamples {
     numbers: [u64; 6],
     count: u32,
 }
 
-impl Repetition {
+impl RepeatedSamples {
     /// Takes a sample; whether its sensor is stuck. Compared bit by bit: nothing is rounded.
     pub fn is_stuck(&mut self, m: &ImuSample) -> bool {
         let ([p, q, r], [x, y, z]) = (m.gyro, m.accelerometer);
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn quantised_sensor_of_a_vessel_at_rest() {
-        let (mut noise, mut newest) = (Uniform(7), Repetition::default());
+        let (mut noise, mut newest) = (Uniform(7), RepeatedSamples::default());
         let mut longest = 0;
         for _ in 0..1_000_000 {
             assert!(!newest.is_stuck(&still(&mut noise, 1e-3)));
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn repeated_sample_until_another_comes() {
-        let (mut noise, mut newest) = (Uniform(7), Repetition::default());
+        let (mut noise, mut newest) = (Uniform(7), RepeatedSamples::default());
         let frozen = still(&mut noise, 1e-3);
         let stuck = (0..200).filter(|_| newest.is_stuck(&frozen)).count();
         assert_eq!(stuck as u32, 200 - (MAX_REPEATED - 1));

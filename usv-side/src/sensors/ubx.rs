@@ -12,7 +12,7 @@ use ublox::{FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket};
 
 use super::clock::Rollover;
 use super::nmea::account::{Account, Why};
-use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use parts::{FixPart, FixParts, FixPlace, FixState};
 
 /// Longest unfinished message, bytes: above the longest message that is used.
@@ -38,7 +38,7 @@ pub struct UbxDecoder {
 
 /// The content of a message.
 enum Content {
-    /// Or why there is none.
+    /// A measurement, or why the message has none.
     Measurement(Result<Measurement, Why>),
     /// A heading of two antennas whose carrier solution is float.
     Float,
@@ -181,7 +181,7 @@ impl UbxDecoder {
     }
 }
 
-impl Decoder for UbxDecoder {
+impl SensorDecoder for UbxDecoder {
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for part in bytes.chunks(PART) {
             let mut all = Vec::new();

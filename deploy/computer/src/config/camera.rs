@@ -6,7 +6,7 @@ use alight_shared::config;
 const SIMULATION: &str = "simulation";
 
 config! {
-    /// Where images come from.
+    /// Source of images.
     pub struct CameraSource {
         /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
         /// "simulation"; empty: no camera process, another program publishes detections.
@@ -22,7 +22,7 @@ config! {
         pub delay_s: f64 = 0.02, in 0.0..=1.0;
         /// Longest exposure of a V4L2 device, s, up to which it is metered on the tag; 0: the device's own automatic
         /// exposes. Longer than that with which the tag can still be decoded from `tracking_height_m` at the
-        /// planner's greatest rate (`limits.rates_rps`) is rejected.
+        /// planner's maximum rate (`limits.rates_rps`) is rejected.
         /// Chosen: motion during 4 ms is 2.6 px at 2 rad/s and 320 px of focal length; the tag is decoded with 11 px.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Fixed gain of a V4L2 device in its own unit (v4l2-ctl --list-ctrls), which fixes the exposure at `exposure_s`;
@@ -62,7 +62,7 @@ impl CameraSource {
 }
 
 config! {
-    /// Where an ultraviolet camera's images come from; their rate is that of the markers' bits.
+    /// Source of an ultraviolet camera's images; their rate is that of the markers' bits.
     pub struct UltravioletSource {
         /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
         pub source: String = String::new();

@@ -33,20 +33,20 @@ config! {
         pub vessel_id: u32 = 1;
         /// Name of the set of processes that share memory.
         pub instance: String = "vessel".into();
-        /// Its real sensors.
+        /// The real sensors.
         pub sensor: SourcesConfig;
-        /// Its clock.
+        /// The clock.
         pub clock: ProcessClock;
-        /// Its radio; it listens.
+        /// The radio; it listens.
         /// Source: Zenoh's usual port.
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
-        /// How the deck is reserved for drones.
+        /// Reservation of the deck for drones.
         pub deck: DeckConfig;
-        /// Where it records its flights.
+        /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
-        /// What people see of it in a browser.
+        /// The view of it in a browser.
         pub view: ViewConfig;
-        /// Its node.
+        /// The node.
         pub vessel: VesselNodeConfig;
     }
     check |this, at| {
@@ -70,17 +70,17 @@ config! {
 }
 
 impl VesselComputer {
-    /// Its processes, in the order of its rows: its sensors' where some are configured.
+    /// The processes, in the order of its rows: its sensors' where some are configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
         let all = alight_usv::computer::PROCESSES.iter().copied();
         all.filter(|kind| Some(*kind) != absent).collect()
     }
-    /// Its nodes, for a start with this boot id.
+    /// The nodes, for a start with this boot id.
     pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
         alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
     }
-    /// Its real sensors, each in its place on board.
+    /// The real sensors, each in its place on board.
     pub fn placed_sensors(&self) -> SourcesConfig {
         self.sensor.placed(&self.vessel.imu, &self.vessel.gnss)
     }
@@ -101,26 +101,26 @@ config! {
     pub struct DroneComputer {
         /// Name of the set of processes that share memory.
         pub instance: String = "drone".into();
-        /// Its clock.
+        /// The clock.
         pub clock: ProcessClock;
-        /// Its radio; it connects.
+        /// The radio; it connects.
         /// Source: Ours, the vessel's address on its own network.
         pub radio: RadioConfig = RadioConfig::dialling("udp/192.168.7.1:7447", TlsConfig::default()), table;
-        /// Its link to a real autopilot.
+        /// The link to a real autopilot.
         pub autopilot: AutopilotLinkConfig;
-        /// Its bridge.
+        /// The bridge.
         pub bridge: BridgeConfig;
         /// Source of its camera's images.
         pub camera: CameraSource;
         /// Source of its ultraviolet camera's images.
         pub uvdar: UltravioletSource;
-        /// How its processes are run.
+        /// Supervision of the processes.
         pub supervision: Supervision;
-        /// Where it records its flights.
+        /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
-        /// What people see of it in a browser and in Foxglove.
+        /// The view of it in a browser and in Foxglove.
         pub view: ViewConfig;
-        /// Its other nodes.
+        /// The other nodes.
         pub drone: DroneSettings;
     }
     check |this, at| {
@@ -146,7 +146,7 @@ config! {
 }
 
 impl DroneComputer {
-    /// What its nodes are made of.
+    /// Configuration of the nodes.
     pub fn nodes(&self) -> DroneNodes {
         DroneNodes {
             bridge: self.bridge.clone(),
@@ -154,7 +154,7 @@ impl DroneComputer {
             drone: self.drone.clone(),
         }
     }
-    /// Its processes, in the order of its rows: those of a device where that is configured.
+    /// The processes, in the order of its rows: those of a device where that is configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let of_devices = [
             (ProcessKind::Autopilot, self.supervision.autopilot),
@@ -165,7 +165,7 @@ impl DroneComputer {
         let all = computer::PROCESSES.iter().copied();
         all.filter(|kind| !is_absent(*kind)).collect()
     }
-    /// Where the ultraviolet camera's images come from, at the rate of the markers' bits.
+    /// Source of the ultraviolet camera's images, at the rate of the markers' bits.
     pub fn ultraviolet(&self) -> CameraSource {
         self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)
     }

@@ -19,7 +19,7 @@ config! {
 }
 
 impl RecorderConfig {
-    /// What all flights may take, bytes.
+    /// Limit of all flights, bytes.
     pub fn max_bytes(&self) -> u64 {
         // Above zero, by its range.
         (self.max_gb * GB) as u64

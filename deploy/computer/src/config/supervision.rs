@@ -6,13 +6,13 @@ use alight_shared::config;
 const MAX_PROCESSORS: usize = 64;
 
 config! {
-    /// How the drone's processes are run.
+    /// Supervision of the drone's processes.
     pub struct Supervision {
         /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
         /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both
         /// below the kernel's own threads (50).
         pub pilot_priority: u8 = 30, in 0.0..=49.0;
-        /// The same of the planner.
+        /// Period of the planner.
         pub planner_priority: u8 = 20, in 0.0..=49.0;
         /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
         pub processors: Vec<u16> = Vec::new();

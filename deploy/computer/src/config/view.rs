@@ -4,13 +4,13 @@ use std::net::SocketAddr;
 
 use alight_shared::config;
 
-/// Where the page is unless it is configured.
+/// Default address of the page.
 pub const PAGE: &str = "127.0.0.1:7450";
-/// Where Foxglove looks unless another address is given.
+/// Address at which Foxglove looks unless another is given.
 pub const FOXGLOVE: &str = "127.0.0.1:8765";
 
 config! {
-    /// What people see of a landing while it goes on: `alight view`.
+    /// View of a landing while it goes on: `alight view`.
     pub struct ViewConfig {
         /// The service starts the viewers' server as one more process.
         /// Source: Where somebody looks on; it takes a few per cent of a processor.
@@ -25,7 +25,7 @@ config! {
         /// The page and `alight status` give winds and the vessel's speed in knots in place of m/s.
         /// Source: What the crew reads.
         pub knots: bool = false;
-        /// The page offers the local crew's word: on the drone's computer abort, on the vessel's the closing of the deck.
+        /// The page offers orders of the local crew: on the drone's computer abort, on the vessel's the closing of the deck.
         /// Everybody who reaches the page can then give it.
         pub abort: bool = false;
     }

@@ -28,7 +28,7 @@ use crate::process::radio_rates::RadioRates;
 
 /// A process without packets wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(5);
-/// What arrives on each subscription; the one after them is the report of the vessel's process.
+/// Messages of each subscription; the one after them is the report of the vessel's process.
 const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
     (PacketKind::Estimate, &topics::ESTIMATE),
     (PacketKind::Wave, &topics::WAVE),
@@ -38,7 +38,7 @@ const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
     (PacketKind::Surroundings, &topics::SURROUNDINGS),
     (PacketKind::Command, &topics::OPERATOR),
 ];
-/// What is asked of the vessel once it is there: it comes seldom.
+/// A query to the vessel once it is there, for messages that come seldom.
 const ASKED: [PacketKind; 2] = [PacketKind::Wave, PacketKind::Surroundings];
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.

@@ -57,7 +57,7 @@ struct Shared {
 /// A node's ports; None: nothing is published.
 type Published<N> = Option<Box<<N as Wired>::Ports<Memory>>>;
 
-/// What processes images, and where it publishes its detections.
+/// Process of the images and topic of its detections.
 enum Detector {
     /// For the tag, which people are shown as well.
     Tag(Box<CameraNode>, Published<CameraNode>, Option<Box<Shown>>),
@@ -73,7 +73,7 @@ struct Shown {
 }
 
 impl Shown {
-    /// None, and said, where there is no place for them: what is detected does not wait for what people see.
+    /// None, and reported, where there is no place for them: what is detected does not wait for what people see.
     fn open(memory: &Memory, deck: DeckGeometry) -> Option<Box<Shown>> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
@@ -164,7 +164,7 @@ impl Detector {
             }
         }
     }
-    /// What the newest image shows of the light; None where nothing is metered.
+    /// Light of the newest image; None where nothing is metered.
     fn light(&self) -> Option<Light> {
         match self {
             Detector::Tag(node, ..) => Some(node.light()),
@@ -184,7 +184,7 @@ impl Detector {
             Detector::Markers(_, ports) => ports.as_ref().map_or(0, |p| p.unsent()),
         }
     }
-    /// What became of images.
+    /// Counts of images.
     fn metrics(&self) -> Vec<Metric> {
         match self {
             Detector::Tag(node, ..) => {
@@ -212,7 +212,7 @@ impl Detector {
             }
         }
     }
-    /// The same for people.
+    /// The counts as text.
     fn counts(&self) -> Value {
         match self {
             Detector::Tag(node, ..) => json!(node.counts()),
@@ -221,7 +221,7 @@ impl Detector {
     }
 }
 
-/// Where images come from.
+/// Source of images.
 enum Source {
     /// The simulated world, through shared memory.
     Simulation(ImageSubscriber),
@@ -229,11 +229,11 @@ enum Source {
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
-/// What that thread reports.
+/// Report of that thread.
 enum SourceEvent {
     /// An image, its number, and what exposed it where that is known.
     Image(Frame, u64, Option<Exposed>),
-    /// Its own automatic exposes the device's images.
+    /// The device's own automatic exposes its images.
     Automatic(String),
     /// It broke; it is tried again.
     Failed(String),
@@ -371,7 +371,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
                     "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check \
-                     says what to do",
+                     prints the remedy",
                     kind.name(),
                     config.source
                 ),
@@ -493,7 +493,7 @@ struct SourceThread {
 }
 
 impl SourceThread {
-    /// Shows images until the source breaks: why. None when there are no more, or nobody looks.
+    /// Shows images until the source breaks: why. None when there are no more, or without a viewer.
     fn show(&mut self, clock: &ProcessClock) -> Option<String> {
         loop {
             let files = matches!(self.images, Images::Files(_));
@@ -535,7 +535,7 @@ impl SourceThread {
     }
 }
 
-/// A line for each image: where tag or deck is, or that it is not seen.
+/// A line for each image: where tag or deck is, or that it is not detected.
 fn print(input: &CameraIn, detections: &[Detection]) {
     for frame in &input.frames {
         let found = detections.iter().find(|s| s.at == frame.at);

@@ -72,7 +72,7 @@ impl Images {
             Images::Pipe(pipe) => pipe.next_frame(clock),
         }
     }
-    /// What exposes: the setting, or why the device's own automatic does. None where nothing is asked of it.
+    /// The setting that exposes, or why the device's own automatic does. None where nothing is asked of it.
     pub fn exposure(&self) -> Option<Result<Setting, String>> {
         match self {
             Images::Device(device) => device.exposure.as_ref().map(|e| match e {
@@ -196,7 +196,7 @@ pub struct Device {
     /// Every so many bytes one of brightness.
     stride: usize,
     delay: Span,
-    /// Its control, or why there is none; None where none is asked for.
+    /// The exposure's control, or why it is missing; None where none is configured.
     exposure: Option<Result<ExposureControl, String>>,
 }
 
@@ -215,7 +215,7 @@ impl Device {
             })
             .map_err(|e| {
                 CliError(format!(
-                    "{} with {width} x {height} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
+                    "{} with {width} x {height} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext prints its formats",
                     doing,
                     config.format
                 ))

@@ -12,7 +12,7 @@ const UNIT_S: f64 = 1e-4;
 
 /// Controls of a device, or of a test's.
 pub trait Controls {
-    /// What a control is.
+    /// Kind of a control.
     fn query(&self, id: u32) -> Result<CtrlData, Error>;
     /// Sets it.
     fn set(&self, id: u32, value: i32) -> Result<(), Error>;
@@ -42,14 +42,14 @@ impl ExposureControl {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
             .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;
         let exposure_s = Range {
-            least: range.least * UNIT_S,
+            low: range.low * UNIT_S,
             most: (range.most * UNIT_S).min(config.exposure_s),
             step: range.step * UNIT_S,
         };
-        if exposure_s.least > config.exposure_s {
+        if exposure_s.low > config.exposure_s {
             return Err(format!(
                 "exposes for {:.1} ms at least, longer than exposure_s",
-                1e3 * exposure_s.least
+                1e3 * exposure_s.low
             ));
         }
         if device.query(rscam::CID_EXPOSURE_AUTO).is_ok() {
@@ -69,7 +69,7 @@ impl ExposureControl {
                 (
                     None,
                     Range {
-                        least: 0.0,
+                        low: 0.0,
                         most: 0.0,
                         step: 1.0,
                     },
@@ -96,7 +96,7 @@ impl ExposureControl {
         control.write(device)?;
         Ok(control)
     }
-    /// What the device is set to.
+    /// Settings of the device.
     pub fn setting(&self) -> Setting {
         self.metering.setting()
     }
@@ -141,7 +141,7 @@ fn integer(device: &impl Controls, id: u32) -> Result<(Range, f64), Error> {
             ..
         } => Ok((
             Range {
-                least: minimum.into(),
+                low: minimum.into(),
                 most: maximum.into(),
                 step: step.max(1).into(),
             },

@@ -1,16 +1,16 @@
-//! What the mission's process says beside its steps.
+//! Metrics of the mission's process in addition to its steps.
 
 use alight_shared::metrics::Metric;
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
 use tracing::warn;
 
-use crate::process::shell::Beside;
+use crate::process::shell::AfterStep;
 
-/// Says why a checkpoint does not count.
+/// Reports why a checkpoint does not count.
 pub struct Rejections;
 
-impl Beside<Mission> for Rejections {
+impl AfterStep<Mission> for Rejections {
     fn after_step(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
         if let Some(why) = out.rejected {
             warn!(

@@ -5,7 +5,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
 
-use crate::process::shell::Beside;
+use crate::process::shell::AfterStep;
 
 /// The ages of its inputs.
 #[derive(Default)]
@@ -16,7 +16,7 @@ pub struct Ages {
     from_odometry: Quantiles,
 }
 
-impl Beside<Pilot> for Ages {
+impl AfterStep<Pilot> for Ages {
     fn after_step(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);

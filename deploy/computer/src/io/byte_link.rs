@@ -43,7 +43,7 @@ pub struct ByteLink {
     last_error: Option<String>,
 }
 
-/// What ended a wait.
+/// Cause of the end of a wait.
 enum Event {
     Received(io::Result<Received>),
     Drained(io::Result<usize>),
@@ -55,7 +55,7 @@ impl ByteLink {
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
         ByteLink::with_peer(url, None).await
     }
-    /// A link to `url`; over UDP its peer is the first that `speaks`. What can be known to be wrong at once is refused: a
+    /// A link to `url`; over UDP its peer is the first that `speaks`. A fault that can be known at once is an error: a
     /// port that is taken, a host that has no address; a peer that is not there yet is waited for.
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
@@ -71,7 +71,7 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// The same as one of several: the others do not end because another computer's name is not known yet. It is looked
+    /// As one of several: the others do not end because another computer's name is not known yet. It is looked
     /// up until it is.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
@@ -97,7 +97,7 @@ impl ByteLink {
             last_error: None,
         }
     }
-    /// What is sent goes to somebody, as far as the system knows: a port that is open, a connection that stands.
+    /// Data sent reaches a receiver, as far as the system knows: a port that is open, a connection that stands.
     pub fn is_open(&self) -> bool {
         match &self.open {
             Some(Open::Udp { .. } | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..)) => {
@@ -118,10 +118,10 @@ impl ByteLink {
             | None => 0,
         }
     }
-    /// The same, and who sent the newest; None without any.
-    pub fn strangers(&self) -> Option<(u64, SocketAddr)> {
+    /// Received data, with the sender of the newest; None without any.
+    pub fn foreign_senders(&self) -> Option<(u64, SocketAddr)> {
         match &self.open {
-            Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_stranger()?)),
+            Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_foreign()?)),
             Some(Open::Listening(_) | Open::Tcp(..) | Open::Serial(_) | Open::Can(..) | Open::Lines(..))
             | None => None,
         }
@@ -193,7 +193,7 @@ impl ByteLink {
                 false
             }
             Ok(Received::Foreign(by)) => {
-                self.last_error = Some(format!("{}: a connection of {by} is refused", self.url));
+                self.last_error = Some(format!("{}: a connection of {by} is rejected", self.url));
                 false
             }
             // An answer to what we sent: no listener there yet.
@@ -278,7 +278,7 @@ impl ByteLink {
             }
         }
     }
-    /// Writes what the line takes now: all where there is nobody, nothing where it is full.
+    /// Writes what the line takes now: all where there is no peer, nothing where it is full.
     fn put(&self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
         written.unwrap_or(Ok(bytes.len()))

@@ -12,7 +12,7 @@ const MAX_WAITING: usize = 16;
 /// Messages that wait for their link.
 const MAX_UNSENT: usize = 16;
 
-/// What a link brings.
+/// Event of a link.
 pub struct Arrival {
     /// Number of the link.
     pub link: usize,
@@ -23,7 +23,7 @@ pub struct Arrival {
     /// Why it could not be opened, or broke.
     pub error: Option<String>,
     /// Datagrams of others than its peer so far, and who sent the newest.
-    pub strangers: Option<(u64, SocketAddr)>,
+    pub foreign: Option<(u64, SocketAddr)>,
 }
 
 /// Links, by their numbers.
@@ -51,7 +51,7 @@ impl ByteLinks {
             None => core::future::pending().await,
         }
     }
-    /// What has come already.
+    /// Data that has arrived already.
     pub fn arrived(&mut self) -> Option<Arrival> {
         self.arrivals.try_recv().ok()
     }
@@ -67,17 +67,17 @@ async fn run(
     to: mpsc::Sender<Arrival>,
     mut messages: mpsc::Receiver<Vec<u8>>,
 ) {
-    let (mut strangers, mut open) = (None, false);
+    let (mut foreign, mut open) = (None, false);
     let mut bytes = Vec::new();
     loop {
-        let news = (link.strangers(), link.is_open()) != (strangers, open);
-        (strangers, open) = (link.strangers(), link.is_open());
+        let news = (link.foreign_senders(), link.is_open()) != (foreign, open);
+        (foreign, open) = (link.foreign_senders(), link.is_open());
         let arrival = Arrival {
             link: number,
             bytes: core::mem::take(&mut bytes),
             open,
             error: link.last_error(),
-            strangers,
+            foreign,
         };
         let something = !arrival.bytes.is_empty() || arrival.error.is_some() || news;
         if something && to.send(arrival).await.is_err() {

@@ -25,7 +25,7 @@ fn absent(interface: &str, e: &io::Error) -> io::Error {
     let message = format!("{e}: bring it up: ip link set {interface} up type can bitrate 250000");
     io::Error::new(e.kind(), message)
 }
-/// Why nothing can be read of it: one that is down opens like any other, and says so at the first read.
+/// Why nothing can be read of it: one that is down opens like any other, and fails at the first read.
 pub fn broken(interface: &str, e: io::Error) -> io::Error {
     match e.kind() {
         ErrorKind::NetworkDown => absent(interface, &e),
@@ -33,7 +33,7 @@ pub fn broken(interface: &str, e: io::Error) -> io::Error {
     }
 }
 
-/// The line of a frame as the kernel gives it; empty where it is none of NMEA 2000, whose identifiers have 29 bits.
+/// The line of a frame as the kernel gives it; empty for another than of NMEA 2000, whose identifiers have 29 bits.
 pub fn line(interface: &str, frame: &[u8; FRAME]) -> String {
     let [a, b, c, d, length, _, _, _, data @ ..] = frame;
     let id = u32::from_ne_bytes([*a, *b, *c, *d]);

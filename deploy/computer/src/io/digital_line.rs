@@ -14,7 +14,7 @@ use gpiocdev::request::Builder;
 
 /// Longest content of a file, bytes.
 const MAX_BYTES: u64 = 16;
-/// What a line of the kernel begins with.
+/// Prefix of a line of the kernel.
 const CHIP: &str = "/dev/gpiochip";
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,7 +51,7 @@ pub struct DigitalLine {
 }
 
 impl DigitalLine {
-    /// The line of this name; a name that is none is an error at each use.
+    /// The line of this name; an invalid name is an error at each use.
     pub fn new(name: &str) -> DigitalLine {
         DigitalLine {
             place: Place::of(name),
@@ -62,7 +62,7 @@ impl DigitalLine {
     pub fn is_exclusive(&self) -> bool {
         matches!(self.place, Ok(Place::Gpio { .. }))
     }
-    /// Its level, or why it cannot be known.
+    /// The level, or why it cannot be known.
     pub fn read(&mut self) -> Result<bool, String> {
         let (chip, line, low) = match &self.place {
             Err(e) => return Err(e.clone()),

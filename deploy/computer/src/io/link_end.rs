@@ -56,7 +56,7 @@ pub struct Listener {
     from: Option<IpAddr>,
 }
 
-/// What an open end receives.
+/// Event of an open end.
 pub enum Received {
     /// Bytes in the buffer, and who sent a datagram.
     Bytes(usize, Option<SocketAddr>),
@@ -118,7 +118,7 @@ impl Open {
             }
         }
     }
-    /// What has come already.
+    /// Data that has arrived already.
     pub fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<Received>> {
         let mut context = Context::from_waker(Waker::noop());
         match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
@@ -134,7 +134,7 @@ impl Open {
             Open::Udp { .. } | Open::Listening(_) | Open::Can(..) | Open::Lines(..) => Ok(bytes.len()),
         }
     }
-    /// Writes what can be written now; None while there is nobody to write to.
+    /// Writes what can be written now; None while there is no peer.
     pub fn write_now(&self, bytes: &[u8]) -> Option<io::Result<usize>> {
         match self {
             Open::Udp { socket, peer, .. } => Some(socket.get_ref().send_to(bytes, peer.address()?)),

@@ -75,7 +75,7 @@ pub fn counts(metrics: &[Metric]) -> Signatures {
     }
 }
 
-/// Of 64 hexadecimal digits the key itself, of any other line the SHA-256 of it.
+/// Key of 64 hexadecimal digits, or the SHA-256 of any other line.
 fn of_line(line: &str) -> [u8; 32] {
     digits(line).unwrap_or_else(|| Sha256::digest(line.as_bytes()).into())
 }

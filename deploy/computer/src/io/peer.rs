@@ -71,7 +71,7 @@ impl Ports {
 }
 
 impl Peer {
-    /// The one that we send to, and nobody else.
+    /// The one that we send to, and no other.
     pub fn fixed(to: SocketAddr) -> Peer {
         Peer {
             now: Some((to, Instant::now())),
@@ -79,7 +79,7 @@ impl Peer {
             ..Peer::listening(None, None)
         }
     }
-    /// Nobody yet: the first at the address `from` that `speaks`.
+    /// No peer yet: the first at the address `from` that `speaks`.
     pub fn listening(from: Option<IpAddr>, speaks: Option<Speaks>) -> Peer {
         Peer {
             now: None,
@@ -101,7 +101,7 @@ impl Peer {
         self.foreign
     }
     /// The newest sender of such.
-    pub fn newest_stranger(&self) -> Option<SocketAddr> {
+    pub fn newest_foreign(&self) -> Option<SocketAddr> {
         self.newest
     }
     /// Whether a datagram from `sender` that arrives at `now` counts.
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn first_datagram_of_a_stranger() {
+    fn first_datagram_of_another_sender() {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"autopilot"));
         let mut peer = Peer::listening(Some([10, 0, 0, 7].into()), Some(speaks));
         let now = Instant::now();
@@ -218,7 +218,7 @@ mod tests {
         let (taken_all, mut peer) = taken(40_000..40_100);
         let left_out = taken_all.iter().filter(|taken| !**taken).count();
         assert_eq!((left_out, taken_all.last()), (NEW_PORTS - 2, Some(&true)));
-        assert_eq!((peer.foreign(), peer.newest_stranger()), (0, None));
+        assert_eq!((peer.foreign(), peer.newest_foreign()), (0, None));
         // Another computer is still another sender.
         let now = Instant::now();
         assert!(!peer.takes(now, at("10.0.0.8:5000"), b"$GPGGA") && peer.foreign() == 1);

@@ -6,12 +6,12 @@ use tokio::runtime::Builder;
 
 use crate::exit::{CliError, Doing};
 
-/// Runs `task` to its end in this thread; beside it there is at most one that looks up names.
+/// Runs `task` to its end in this thread; next to it there is at most one that looks up names.
 pub fn block_on<T>(task: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
     run(&mut Builder::new_current_thread(), task)
 }
 
-/// The same for a process with a radio: zenoh's calls may wait, which it refuses inside a runtime of one thread.
+/// Runtime of a process with a radio: zenoh's calls may wait, which it rejects inside a runtime of one thread.
 pub fn block_on_with_radio<T>(task: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
     run(Builder::new_multi_thread().worker_threads(1), task)
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
-/// Where a service manager says that a service keeps its state.
+/// Variable in which a service manager names the directory of a service's state.
 pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 16;
@@ -28,7 +28,7 @@ pub fn state_directory() -> Option<PathBuf> {
     Some(first.into())
 }
 
-/// A small file; None where there is none.
+/// A small file; None without one.
 pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     let file = match File::open(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
@@ -68,12 +68,12 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// What a file holds, for people, and what becomes of one that cannot be replaced.
+/// Content of a file, for people, and the effect of one that cannot be replaced.
 #[derive(Clone, Copy, Debug)]
 pub struct Holds {
-    /// What it holds, such as `the deck's state`.
+    /// The content, such as `the deck's state`.
     pub what: &'static str,
-    /// What follows where it cannot be written.
+    /// Effect where it cannot be written.
     pub lost: &'static str,
     /// An older one misleads the next start, and is removed where it cannot be replaced.
     pub misleads: bool,
@@ -126,7 +126,7 @@ impl Store {
         }
         true
     }
-    /// What it keeps.
+    /// The values that it keeps.
     pub fn newest(&self) -> &[u8] {
         &self.newest
     }
@@ -154,7 +154,7 @@ struct StoredFile {
 }
 
 impl StoredFile {
-    /// Writes the newest state until nobody sends any more.
+    /// Writes the newest state until the sender ends.
     fn write_all(&mut self, states: &Receiver<Vec<u8>>) {
         while let Some(next) = self.next(states) {
             let newest = states.try_iter().last().unwrap_or(next);

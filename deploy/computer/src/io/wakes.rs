@@ -1,4 +1,4 @@
-//! What wakes a row, awaited in tokio beside its edge.
+//! Sources that wake a row, awaited in tokio in addition to its edge.
 
 use std::future::poll_fn;
 use std::task::Poll;

@@ -24,12 +24,12 @@ const CONNECT: Duration = Duration::from_secs(3);
 const SEND: Duration = Duration::from_secs(3);
 /// After so long without a message the server is pinged, and after as long again given up: a server pings every 30 s.
 const SILENT: Duration = Duration::from_secs(10);
-/// Most of what a server says about an end, characters.
-const MAX_SAID: usize = 120;
+/// Longest reason of a server for an end, characters.
+const MAX_REASON: usize = 120;
 /// Longest file of a token, bytes.
 const MAX_TOKEN: u64 = 4096;
 
-/// What a server sends by itself.
+/// Values that a server sends by itself.
 #[derive(Clone, Copy, Debug)]
 pub enum Subscribe {
     /// Everything about its own vessel.
@@ -103,13 +103,13 @@ impl SignalKSocket {
             (self.due, self.pinged) = (Instant::now() + SILENT, false);
             match message {
                 Some(Ok(Message::Text(text))) => return Ok(text.as_str().to_owned()),
-                None => return Err(closed("without a word")),
+                None => return Err(closed("without a reason")),
                 Some(Ok(Message::Close(frame))) => {
-                    let said = frame.map_or(String::new(), |f| f.to_string());
-                    return Err(closed(if said.is_empty() {
+                    let close_reason = frame.map_or(String::new(), |f| f.to_string());
+                    return Err(closed(if close_reason.is_empty() {
                         "without a reason"
                     } else {
-                        &said
+                        &close_reason
                     }));
                 }
                 // Pings are answered by the next look.
@@ -134,9 +134,9 @@ pub struct Ending(Arc<OnceLock<io::Error>>);
 
 impl Ending {
     /// The reason over what its reader saw.
-    pub fn reason(&self, seen: io::Error) -> io::Error {
+    pub fn reason(&self, error: io::Error) -> io::Error {
         let known = self.0.get();
-        known.map_or(seen, |e| io::Error::new(e.kind(), e.to_string()))
+        known.map_or(error, |e| io::Error::new(e.kind(), e.to_string()))
     }
 }
 
@@ -199,9 +199,13 @@ pub fn authorization(file: &Path) -> io::Result<HeaderValue> {
     Ok(header)
 }
 
-/// The server has ended the connection, and said so.
-fn closed(said: &str) -> io::Error {
-    let short: String = said.chars().filter(|c| !c.is_control()).take(MAX_SAID).collect();
+/// The server has ended the connection, with a message.
+fn closed(close_reason: &str) -> io::Error {
+    let short: String = close_reason
+        .chars()
+        .filter(|c| !c.is_control())
+        .take(MAX_REASON)
+        .collect();
     let why = format!("the server closed the connection: {short}");
     io::Error::new(ErrorKind::UnexpectedEof, why)
 }
@@ -226,7 +230,7 @@ mod tests {
     use tokio_tungstenite::accept_hdr_async;
     use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
-    /// What a server sees of a client, and answers: these messages, then an end.
+    /// Stands in for a server: it receives a client's messages, and answers with these messages, then an end.
     async fn server(
         listener: TcpListener,
         messages: Vec<Message>,
@@ -239,9 +243,9 @@ mod tests {
             path = request.uri().to_string();
             token = request.headers().get(AUTHORIZATION).cloned();
             let Some(status) = status else { return Ok(response) };
-            let mut refusal = ErrorResponse::new(None);
-            *refusal.status_mut() = status.try_into().unwrap();
-            Err(refusal)
+            let mut rejection = ErrorResponse::new(None);
+            *rejection.status_mut() = status.try_into().unwrap();
+            Err(rejection)
         };
         let mut received = Vec::new();
         if let Ok(mut socket) = accept_hdr_async(stream, look).await {

@@ -12,7 +12,7 @@ use crate::process::scheduling;
 /// A process.
 #[derive(Args, Clone, Debug)]
 pub struct ProcessArgs {
-    /// Its computer's configuration (TOML)
+    /// The computer's configuration (TOML)
     #[arg(long, value_name = "FILE")]
     pub config: PathBuf,
     /// Record into this flight's directory, in the place of a new one below recorder.directory
@@ -21,7 +21,7 @@ pub struct ProcessArgs {
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,
-    /// How the process is scheduled.
+    /// Scheduling of the process.
     #[command(flatten)]
     pub scheduling: Scheduling,
 }
@@ -51,7 +51,7 @@ pub struct ViewArgs {
 }
 
 impl ViewArgs {
-    /// These over what the configuration says; None: nobody looks on.
+    /// These over the configuration; None: without a viewer.
     pub fn over(&self, configured: &ViewConfig) -> Option<ViewConfig> {
         if self.view.is_none() && !configured.on {
             return None;
@@ -90,7 +90,7 @@ pub struct Scheduling {
 }
 
 impl Scheduling {
-    /// What the system permits of it: a priority, or none.
+    /// Scheduling that the system permits: a priority, or none.
     pub fn where_permitted(&self, permitted: bool) -> Scheduling {
         Scheduling {
             realtime: self.realtime.filter(|_| permitted),
@@ -126,7 +126,7 @@ pub struct CameraArgs {
     /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Where images come from, in the place of camera.source or uvdar.source
+    /// Source of images, in the place of camera.source or uvdar.source
     #[arg(long, value_name = "SOURCE")]
     pub source: Option<String>,
     /// Look at what the source has without the drone's other processes, and print each detection (JSON)
@@ -137,10 +137,10 @@ pub struct CameraArgs {
 /// The link to a real autopilot.
 #[derive(Args, Debug)]
 pub struct AutopilotArgs {
-    /// What every process has
+    /// Flags of every process
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Where the autopilot is: udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT,
+    /// The autopilot's address: udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=IP, udpout://HOST:PORT,
     /// tcpout://HOST:PORT, serial:///dev/ttyACM0:921600 [default: the configuration's]
     #[arg(long, value_name = "URL")]
     pub connect: Option<String>,

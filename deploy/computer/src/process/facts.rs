@@ -18,10 +18,10 @@ const PERIOD_NS: i64 = 500_000_000;
 /// The certificate's file is read again this often, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
-/// What a computer is by its configuration.
+/// Facts about a computer by its configuration.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// What it reports; what changes while it runs is not known yet.
+    /// The report; values that change while it runs are not known yet.
     pub report: ComputerReport,
     /// File of the radio's certificate, which a vessel reports; empty: the radio has none.
     certificate: PathBuf,
@@ -30,7 +30,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Of a drone's computer.
+    /// Facts of a drone's computer.
     pub fn drone(computer: &DroneComputer) -> Facts {
         let (bridge, deck) = (&computer.bridge, &computer.drone.deck);
         let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
@@ -49,7 +49,7 @@ impl Facts {
             clock: computer.clock,
         }
     }
-    /// Of a vessel's computer.
+    /// Facts of a vessel's computer.
     pub fn vessel(computer: &VesselComputer) -> Facts {
         let (radio, sources) = (&computer.radio, &computer.sensor.sources);
         let vessel = VesselReport {
@@ -115,7 +115,7 @@ impl Reporter {
     }
 }
 
-/// What a certificate's file holds now.
+/// Content of a certificate's file now.
 fn certificate(file: &Path) -> CertificateState {
     if file.as_os_str().is_empty() {
         return CertificateState::Absent;

@@ -32,11 +32,11 @@ impl Flight {
             keeper: FlightKeeper::begin(config.directory.as_ref(), config.max_bytes()),
         })
     }
-    /// Where the processes record.
+    /// Directory in which the processes record.
     pub fn path(&self) -> PathBuf {
         self.keeper.path().into()
     }
-    /// What is known of it.
+    /// The log of the flight.
     pub fn log(&mut self) -> &mut FlightLog {
         &mut self.log
     }
@@ -46,28 +46,28 @@ impl Flight {
             self.log.written(now_ns);
         }
     }
-    /// Nobody records any more.
+    /// Ends the flight: no process records any more.
     pub fn end(mut self, now_ns: i64) {
         // A disk that is behind has the one before.
         let _behind = self.keeper.sum_up(self.log.summary(now_ns, true));
     }
 }
 
-/// Who is in a state: a vessel's drones by their numbers, on the drone itself nobody else.
-type Who = Option<u32>;
+/// Who is in a state: a vessel's drones by their numbers, on the drone itself no other.
+type DroneNumber = Option<u32>;
 
 /// States, outcome and figures as they come.
 pub struct FlightLog {
     summary: Summary,
     begun_ns: i64,
     /// The state of each, since when, and since when it has been on its way to the deck.
-    states: BTreeMap<Who, (State, i64, Option<i64>)>,
+    states: BTreeMap<DroneNumber, (State, i64, Option<i64>)>,
     changed: bool,
     due_ns: i64,
 }
 
 impl FlightLog {
-    /// Of a flight of this computer that begins at `now_ns` of the steady clock.
+    /// A flight of this computer that begins at `now_ns` of the steady clock.
     pub fn of(computer: &str, now_ns: i64) -> FlightLog {
         FlightLog {
             summary: Summary {
@@ -84,7 +84,7 @@ impl FlightLog {
         seconds(now_ns - self.begun_ns)
     }
     /// A drone is in this state, for this reason, and waits for that.
-    pub fn state(&mut self, now_ns: i64, who: Who, state: State, entered: Reason, waiting: Reason) {
+    pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)
             || (before.is_none() && self.states.len() >= MAX_DRONES)
@@ -106,7 +106,7 @@ impl FlightLog {
         self.states
             .insert(who, (state, now_ns, way_ns.filter(|_| state.is_landing())));
         let t_s = self.t_s(now_ns);
-        // At first sight it is not known how the state was entered.
+        // At first it is not known how the state was entered.
         let reason = if before.is_none() { waiting } else { entered };
         self.summary
             .enter(t_s, &named(who, state.name()), reason.to_string());
@@ -135,7 +135,7 @@ impl FlightLog {
         }
         self.changed = true;
     }
-    fn count_time(&mut self, now_ns: i64, who: Who) {
+    fn count_time(&mut self, now_ns: i64, who: DroneNumber) {
         if let Some((state, since_ns, way_ns)) = self.states.get(&who).copied() {
             let time = self
                 .summary
@@ -161,10 +161,10 @@ impl FlightLog {
         let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
         self.set(name, before + value);
     }
-    /// What a computer's supervisor sees: on the vessel the drones' states and the waves.
-    pub fn observe(&mut self, now_ns: i64, seen: &Snapshot, restarts: u32) {
+    /// Takes a computer's newest snapshot: on the vessel the drones' states and the waves.
+    pub fn observe(&mut self, now_ns: i64, snapshot: &Snapshot, restarts: u32) {
         self.set("restarts", f64::from(restarts));
-        if let Some(vessel) = *seen.vessel {
+        if let Some(vessel) = *snapshot.vessel {
             for s in vessel.drones.iter().map(|d| &d.status) {
                 self.state(now_ns, Some(s.header.drone), s.state, s.entered, s.waiting);
             }
@@ -172,25 +172,28 @@ impl FlightLog {
                 self.set("wave_height_m", height_m);
             }
         }
-        let Some(m) = *seen.mission else { return };
+        let Some(m) = *snapshot.mission else { return };
         let was = self.states.get(&None).map(|s| s.0);
         self.state(now_ns, None, m.state, m.entered, m.waiting);
         if m.state == State::Landed && was.is_some_and(|s| s != State::Landed) {
-            let apart =
-                DroneStatus::deck_distance_m(m.header.at, seen.drone.as_ref(), seen.forecast.as_ref());
+            let apart = DroneStatus::deck_distance_m(
+                m.header.at,
+                snapshot.drone.as_ref(),
+                snapshot.forecast.as_ref(),
+            );
             if let Some(m) = apart {
                 self.set("off_centre_m", f64::from(m));
             }
         }
         self.set("descents", f64::from(m.attempts));
-        if let Some(battery) = seen.autopilot.as_ref().and_then(|a| a.battery) {
+        if let Some(battery) = snapshot.autopilot.as_ref().and_then(|a| a.battery) {
             self.set("battery", battery);
         }
-        if let Some(r) = seen.response.filter(|r| r.identified) {
+        if let Some(r) = snapshot.response.filter(|r| r.identified) {
             self.set(ATTITUDE_LAG, r.lag_s[0].max(r.lag_s[1]));
             self.set(ATTITUDE_DEAD_TIME, r.dead_time_s);
         }
-        if let Some(link) = seen
+        if let Some(link) = snapshot
             .link
             .as_ref()
             .filter(|_| !matches!(m.state, State::Idle | State::Landed))
@@ -220,7 +223,7 @@ fn seconds(ns: i64) -> f64 {
     ns.max(0) as f64 / 1e9
 }
 
-fn named(who: Who, what: &str) -> String {
+fn named(who: DroneNumber, what: &str) -> String {
     who.map_or_else(|| what.into(), |drone| format!("drone {drone}: {what}"))
 }
 

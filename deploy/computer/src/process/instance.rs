@@ -10,7 +10,7 @@ use crate::process::supervisor::pause;
 
 /// The lock file's name in the instance's directory.
 const LOCK_FILE: &str = "lock";
-/// Where a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
+/// Directory in which a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
 pub const CHECKPOINTS_FILE: &str = "checkpoints";
 /// This file exists once all services are there: observers may join. It holds the owner's process number,
 /// because the file of a killed owner stays.
@@ -70,7 +70,7 @@ impl OwnedInstance {
             _lock: lock,
         })
     }
-    /// Its name and place.
+    /// Name and directory.
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
@@ -95,7 +95,7 @@ impl Drop for OwnedInstance {
         let directory = self.instance.directory();
         let _left = remove_contents(&directory);
         let _left = std::fs::remove_file(self.file(LOCK_FILE));
-        // It stays with the checkpoints of a supervisor that nobody asked to end.
+        // It stays with the checkpoints of a supervisor that was not asked to end.
         let _left = std::fs::remove_dir(directory);
     }
 }

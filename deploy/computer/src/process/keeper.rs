@@ -136,14 +136,14 @@ impl CheckpointFile {
     }
 }
 
-/// What the store says of it.
+/// Report of the store.
 const HOLDS: Holds = Holds {
-    what: "what the flight is for",
-    lost: "what the flight is for does not outlive a reboot of the computer",
+    what: "the flight's purpose",
+    lost: "the flight's purpose does not outlive a reboot of the computer",
     misleads: false,
 };
 
-/// The file on the disk: [`Keeper::lasting`]. There is none while nothing lasts.
+/// The file on the disk: [`Keeper::lasting`]. It is missing while nothing lasts.
 struct LastingFile {
     path: PathBuf,
     store: Store,
@@ -158,7 +158,7 @@ impl LastingFile {
         let found = match read(&path) {
             Ok(found) => found.unwrap_or_default(),
             Err(e) => {
-                warn!("{at}: reading what the flight before a reboot was for: {e}");
+                warn!("{at}: reading the purpose of the flight before a reboot: {e}");
                 Vec::new()
             }
         };
@@ -168,7 +168,7 @@ impl LastingFile {
                     "{at}: the flight goes on that a former start was in: a sortie comes back while its charge lasts"
                 ),
                 Err(why) => {
-                    warn!("{at}: what the flight before a reboot was for does not count: it is {why}")
+                    warn!("{at}: the purpose of the flight before a reboot does not count: it is {why}")
                 }
             }
         }
@@ -180,7 +180,7 @@ impl LastingFile {
                 due: Periodic::default(),
             }),
             Err(e) => {
-                warn!("{at}: no thread writes what the flight is for: {e}");
+                warn!("{at}: no thread writes the flight's purpose: {e}");
                 None
             }
         }
@@ -227,7 +227,7 @@ mod tests {
         let (sortie, mut file) = found();
         assert!(!sortie && !path.exists());
         let mut keeper = Keeper::default();
-        let settles = |exists: bool| {
+        let is_recovered = |exists: bool| {
             for _ in 0..500 {
                 if path.exists() == exists {
                     return true;
@@ -241,14 +241,14 @@ mod tests {
             assert!(keeper.take(now, Some(&mission(sortie, at))));
             file.poll(now, true, &keeper);
             assert_eq!(file.store.newest().is_empty(), !sortie);
-            assert!(settles(sortie), "{at}");
+            assert!(is_recovered(sortie), "{at}");
         }
         // What changes at once is written once it is due.
         assert!(keeper.take(Time::from_secs(13.1), Some(&mission(false, 13.1))));
         file.poll(Time::from_secs(13.1), true, &keeper);
         assert!(!file.store.newest().is_empty());
         file.poll(Time::from_secs(14.1), false, &keeper);
-        assert!(settles(false));
+        assert!(is_recovered(false));
         assert!(keeper.take(Time::from_secs(15.2), Some(&mission(true, 15.2))));
         file.poll(Time::from_secs(15.2), true, &keeper);
         drop(file);

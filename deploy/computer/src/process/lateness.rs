@@ -19,7 +19,7 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// Of a process that begins at `now_ns` (steady clock).
+    /// A watch of a process that begins at `now_ns` (steady clock).
     pub fn of(kind: ProcessKind, now_ns: i64) -> Lateness {
         Lateness {
             limit_s: kind.awaited().map_or(f64::INFINITY, |t| t.stale_after.secs()),
@@ -41,7 +41,7 @@ impl Lateness {
         }
         self.last_ns = Some(now_ns);
     }
-    /// What is reported of it: nothing while no step was late.
+    /// Report of late steps: nothing while no step was late.
     pub fn metrics(&self) -> Vec<Metric> {
         let [(a, m), (b, n)] = self.windows;
         if m + n == 0 {
@@ -54,25 +54,25 @@ impl Lateness {
     }
 }
 
-/// What to do about it.
+/// Remedy for late steps.
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
-/// What is to be said of processes whose steps were late: of the one that was latest for its deadline, and who was late beside it.
+/// Report on processes whose steps were late: the one that was latest for its deadline, and the others that were late.
 pub fn finding<'a>(processes: impl IntoIterator<Item = &'a ProcessState>) -> Option<String> {
     let late = |p: &&ProcessState| p.count(MetricName::LateSteps) > 0;
     let permitted = |p: &'a ProcessState| Some((p, p.kind.awaited()?.stale_after.secs()));
     let mut all: Vec<_> = processes.into_iter().filter(late).filter_map(permitted).collect();
-    let share = |(p, limit_s): &(&ProcessState, f64)| p.seconds(MetricName::LongestStep) / limit_s;
-    let worst = (0..all.len()).max_by(|a, b| share(&all[*a]).total_cmp(&share(&all[*b])))?;
+    let fraction = |(p, limit_s): &(&ProcessState, f64)| p.seconds(MetricName::LongestStep) / limit_s;
+    let worst = (0..all.len()).max_by(|a, b| fraction(&all[*a]).total_cmp(&fraction(&all[*b])))?;
     let (p, limit_s) = all.remove(worst);
     let others: Vec<&str> = all.iter().map(|(p, _)| p.kind.name()).collect();
-    let beside = if others.is_empty() {
+    let cause = if others.is_empty() {
         String::new()
     } else {
         format!("; so did {}", others.join(", "))
     };
     Some(format!(
-        "{} missed its deadline (steps late in the last two minutes: {}): up to {} between two steps, {} is permitted{beside}",
+        "{} missed its deadline (steps late in the last two minutes: {}): up to {} between two steps, {} is permitted{cause}",
         p.kind.name(),
         p.count(MetricName::LateSteps),
         time(p.seconds(MetricName::LongestStep)),

@@ -1,4 +1,4 @@
-//! Life of a process beside its node: a clock that never goes back, the time each step takes, a record
+//! Life of a process around its node: a clock that never goes back, the time each step takes, a record
 //! of what was consumed, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
@@ -54,7 +54,7 @@ impl Life {
             metrics: Metrics::default(),
         }
     }
-    /// Drawn anew at each start.
+    /// Drawn at each start.
     pub fn boot(&self) -> u32 {
         self.boot
     }
@@ -108,13 +108,13 @@ pub struct Process<N: Node> {
     recorder: Option<NodeRecorder>,
     clock: ProcessClock,
     last: Time<N::Clock>,
-    /// Its reports.
+    /// The reports.
     pub life: Life,
 }
 
 /// A boot id: differs from the last start's.
 pub fn draw_boot() -> u32 {
-    // The steady clock in units of 65 us turns over after three days; the process id tells two
+    // The steady clock in units of 65 us turns over after three days; the process id distinguishes two
     // starts within one unit apart.
     ((steady_ns() >> 16) as u32).wrapping_mul(0x9e37_79b1) ^ std::process::id()
 }
@@ -165,11 +165,11 @@ impl<N: Node<In: Recorded, Out: Recorded>> Process<N> {
         self.last = self.last.max(self.clock.now());
         self.last
     }
-    /// What the computer's clock read when the steady clock read `steady_ns`.
+    /// Time of the computer's clock when the steady clock read `steady_ns`.
     pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
         self.clock.read(steady_ns)
     }
-    /// One step of the node, its output sent, then recorded; timed where `send` says that it had work to do.
+    /// One step of the node, its output sent, then recorded; timed where `send` returns that it had work to do.
     pub fn step(
         &mut self,
         now: Time<N::Clock>,

@@ -30,7 +30,7 @@ impl LocalCommand {
             sending: Retransmission::new(Time::from_nanos(steady_ns), REPEAT, TIMEOUT),
         }
     }
-    /// What is to be sent now.
+    /// The message to send now.
     pub fn due(&mut self, steady_ns: i64) -> Option<Command> {
         let kind = self.kind?;
         self.sending.is_due(Time::from_nanos(steady_ns)).then(|| {
@@ -59,7 +59,7 @@ impl LocalCommand {
     }
 }
 
-/// The answer of drone `drone`'s mission, for a person.
+/// The answer of drone `drone`'s mission, for the operator.
 pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
         format!("drone {drone}: {}", mission.state.because(&mission.entered)),

@@ -109,9 +109,9 @@ mod tests {
             assert!(socket.recv(&mut [0]).is_err());
         }
         std::fs::remove_file(&path).unwrap();
-        let mut nobody = Notify::to("");
-        nobody.ready();
-        nobody.alive(0, || panic!("nobody listens"));
+        let mut unsupervised = Notify::to("");
+        unsupervised.ready();
+        unsupervised.alive(0, || panic!("no receiver"));
     }
 
     #[test]

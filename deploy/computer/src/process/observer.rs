@@ -28,7 +28,7 @@ pub struct Observer {
     vessel: Subscriber<VesselStatus>,
     sources: Subscriber<SourceReport>,
     computer: Subscriber<ComputerReport>,
-    /// What was seen.
+    /// The newest messages.
     pub snapshot: Snapshot,
     /// Ages of the vessel's newest state since they were taken last, s.
     pub ages_s: Vec<f64>,
@@ -60,41 +60,42 @@ impl Observer {
     }
     /// Takes in what is new.
     pub fn poll(&mut self) {
-        let (now, seen) = (steady_ns(), &mut self.snapshot);
+        let (now, snapshot) = (steady_ns(), &mut self.snapshot);
         for state in self.processes.all(now) {
-            seen.processes.insert(state.kind, state);
+            snapshot.processes.insert(state.kind, state);
         }
-        seen.computer.set(now, self.computer.newest(now));
-        seen.vessel.set(now, self.vessel.newest(now));
-        seen.sources
+        snapshot.computer.set(now, self.computer.newest(now));
+        snapshot.vessel.set(now, self.vessel.newest(now));
+        snapshot
+            .sources
             .extend(self.sources.all(now).into_iter().map(|s| (s.number, s)));
-        seen.mission.set(now, self.mission.newest(now));
-        seen.autopilot.set(now, self.autopilot.newest(now));
-        seen.drone.set(now, self.drone.newest(now));
-        seen.forecast.set(now, self.forecast.newest(now));
-        seen.plan.set(now, self.plan.newest(now));
-        seen.grant.set(now, self.grant.newest(now));
-        seen.wave.set(now, self.wave.newest(now));
+        snapshot.mission.set(now, self.mission.newest(now));
+        snapshot.autopilot.set(now, self.autopilot.newest(now));
+        snapshot.drone.set(now, self.drone.newest(now));
+        snapshot.forecast.set(now, self.forecast.newest(now));
+        snapshot.plan.set(now, self.plan.newest(now));
+        snapshot.grant.set(now, self.grant.newest(now));
+        snapshot.wave.set(now, self.wave.newest(now));
         let newest = self.set_point.newest(now).map(|s| s.response);
-        seen.response = newest.or(seen.response);
+        snapshot.response = newest.or(snapshot.response);
         let links = self.link.all(now);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);
         self.ages_s.extend(links.iter().map(|l| l.age_s));
-        seen.link.set(now, links.last().copied());
+        snapshot.link.set(now, links.last().copied());
     }
 }
 
-/// An instance's memory as somebody outside uses it: another one once its service was started anew.
+/// An instance's memory as a process outside uses it: another one once its service was started again.
 pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
-    /// What was joined last.
+    /// Instance that was joined last.
     pub ports: Option<T>,
 }
 
-/// Whether a service was started anew is looked for this often, ns.
+/// Whether a service was started again is looked for this often, ns.
 const LOOK_NS: i64 = 100_000_000;
 
 impl<T> Rejoined<T> {
@@ -139,7 +140,7 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Of the instance of this name, as the process `name`.
+    /// An observer of the instance of this name, as the process `name`.
     pub fn of(instance: &str, name: &'static str) -> Result<Follower, CliError> {
         let joined = Rejoined::of(instance)?;
         Ok(Follower { joined, name })
@@ -148,7 +149,7 @@ impl Follower {
     pub fn leave(&mut self) {
         self.joined.ports = None;
     }
-    /// What was seen by now, with the memory that it lies in; None while nothing runs.
+    /// The newest messages, with the memory that they lie in; None while nothing runs.
     pub fn poll(&mut self) -> Option<(&Memory, &Snapshot)> {
         let name = self.name;
         let join = |instance: &Instance| {

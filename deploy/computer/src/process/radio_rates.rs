@@ -10,14 +10,14 @@ use alight_transport::radio::{Flow, Radio};
 /// Looks at the counters that are kept: five seconds at two a second.
 const WINDOW: usize = 10;
 
-/// The counters of late.
+/// The recent counters.
 pub struct RadioRates {
     topics: Vec<u32>,
     samples: VecDeque<(i64, Vec<Flow>)>,
 }
 
 impl RadioRates {
-    /// Of a radio that publishes these topics; the process's own report stands in no list.
+    /// Rates of a radio that publishes these topics; the process's own report stands in no list.
     pub fn of(publications: &[&Topic]) -> RadioRates {
         let index = |topic: &Topic| topics::ALL.iter().position(|t| t.name == topic.name);
         let number = |i: Option<usize>| i.and_then(|i| u32::try_from(i).ok()).unwrap_or(u32::MAX);

@@ -11,8 +11,8 @@ use rustix::thread::{CpuSet, sched_setaffinity};
 /// processes: ticks of the simulated world up to 6 s late without it.
 const NICENESS: i32 = -10;
 
-/// Real-time priority of a simulated world, before the processes of flight: what moves waits for nobody. Measured on two
-/// cores beside another landing's start: ticks up to 0.9 s late at that niceness alone, which the autopilot's link takes
+/// Real-time priority of a simulated world, before the processes of flight: what moves does not wait. Measured on two
+/// cores during another landing's start: ticks up to 0.9 s late at that niceness alone, which the autopilot's link takes
 /// for an autopilot that restarted.
 const WORLD_PRIORITY: u8 = 40;
 
@@ -60,7 +60,7 @@ pub fn set_real_time(priority: u8) -> bool {
     own.set_scheduler(Scheduler::Fifo).is_ok() && own.set_priority(scaled).is_ok()
 }
 
-/// The same for a thread of the simulated world, where it is permitted.
+/// Raises a thread of the simulated world, where it is permitted.
 pub fn set_real_time_world() {
     set_real_time(WORLD_PRIORITY);
 }

@@ -2,7 +2,7 @@
 //! copy of what it read, so that one which is started again in flight does not take up what somebody has edited meanwhile.
 //! The file of Zenoh's own configuration is part of it: its text stands in the copy in the place of its name.
 //! The copy is kept fresh while the supervisor lives and is removed when it ends as asked; a successor that finds a fresh
-//! one goes on with it, for its predecessor was killed. An edited file is said, and counts from the next start on.
+//! one goes on with it, for its predecessor was killed. An edited file is reported, and counts from the next start on.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -78,15 +78,15 @@ impl SealedConfig {
     pub fn path(&self) -> &Path {
         &self.copy
     }
-    /// What is to be said of the file, if it is another than what is flown by.
+    /// Message about the file, if it is another than the one that is flown.
     pub fn edited(&self) -> Option<String> {
-        let said = || {
+        let message = || {
             format!(
-                "{} was edited since the start: what runs keeps to what it began with, until it is restarted",
+                "{} was edited since the start: the service uses the old file until it is restarted",
                 self.origin.display()
             )
         };
-        self.edited.then(said)
+        self.edited.then(message)
     }
     /// Keeps the copy fresh and looks whether the file was edited; true when that has changed.
     pub fn poll(&mut self, now_ns: i64) -> bool {
@@ -107,8 +107,8 @@ impl SealedConfig {
         let edited = now.is_none_or(|text| text != self.text);
         let changed = edited != self.edited;
         self.edited = edited;
-        if let Some(said) = self.edited().filter(|_| changed) {
-            warn!("{said}");
+        if let Some(message) = self.edited().filter(|_| changed) {
+            warn!("{message}");
         }
         changed
     }
@@ -127,7 +127,7 @@ impl Drop for SealedConfig {
     }
 }
 
-/// What a service that was started with the file `origin` runs by now, as text; None where none was, and for another user's.
+/// Text of the configuration that a service runs which was started with the file `origin`; None where none was, and for another user's.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
 }
@@ -147,14 +147,14 @@ fn whole(text: String) -> Result<String, CliError> {
     toml::to_string(&table).doing("writing Zenoh's own configuration (radio.zenoh) into a copy")
 }
 
-/// Where the copy of a file is.
+/// Path of the copy of a file.
 fn copy_of(directory: &Path, origin: &Path) -> Result<PathBuf, CliError> {
     let named = fs::canonicalize(origin).unwrap_or_else(|_| origin.to_owned());
     let hash = wire::hash_record(&named.display().to_string()).doing("naming a copy")?;
     Ok(directory.join(format!("alight-config-{hash:016x}.toml")))
 }
 
-/// What is in a copy of ours that was fresh lately.
+/// Content of a copy of ours that was fresh recently.
 fn fresh(copy: &Path) -> Option<String> {
     let found = fs::symlink_metadata(copy).ok()?;
     let own = found.is_file() && found.uid() == rustix::process::geteuid().as_raw();
@@ -212,7 +212,7 @@ mod tests {
         let (computer, mut sealed) = begin();
         assert_eq!((computer.bridge.drone_id, number(sealed.path())), (2, 2));
         assert!(!sealed.poll(0) && sealed.edited().is_none());
-        // A process that is started now keeps to what was read, and it is said once.
+        // A process that is started now keeps to what was read, and it is reported once.
         edit("[bridge]\ndrone_id = 3\n");
         assert!(!sealed.poll(LOOK_PERIOD_NS / 2), "not yet looked");
         assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));

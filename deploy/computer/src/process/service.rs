@@ -35,7 +35,7 @@ use crate::process::supervisor::{self, Event, Supervisor};
 /// Time between two looks of the supervisor.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// What a computer runs.
+/// Processes of a computer.
 pub struct Service<'a> {
     /// Name of the set of processes.
     pub instance: &'a str,
@@ -43,13 +43,13 @@ pub struct Service<'a> {
     pub facts: Facts,
     /// The computer's name in its flights.
     pub computer: String,
-    /// Where it records them.
+    /// Directory in which they record.
     pub recorder: &'a RecorderConfig,
     /// A process that reports nothing for this long is killed and restarted, s.
     pub silence_timeout_s: f64,
-    /// Its processes in the order of their start, with the scheduling that the system may not permit.
+    /// The processes in the order of their start, with the scheduling that the system may not permit.
     pub nodes: Vec<(ProcessKind, Scheduling)>,
-    /// Where people look on, if they do.
+    /// Addresses of the viewers, if there are any.
     pub view: Option<ViewConfig>,
     /// The clock of checkpoints that the supervisor keeps; None: each process keeps its own.
     pub checkpoints: Option<ProcessClock>,
@@ -58,7 +58,7 @@ pub struct Service<'a> {
 /// Runs it until it is asked to end.
 pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -> Result<Exit, CliError> {
     // Everything is checked before anything starts. The first call installs the signal handler.
-    let told_to_end = end_with_supervisor(args.supervised);
+    let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);
     }
@@ -80,7 +80,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
     let recorded = args.flight.clone().or(flight.as_ref().map(Flight::path));
     let mut supervisor = start(&service, &owned, recorded, &sealed)?;
     let mut notify = Notify::default();
-    while memory.wait(POLL_PERIOD) && !told_to_end.load(Ordering::Relaxed) {
+    while memory.wait(POLL_PERIOD) && !stop_requested.load(Ordering::Relaxed) {
         observer.poll();
         sealed.poll(steady_ns());
         reporter.poll(steady_ns(), || sealed.edited());

@@ -19,14 +19,14 @@ use crate::exit::{CliError, Exit};
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 
-/// What a process does beside the steps of its node.
-pub trait Beside<N: Node> {
-    /// Tells people what a step means whose output was sent at `sent`; metrics of its own.
+/// Work of a process after each step of its node.
+pub trait AfterStep<N: Node> {
+    /// Reports what a step means whose output was sent at `sent`; metrics of its own.
     fn after_step(&mut self, input: &N::In, out: &N::Out, sent: Time<N::Clock>) -> Vec<Metric>;
 }
 
 /// Nothing.
-impl<N: Node> Beside<N> for () {
+impl<N: Node> AfterStep<N> for () {
     fn after_step(&mut self, _input: &N::In, _out: &N::Out, _sent: Time<N::Clock>) -> Vec<Metric> {
         Vec::new()
     }
@@ -36,22 +36,22 @@ impl<N: Node> Beside<N> for () {
 type InMemory<N> = <N as Wired>::Ports<Memory>;
 
 /// Runs the installed node `N` until asked to end.
-pub fn run<N>(args: &ProcessArgs, beside: impl Beside<N>) -> Result<Exit, CliError>
+pub fn run<N>(args: &ProcessArgs, observer: impl AfterStep<N>) -> Result<Exit, CliError>
 where
     N: Installed<Clock = DroneClock, In: Recorded, Out: Recorded>,
 {
     run_node(
         args,
         |computer, boot| N::installed(&computer.nodes(), boot),
-        beside,
+        observer,
     )
 }
 
-/// The same with the node that `make` makes for a boot id.
+/// Runs a process with the node that `make` makes for a boot id.
 pub fn run_node<N>(
     args: &ProcessArgs,
     make: impl FnOnce(&DroneComputer, u32) -> N,
-    mut beside: impl Beside<N>,
+    mut observer: impl AfterStep<N>,
 ) -> Result<Exit, CliError>
 where
     N: Installed<Clock = DroneClock, In: Recorded, Out: Recorded>,
@@ -72,7 +72,7 @@ where
         let t = now.nanos();
         let out = process.step(now, &input, |out| ports.write(out));
         let sent = process.now();
-        process.life.metrics = Seq::filled(beside.after_step(&input, &out, sent));
+        process.life.metrics = Seq::filled(observer.after_step(&input, &out, sent));
         let report = process.state(|| ports.states(t), ports.unsent());
         state.send_any(report.as_ref());
         !process.ended()

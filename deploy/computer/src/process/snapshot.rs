@@ -124,18 +124,18 @@ pub struct Snapshot {
     pub grant: Newest<DeckGrant<DroneClock>>,
     /// The vessel's wave model.
     pub wave: Newest<WaveModel<DroneClock>>,
-    /// How the drone's attitude answers set-points, by the pilot.
+    /// Response of the drone's attitude to set-points, by the pilot.
     pub response: Option<AttitudeResponse>,
-    /// What the vessel's process knows.
+    /// Status of the vessel's process.
     pub vessel: Newest<VesselStatus>,
     /// The vessel's real sensors by their places in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
-    /// What the computer reports of itself.
+    /// The computer's report of itself.
     pub computer: Newest<ComputerReport>,
 }
 
 impl Snapshot {
-    /// Where the drone's frame begins, and how far away the deck is by the newest forecast, m.
+    /// Origin of the drone's frame, and the distance of the deck by the newest forecast, m.
     pub fn frame(&self) -> Option<(Datum, Option<f64>)> {
         let drone = (*self.drone)?;
         let deck = self.forecast.and_then(|f| f.stages.first().copied());

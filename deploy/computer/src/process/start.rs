@@ -12,32 +12,32 @@ use std::sync::mpsc::Sender;
 use crate::io::store::STATE_VARIABLE;
 use crate::process::notify::SOCKET_VARIABLE;
 
-/// What a process has around it.
+/// Surroundings of a process.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Surroundings<'a> {
-    /// Its standard error is appended to this file; None: it goes where this process writes its own.
+    /// File to which its standard error is appended; None: it goes where this process writes its own.
     pub errors: Option<&'a Path>,
-    /// What outlives it lies in this directory; None: where the service manager says.
+    /// Directory of the state that outlives it; None: that of the service manager.
     pub state: Option<&'a Path>,
     /// It reports that it is ready to this socket; None: to the service manager.
     pub notified: Option<&'a Path>,
 }
 
-/// Starts what stands before the program, the program and its arguments, `words`; its standard output comes by `lines`.
+/// Starts what stands before the program, the program and its arguments, `arguments`; its standard output comes by `lines`.
 pub fn start<W: AsRef<OsStr>>(
-    words: impl IntoIterator<Item = W>,
+    arguments: impl IntoIterator<Item = W>,
     around: Surroundings<'_>,
     lines: Sender<String>,
 ) -> io::Result<Child> {
-    let mut words = words.into_iter();
-    let program = words.next().ok_or(ErrorKind::InvalidInput)?;
+    let mut arguments = arguments.into_iter();
+    let program = arguments.next().ok_or(ErrorKind::InvalidInput)?;
     let errors: Stdio = match around.errors {
         Some(file) => File::options().create(true).append(true).open(file)?.into(),
         None => Stdio::inherit(),
     };
     let mut command = Command::new(program);
     command
-        .args(words)
+        .args(arguments)
         .arg("--supervised")
         .envs(around.state.map(|directory| (STATE_VARIABLE, directory)))
         .envs(around.notified.map(|socket| (SOCKET_VARIABLE, socket)));
@@ -55,7 +55,7 @@ pub fn start<W: AsRef<OsStr>>(
                 .for_each(drop);
         };
         if let Err(e) = std::thread::Builder::new().spawn(read) {
-            // Nobody would empty its pipe.
+            // No reader would empty its pipe.
             let _gone = child.kill().and_then(|()| child.wait());
             return Err(e);
         }

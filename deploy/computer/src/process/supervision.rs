@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
 /// Longest delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// The same of the viewers' server, which nothing needs: what keeps it from starting (its port is taken) stays.
+/// Limits of the viewers' server, which nothing needs: a cause that keeps it from starting (its port is taken) stays.
 const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
 /// A process that ran for this long started well: it is started again at the next look.
 const STABLE_RUN: Span = Span::from_millis(5000);
@@ -21,7 +21,7 @@ const START_FACTOR: f64 = 5.0;
 /// nothing faster. A stable run ends it.
 const MAX_DOUBLINGS: u32 = 3;
 
-/// What a supervisor tolerates.
+/// Tolerances of a supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// A process that has reported and then reports nothing for this long is killed, s; None: silence is tolerated.
@@ -30,7 +30,7 @@ pub struct Limits {
     pub max_failures: Option<u32>,
 }
 
-/// What is observed of one process.
+/// Observation of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Observed {
     /// Which.
@@ -41,7 +41,7 @@ pub struct Observed {
     pub reported: Option<Time<SteadyClock>>,
 }
 
-/// What is to be done.
+/// Action on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Action {
     /// Start it.
@@ -66,7 +66,7 @@ struct Child {
     killed: Option<Time<SteadyClock>>,
     /// Kills for silence since its last stable run.
     silences: u32,
-    /// Its first report since this start.
+    /// The first report since this start.
     ready: Option<Time<SteadyClock>>,
 }
 
@@ -98,8 +98,8 @@ impl Child {
         };
         self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, longest);
     }
-    fn step(&mut self, now: Time<SteadyClock>, seen: &Observed, limits: &Limits) -> Option<Action> {
-        if !seen.running {
+    fn step(&mut self, now: Time<SteadyClock>, observation: &Observed, limits: &Limits) -> Option<Action> {
+        if !observation.running {
             if self.was_running {
                 // What it left in shared memory is cleaned up before the next begins.
                 self.on_exit(now);
@@ -121,11 +121,11 @@ impl Child {
         self.was_running = true;
         let reports = !matches!(self.kind, ProcessKind::World | ProcessKind::Link);
         // It waits for shared memory.
-        let waits = self.kind == ProcessKind::View && seen.reported.is_none();
+        let waits = self.kind == ProcessKind::View && observation.reported.is_none();
         let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
         // What its predecessor reported is no report of this start.
-        let reported = seen.reported.filter(|at| *at > self.started);
+        let reported = observation.reported.filter(|at| *at > self.started);
         self.ready = self.ready.or(reported);
         let newest = [Some(self.started), self.killed, reported];
         let silence_s = (now - newest.into_iter().flatten().max().unwrap_or(now)).secs();
@@ -175,14 +175,14 @@ impl Node for SupervisorNode {
 
     fn step(&mut self, now: Time<SteadyClock>, input: &Vec<Observed>) -> Vec<Action> {
         let mut actions = Vec::new();
-        for seen in input {
-            let known = self.children.iter().position(|c| c.kind == seen.kind);
+        for observation in input {
+            let known = self.children.iter().position(|c| c.kind == observation.kind);
             let k = known.unwrap_or_else(|| {
-                self.children.push(Child::new(seen.kind));
+                self.children.push(Child::new(observation.kind));
                 self.children.len() - 1
             });
             if let Some(child) = self.children.get_mut(k) {
-                actions.extend(child.step(now, seen, &self.limits));
+                actions.extend(child.step(now, observation, &self.limits));
             }
         }
         actions
@@ -308,19 +308,19 @@ mod tests {
         let mut reported: Vec<Option<i64>> = vec![None; kinds.len()];
         let mut actions = Vec::new();
         for ms in (0..for_ms).step_by(20) {
-            let mut seen = Vec::new();
+            let mut observations = Vec::new();
             for ((kind, began), newest) in kinds.iter().zip(&started).zip(&mut reported) {
                 let up_ms = began.map(|began| ms - began - start_ms);
                 if up_ms.is_some_and(|up| up >= 0 && up % 500 == 0) && !hang(ms) {
                     *newest = Some(ms);
                 }
-                seen.push(Observed {
+                observations.push(Observed {
                     kind: *kind,
                     running: began.is_some(),
                     reported: newest.map(at),
                 });
             }
-            for action in node.step(at(ms), &seen) {
+            for action in node.step(at(ms), &observations) {
                 let (Action::Start(kind) | Action::Kill(kind, _) | Action::GiveUp(kind)) = action;
                 if let Some(k) = kinds.iter().position(|known| *known == kind) {
                     started[k] = matches!(action, Action::Start(_)).then_some(ms);

@@ -20,7 +20,7 @@ use crate::process::start::{Surroundings, start};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
-/// Its name as a process whose steps are recorded.
+/// Name of the supervisor as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
 /// Processes that were asked to end have this long: the vessel's gives a boat that it steers back (`vessel/estimator.rs`), and
 /// the services' `TimeoutStopSec` is longer.
@@ -29,7 +29,7 @@ const GRACE_NS: i64 = 4_000_000_000;
 /// One process under supervision.
 struct ManagedProcess {
     kind: ProcessKind,
-    /// What stands before the program: the way into its network namespace.
+    /// Arguments before the program: the way into its network namespace.
     prefix: Vec<String>,
     arguments: Vec<String>,
     child: Option<Child>,
@@ -42,18 +42,18 @@ pub struct Supervisor {
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     flight: Option<PathBuf>,
-    /// What outlives a process lies there; None: where the service manager says.
+    /// Directory of the state that outlives a process; None: that of the service manager.
     state: Option<PathBuf>,
     /// Processes write errors where the supervisor does, not into files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
     /// In flight a process that cannot be started does not end the others.
     keeps_others: bool,
-    /// Of the first start of a process, for the next poll.
+    /// Events of the first start of a process, for the next poll.
     events: Vec<Event>,
 }
 
-/// What happened to a process.
+/// Event of a process.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// It ended; it is started again unless it is the world.
@@ -85,7 +85,7 @@ impl fmt::Display for Event {
 }
 
 impl Supervisor {
-    /// Nobody yet; `directory` takes what processes write to standard error. Its decisions are recorded where
+    /// No process yet; `directory` takes what processes write to standard error. Its decisions are recorded where
     /// the processes record: in the directory of their flight.
     pub fn new(directory: PathBuf, flight: Option<PathBuf>, limits: Limits) -> Result<Supervisor, CliError> {
         let recorder = match &flight {
@@ -119,7 +119,7 @@ impl Supervisor {
         self.inherit_stderr = true;
         self
     }
-    /// What outlives a process lies in this directory.
+    /// Keeps the state that outlives a process in this directory.
     pub fn keeping_state_in(mut self, directory: PathBuf) -> Supervisor {
         self.state = Some(directory);
         self
@@ -148,14 +148,14 @@ impl Supervisor {
 
     /// Starts the viewers' server for the computer of this configuration; where it is served, for people.
     pub fn start_view(&mut self, config: &Path, view: &ViewConfig) -> Result<Vec<String>, CliError> {
-        let mut words = arguments(ProcessKind::View, config);
-        words.extend(["--listen".into(), view.listen.clone()]);
+        let mut pieces = arguments(ProcessKind::View, config);
+        pieces.extend(["--listen".into(), view.listen.clone()]);
         let mut lines = vec![format!("page: http://{}", view.listen)];
         if !view.foxglove.is_empty() {
-            words.push(format!("--foxglove={}", view.foxglove));
+            pieces.push(format!("--foxglove={}", view.foxglove));
             lines.push(format!("Foxglove: ws://{}", view.foxglove));
         }
-        self.start(ProcessKind::View, words, Vec::new())?;
+        self.start(ProcessKind::View, pieces, Vec::new())?;
         Ok(lines)
     }
 
@@ -172,15 +172,15 @@ impl Supervisor {
         let Some(managed) = self.processes.iter_mut().find(|p| p.kind == kind) else {
             return Ok(());
         };
-        let words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
-        let words = words.chain(managed.arguments.iter().map(OsStr::new));
-        let child = start(words, around, self.lines.0.clone()).map_err(fail)?;
+        let pieces = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
+        let pieces = pieces.chain(managed.arguments.iter().map(OsStr::new));
+        let child = start(pieces, around, self.lines.0.clone()).map_err(fail)?;
         managed.child = Some(child);
         Ok(())
     }
 
     /// Looks after all: what ended is started again after a delay, what is silent for too long is killed.
-    /// `reported` says when a process's newest report came, on the steady clock, ns.
+    /// `reported` returns when a process's newest report came, on the steady clock, ns.
     pub fn poll(&mut self, reported: impl Fn(ProcessKind) -> Option<i64>) -> Result<Vec<Event>, CliError> {
         let mut events = core::mem::take(&mut self.events);
         let mut observed = Vec::new();

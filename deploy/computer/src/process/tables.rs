@@ -32,7 +32,7 @@ impl Snapshot {
         table.text()
     }
 
-    /// Where the time goes between a measurement on the vessel and the set-point: the age of each
+    /// Parts of the time between a measurement on the vessel and the set-point: the age of each
     /// message when it is read, and what a step takes.
     pub fn stages(&self) -> String {
         const STAGES: [(ProcessKind, &Topic); 6] = [

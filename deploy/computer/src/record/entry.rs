@@ -3,9 +3,9 @@
 //! The flight recorder's files hold every input in full: each process is computed again without the others, also after
 //! one that was killed. Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output:
 //! a recording, all nodes in one file, therefore leaves them out of the inputs and names them by their sequence number.
-//! The replay puts in the forecast and the plan that it has computed itself, and the hash of each output says whether
+//! The replay puts in the forecast and the plan that it has computed itself, and the hash of each output shows whether
 //! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry holds it, the others
-//! say that it is the one before.
+//! state that it is the one before.
 
 use std::collections::BTreeMap;
 
@@ -35,9 +35,9 @@ pub const FORMAT: u32 = 20;
 pub struct Entry<I> {
     /// The node's own time, ns.
     pub now_ns: i64,
-    /// What it consumed.
+    /// The input of the step.
     pub input: I,
-    /// What is left out of the input.
+    /// Parts that are left out of the input.
     pub references: References,
     /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
@@ -59,7 +59,7 @@ pub fn append(
 pub struct PartHeader {
     /// Name of the process.
     pub process: String,
-    /// Its boot id.
+    /// The boot id.
     pub boot: u32,
     /// When it began, on the computer's steady clock, ns: the order of a process's starts.
     pub began_ns: i64,
@@ -85,7 +85,7 @@ impl PartHeader {
         .map(|(name, value)| (name.to_owned(), value))
         .into()
     }
-    /// Of such values and the texts attached beside them.
+    /// A value of such values and the texts attached to them.
     pub fn of(values: &BTreeMap<String, String>, texts: &BTreeMap<String, String>) -> Option<PartHeader> {
         Some(PartHeader {
             process: values.get("process")?.clone(),
@@ -135,12 +135,12 @@ inputs! {
     AutopilotIn {}
 }
 
-/// What is left out of an input, and where it is: nothing in the flight recorder's files.
+/// Parts that are left out of an input, and the place of their content: nothing in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
     /// Boot id and sequence number.
     forecast: Option<(u32, u32)>,
-    /// The same.
+    /// The text for an error.
     plan: Option<(u32, u32)>,
     /// It is the newest in the file.
     drone: bool,
@@ -185,7 +185,7 @@ pub struct Missing;
 /// Forecasts and plans that are kept: more than can be under way between two nodes.
 const KEPT: usize = 128;
 
-/// What the replay has computed, or a recording written, newest last.
+/// Outputs that the replay has computed, or a recording written, newest last.
 #[derive(Default)]
 pub struct Computed {
     forecasts: Vec<DeckForecast>,

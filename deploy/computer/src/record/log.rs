@@ -25,17 +25,17 @@ pub struct Start {
 }
 
 impl Start {
-    /// The name that a person reads.
+    /// The name for people.
     pub fn name(&self) -> String {
         format!("{}-{:08x}", self.header.process, self.header.boot)
     }
-    /// Its configuration.
+    /// The configuration.
     pub fn config<C: Check + DeserializeOwned>(&self) -> Result<C, CliError> {
         let file = self.files.first().map_or(Path::new(""), PathBuf::as_path);
         let origin = format!("{}, the {}'s configuration", file.display(), self.header.process);
         Ok(config::parse(&self.header.config, &origin)?)
     }
-    /// How it read its computer's clock.
+    /// Readings of its computer's clock.
     pub fn clock(&self) -> ProcessClock {
         #[derive(Default, Deserialize)]
         #[serde(default)]
@@ -48,7 +48,7 @@ impl Start {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// What comes first of equal times: the world, then the nodes as their data flow.
+    /// Order of entries of equal times: the world, then the nodes as their data flow.
     fn rank(&self) -> Option<usize> {
         NODES.iter().position(|n| *n == self.header.process)
     }
@@ -68,7 +68,7 @@ pub struct Log {
     path: PathBuf,
     /// By name, a process's first start first; in a recording as its data flow.
     pub starts: Vec<Start>,
-    /// What it says of itself: of a flight's directory and a part nothing.
+    /// Metadata of the recording: of a flight's directory and a part nothing.
     pub about: About,
     /// It is a flight in one file.
     is_recording: bool,
@@ -100,7 +100,7 @@ impl Log {
         log.about = found.about;
         Ok(log)
     }
-    /// Its place, for errors.
+    /// The path, for errors.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -133,7 +133,7 @@ impl Log {
             ))
         })
     }
-    /// What UTC was ahead of the true time, where that is known.
+    /// Time by which UTC was ahead of the true time, where that is known.
     pub fn utc_ahead(&self) -> Result<Span, CliError> {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
@@ -253,10 +253,10 @@ impl Steps {
     }
 }
 
-/// What is read of one start, or of a recording.
+/// Reader of one start, or of a recording.
 struct Source {
     steps: Steps,
-    /// Of a process: a simulated world has a time of its own.
+    /// Time of a process: a simulated world has a time of its own.
     clock: Option<ProcessClock>,
     rank: Option<usize>,
     /// When the next step was made, and what comes first of equal times.

@@ -5,7 +5,7 @@
 //! A recording holds, with the world's time as log time,
 //! - `/node/*`: each step of each node, bit for bit; the configurations are attachments;
 //! - everything else: Foxglove's well-known schemas where there is one and messages of numbers
-//!   ([`schema`]) where there is none, at display rates ([`views`]).
+//!   ([`schema`]) where the message has none, at display rates ([`views`]).
 
 use std::collections::BTreeMap;
 
@@ -32,16 +32,16 @@ pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "plann
 pub const WORLD: &str = "world";
 /// Extension of a log's files.
 const EXTENSION: &str = "mcap";
-/// Name of the metadata that says whose steps a file holds, one for each process.
+/// Name of the metadata that states whose steps a file holds, one for each process.
 const PROCESS: &str = "process";
-/// Name of the metadata that says what a recording is of.
+/// Name of the metadata with the subject of a recording.
 const RECORDING: &str = "recording";
 /// Value of that: 0 when its nodes were no processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
 /// Name of what is attached to a recording where another planner flew than the drone's.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Where the steps of these starts are: those of a process that was started again in topics of their own.
+/// Topics of the steps of these starts: those of a process that was started again in topics of their own.
 fn topics(headers: &[entry::PartHeader]) -> Vec<String> {
     let topic = |(k, header): (usize, &entry::PartHeader)| {
         let (process, boot) = (&header.process, header.boot);
@@ -53,7 +53,7 @@ fn topics(headers: &[entry::PartHeader]) -> Vec<String> {
     headers.iter().enumerate().map(topic).collect()
 }
 
-/// What a recording says of itself.
+/// Metadata of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct About {
     /// Names and values.

@@ -12,17 +12,17 @@ use alight_usv::{ComputerIn, ComputerOut};
 /// A step: the node's own time, input and output.
 #[derive(Clone, Copy)]
 pub enum NodeStep<'a> {
-    /// Of the vessel's computer.
+    /// Step of the vessel's computer.
     Vessel(Time<VesselClock>, &'a ComputerIn, &'a ComputerOut),
-    /// Of the bridge.
+    /// Step of the bridge.
     Bridge(Time<DroneClock>, &'a BridgeIn, &'a BridgeOut),
-    /// Of the predictor.
+    /// Step of the predictor.
     Predictor(Time<DroneClock>, &'a PredictorIn, &'a PredictorOut),
-    /// Of the mission.
+    /// Step of the mission.
     Mission(Time<DroneClock>, &'a MissionIn, &'a MissionOut),
-    /// Of the planner.
+    /// Step of the planner.
     Planner(Time<DroneClock>, &'a PlannerIn, &'a PlannerOut),
-    /// Of the pilot.
+    /// Step of the pilot.
     Pilot(Time<DroneClock>, &'a PilotIn, &'a PilotOut),
 }
 
@@ -38,7 +38,7 @@ pub trait StepObserver {
     }
 }
 
-/// All of them; nobody, where there is none.
+/// All of them.
 impl StepObserver for Vec<&mut dyn StepObserver> {
     fn of(&mut self, process: &str, boot: u32) {
         self.iter_mut().for_each(|o| o.of(process, boot));

@@ -14,12 +14,12 @@ fn number(bytes: &[u8], at: usize) -> Option<u64> {
     slice.try_into().ok().map(u64::from_le_bytes)
 }
 
-/// How far a file is sound.
+/// Sound part of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
-    /// Where its last whole record ends.
+    /// End of its last whole record.
     pub end: usize,
-    /// What comes after that; None: the end of a file that was finished.
+    /// Bytes after that; None: the end of a file that was finished.
     pub cut: Option<String>,
 }
 

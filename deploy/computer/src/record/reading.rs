@@ -43,16 +43,16 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
 pub struct Step<'a> {
     /// Whose.
     pub header: &'a PartHeader,
-    /// Its number in its start of the process, from 0 on.
+    /// The number in its start of the process, from 0 on.
     pub number: u64,
-    /// Its time in the file, ns: UTC since 1970, in a recording that of the world.
+    /// The time in the file, ns: UTC since 1970, in a recording that of the world.
     pub log_ns: u64,
-    /// Its [`Entry`].
+    /// The [`Entry`].
     pub bytes: &'a [u8],
 }
 
 impl Step<'_> {
-    /// Its entry.
+    /// The entry.
     pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
         wire::decode_record(self.bytes)
     }
@@ -63,12 +63,12 @@ impl Step<'_> {
     }
 }
 
-/// What stands before the first chunk of a file.
+/// Header before the first chunk of a file.
 #[derive(Default)]
 pub struct Beginning {
     /// Whose steps follow.
     pub headers: Vec<PartHeader>,
-    /// What a recording says of itself, and what is attached.
+    /// Metadata and attachments of a recording.
     pub about: About,
     /// The file ends before the first chunk.
     is_cut: bool,
@@ -97,7 +97,7 @@ impl Beginning {
             false => Ok(self),
         }
     }
-    /// Of the bytes of the file, or of its first, where it goes on.
+    /// Reader of the bytes of the file, or of its first, where it goes on.
     fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<Beginning, CliError> {
         let origin = path.display();
         let mut found = Beginning {
@@ -169,7 +169,7 @@ fn damaged(origin: impl Display, why: impl Display) -> CliError {
     ))
 }
 
-/// Its records, chunks whole; the file may have no end.
+/// The records, chunks whole; the file may have no end.
 fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
     LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
 }
@@ -282,7 +282,7 @@ impl LogFile {
     pub fn steps(&self) -> usize {
         self.marks.len()
     }
-    /// Its step in this place.
+    /// The step in this place.
     pub fn step(&self, at: usize) -> Option<Step<'_>> {
         let &(header, number, log_ns, end) = self.marks.get(at)?;
         let before = at.checked_sub(1).and_then(|k| self.marks.get(k));

@@ -19,11 +19,11 @@ use crate::record::{About, RECORDING};
 pub struct Recorder {
     /// The file.
     pub sink: Sink,
-    /// What a person looks at.
+    /// Topics for people.
     pub views: Views,
-    /// Of each start.
+    /// Writers of each start.
     channels: Vec<((String, u32), Channel)>,
-    /// Of the start whose step comes next.
+    /// Writer of the start whose step comes next.
     current: Channel,
     newest: Newest,
     written: Computed,
@@ -36,7 +36,7 @@ fn named(values: &[(&str, String)]) -> BTreeMap<String, String> {
 }
 
 impl Recorder {
-    /// Creates the file of these starts, with what it is to say of itself and the channels that `more` opens.
+    /// Creates the file of these starts, with its metadata and the channels that `more` opens.
     pub fn create<T>(
         path: &Path,
         headers: &[PartHeader],

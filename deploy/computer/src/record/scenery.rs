@@ -30,7 +30,7 @@ pub struct Scenery {
     period_ms: i64,
     /// Whether the drone was in the shapes shown last.
     shown: Option<bool>,
-    /// The water in the drone's NED, m down, by the vessel's height of late: that NED begins at any height.
+    /// The water in the drone's NED, m down, by the vessel's recent height: that NED begins at any height.
     water_m: Option<f64>,
 }
 
@@ -67,7 +67,7 @@ impl Scenery {
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// What the drone believes at `t`.
+    /// Pose of the drone by its own estimate at `t`.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,

@@ -1,7 +1,7 @@
 //! Message types of a recording's plots that no well-known schema has. SI units; angles in degrees
-//! where the name says so. A field without a value is not written.
+//! where the name states it. A field without a value is not written.
 
-// The derived schemas list files by a hash set, whose order is not seen.
+// The derived schemas list files by a hash set, whose order is not visible.
 #![allow(clippy::disallowed_types)]
 // A field's name is what a plot is called, with its unit; viewers show no comment.
 #![allow(missing_docs)]

@@ -37,7 +37,7 @@ pub trait TakeMessages {
     ) -> Result<(), E>;
 }
 
-/// What a person reads of an error: the system's own words, where it has some.
+/// Text of an error for people: the system's own, where it has one.
 pub fn why(error: &McapError) -> String {
     match error {
         McapError::Io(e) => e.to_string(),
@@ -45,7 +45,7 @@ pub fn why(error: &McapError) -> String {
     }
 }
 
-/// The same of a file that could not be written, with what to do.
+/// Text for a file that could not be written, with what to do.
 pub fn unwritable(path: &Path, error: &McapError) -> String {
     let full = match error {
         McapError::Io(e) => matches!(
@@ -97,7 +97,7 @@ impl Sink {
             failed: None,
         })
     }
-    /// Says whose steps follow, and with which configurations they began; the channel of each.
+    /// Writes whose steps follow, and with which configurations they began; the channel of each.
     pub fn processes(&mut self, headers: &[PartHeader]) -> Result<Vec<Channel>, McapError> {
         for (k, header) in headers.iter().enumerate() {
             // Processes of one computer have the same.

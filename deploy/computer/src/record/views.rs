@@ -54,7 +54,7 @@ pub fn stamp(t: Time<TrueTime>) -> u64 {
     u64::try_from(t.nanos()).unwrap_or_default()
 }
 
-/// The same as Foxglove writes it.
+/// Time as Foxglove writes it.
 pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
     let ns = stamp(t);
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
@@ -124,7 +124,7 @@ pub struct Views {
     solver: Topic<schema::Solver>,
     autopilot: Topic<schema::Autopilot>,
     set_point: Topic<schema::SetPoint>,
-    /// Where the drone truly is in the vessel's NED, when somebody knows.
+    /// True place of the drone in the vessel's NED, where it is known.
     pub true_drone: Option<[f64; 3]>,
     shown_state: Option<(State, ReasonCode)>,
     plan_at: Option<Time<DroneClock>>,
@@ -226,7 +226,7 @@ impl Views {
         }
     }
 
-    /// What the vessel broadcasts, as the bridge received it: where the vessel itself is not looked at. Her odometry is
+    /// Broadcast of the vessel, as the bridge received it: where the vessel itself is not looked at. Her odometry is
     /// left out: it begins at a place of hers.
     pub fn received(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
         if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
@@ -462,7 +462,7 @@ impl Views {
         self.plan_path.put(sink, t, &path);
     }
 
-    /// What the autopilot is asked for.
+    /// Set-point for the autopilot.
     fn pilot(
         &mut self,
         sink: &mut impl TakeMessages,

@@ -1,7 +1,7 @@
 //! File of the deck's checkpoint.
 //!
 //! It is written to the disk at each change, whole and under another name first, and carries version and checksum: the
-//! next start finds the old state or the new one. What is not known is closed until a person opens it: where the file
+//! next start finds the old state or the new one. What is not known is closed until the crew opens it: where the file
 //! is missing, cannot be read, or cannot be replaced at the start (it may be older than what happened since). One that
 //! cannot be replaced later is removed, so that no start finds it. Only on a disk that became read-only it stays, and
 //! a start after that disk became writable again would believe it. The first file is the installation's, or a
@@ -20,7 +20,7 @@ use crate::config::VesselComputer;
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
-/// Of this layout.
+/// A file of this layout.
 const LAYOUT: u32 = 6;
 /// The first file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
@@ -34,7 +34,7 @@ fn encode(vessel: u32, kept: &VesselCheckpoint) -> Result<Vec<u8>, String> {
     to_file(LAYOUT, &owner(vessel), kept).map_err(|e| e.to_string())
 }
 
-/// What a vessel's file holds; None: there is none. An error says why it cannot be known.
+/// Content of a vessel's file; None: it is missing. An error explains why it cannot be known.
 pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String> {
     let Some(bytes) = read(path).map_err(|e| e.to_string())? else {
         return Ok(None);
@@ -46,7 +46,7 @@ pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String
     kept.map(Some).map_err(|why| format!("it does not count: {why}"))
 }
 
-/// Where the process of this computer keeps its file.
+/// Path of the file of this computer's process.
 fn own_path(computer: &VesselComputer) -> PathBuf {
     let directory = state_directory().unwrap_or_else(std::env::temp_dir);
     directory.join(name(computer))
@@ -62,7 +62,7 @@ pub fn write_first(directory: &Path, computer: &VesselComputer) -> Result<(), St
     replace(&path, FIRST, true).map_err(|e| format!("writing {}: {e}", path.display()))
 }
 
-/// What the process begins with: what it found, once the disk has taken it anew. An error says why it has not.
+/// State with which the process begins: the one that it found, once the disk has taken it again. An error explains why it has not.
 fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoint, Option<String>) {
     let written = encode(vessel, &found).and_then(|bytes| {
         replace(path, &bytes, true).map_err(|e| format!("writing {}: {e}", path.display()))
@@ -71,7 +71,7 @@ fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoi
         return (found, None);
     };
     warn!(
-        "{e}: what it holds of the deck may be old, and the deck is closed: free space or make it writable; look, then \
+        "{e}: it may be old, so the deck is closed: free space or make it writable; look at the deck, then \
          alight command deck open"
     );
     discard(path);
@@ -80,7 +80,7 @@ fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoi
     (kept, Some(e))
 }
 
-/// What the store says of it.
+/// Report of the store.
 const HOLDS: Holds = Holds {
     what: "the deck's state",
     lost: "the deck's state is lost with this process, and the next start finds the deck closed",
@@ -127,7 +127,7 @@ impl DeckFile {
     }
 }
 
-/// What the former start left, or a closed deck where that is not known.
+/// State that the former start left, or a closed deck where that is not known.
 fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
     let unknown = |closure| VesselCheckpoint {
         deck: DeckCheckpoint::unknown(closure),
@@ -137,7 +137,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
         Ok(Some(found)) => found,
         Ok(None) => {
             warn!(
-                "there is no {}: who stands on the deck is not known, and it is closed: look, then alight command deck \
+                "there is no {}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck \
                  open",
                 path.display()
             );
@@ -148,7 +148,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
             // A copy: until the closed state has replaced it, the next start must find it damaged too.
             let _kept_aside = fs::copy(path, damaged);
             warn!(
-                "{}: {e}: who stands on the deck is not known, and it is closed: look, then alight command deck open",
+                "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck open",
                 path.display()
             );
             unknown(Closure::CheckpointDamaged)

@@ -18,13 +18,13 @@ use crate::process::supervisor::pause;
 const PERIOD: Duration = Duration::from_millis(500);
 /// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
 const MAX_READING_NS: i64 = 2_000_000_000;
-/// What to do about an input that cannot be read.
+/// Remedy for an input that cannot be read.
 pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/operate.md), or empty the key in \
                           vessel.toml";
-/// The same of the switch by which the skipper agrees.
+/// Remedy for the switch by which the skipper agrees.
 pub const CONSENT_REMEDY: &str = "it counts as 0, and takes the helm back: let the user alight read the line or file \
                                   (docs/helm.md), or empty the key in vessel.toml";
-/// Its key.
+/// The key.
 const CONSENT: &str = "vessel.helm.consent_switch";
 
 /// An input, or an error that names one first, is that switch.
@@ -32,7 +32,7 @@ pub fn is_consent(named: &str) -> bool {
     named.starts_with(CONSENT)
 }
 
-/// The inputs that may be configured: key and path; an empty path is none.
+/// The inputs that may be configured: key and path; an empty path is no input.
 pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static str, &'a str); 4] {
     [
         ("deck.crew_switch", &deck.crew_switch),
@@ -55,7 +55,7 @@ struct Input {
 
 impl Input {
     /// Begins to read; None where none is configured. The first level is waited for: without it the deck is closed,
-    /// and a drone on its way down would break off because the vessel's process was started anew.
+    /// and a drone on its way down would break off because the vessel's process was started again.
     fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
         let (sender, readings) = sync_channel(1);
         (!path.is_empty()).then(|| {

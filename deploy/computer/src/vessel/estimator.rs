@@ -76,7 +76,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             radio.abandon();
             return Err(CliError(format!(
                 "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
-                 it ends so that its supervisor starts it anew"
+                 it ends so that its supervisor starts it again"
             )));
         }
         arrival(&wakes, &radio).await?;
@@ -147,7 +147,7 @@ async fn arrival(wakes: &Wakes, radio: &VesselRadio) -> Result<(), CliError> {
     }
 }
 
-/// What the process shows people in its journal, and what it measures beside its node.
+/// Report of the process for its journal, and its metrics in addition to those of its node.
 struct ForPeople {
     /// Since the measurement of an estimate when that was published, s.
     estimate_age_s: Quantiles,

@@ -13,7 +13,7 @@ use crate::io::signalk_autopilot::SignalKAutopilot;
 
 /// Most bytes that a step is given; what comes beyond waits.
 const MAX_STEP_BYTES: usize = 1 << 16;
-/// What to do about a boat's autopilot that cannot be steered.
+/// Remedy for a boat's autopilot that cannot be steered.
 pub const REMEDY: &str = "the skipper is not asked, and drones land as on a boat that is not steered: see to its cable and \
                           vessel.helm.connect (docs/helm.md)";
 
@@ -58,7 +58,7 @@ impl HelmLink {
             error: None,
         })
     }
-    /// What has come; None: the link is not open.
+    /// Received data; None: the link is not open.
     pub fn received(&mut self) -> Option<Vec<u8>> {
         let mut bytes = Vec::new();
         while bytes.len() < MAX_STEP_BYTES {

@@ -14,7 +14,7 @@ use crate::io::digital_line::DigitalLine;
 
 /// Time between two writings: of the same level, or of a lamp that blinks once a second.
 const PERIOD: Duration = Duration::from_millis(500);
-/// What to do about a lamp that cannot be written.
+/// Remedy for a lamp that cannot be written.
 pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
                           (docs/operate.md), or empty deck.helm_lamp in vessel.toml";
 
@@ -27,7 +27,7 @@ pub struct HelmLamp {
 }
 
 impl HelmLamp {
-    /// Begins to drive the lamp at `path`, out; an empty path is none.
+    /// Begins to drive the lamp at `path`, out; an empty path is no lamp.
     pub fn start(path: &str) -> HelmLamp {
         let error = Arc::new(Mutex::new(None));
         let mut lamp = HelmLamp {

@@ -18,7 +18,7 @@ use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_rates::RadioRates;
 
-/// What the vessel publishes, in this order.
+/// Messages of the vessel, in this order.
 const ESTIMATE: usize = 0;
 const WAVE: usize = 1;
 const PREDICTION: usize = 2;
@@ -57,7 +57,7 @@ pub struct VesselRadio {
     /// Operators are among them, and are sent the statuses of drones.
     operators: bool,
     reports: u32,
-    /// Time requests and commands that cannot be decoded, or come where nobody may command.
+    /// Time requests and commands that cannot be decoded, or come where no command is permitted.
     pub undecoded: u64,
     /// Statuses of drones that cannot be decoded.
     pub undecoded_statuses: u64,
@@ -91,7 +91,7 @@ impl VesselRadio {
     pub fn drones_present(&self) -> u64 {
         self.radio.count_present(|s| matches!(s, Sender::Drone(_))) as u64
     }
-    /// What the radio counted.
+    /// Counts of the radio.
     pub fn counts(&self) -> RadioCounts {
         self.radio.counts()
     }
@@ -172,7 +172,7 @@ impl VesselRadio {
     }
 }
 
-/// The message that arrived at `at`, or one more that is none.
+/// The message that arrived at `at`, or one more that is invalid.
 fn decode<M: DeserializeOwned>(
     packet: &Received,
     at: Time<VesselClock>,

@@ -30,10 +30,10 @@ use crate::process::life::{Life, draw_boot};
 
 /// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
-/// An error that a link has not had for so long is said again, ns.
-const SAID_NS: i64 = 60_000_000_000;
-/// Most errors of a link that are said within that.
-const MAX_SAID: usize = 8;
+/// An error that a link has not had for so long is reported again, ns.
+const REPORTED_NS: i64 = 60_000_000_000;
+/// Most errors of a link that are reported within that.
+const MAX_REPORTED: usize = 8;
 
 /// Runs until it is asked to end.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
@@ -78,7 +78,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut links = ByteLinks::start(links);
     let mut node = node(&computer, life.boot())?;
     let mut faults = vec![Fault::default(); sources.len()];
-    let mut strangers: Vec<Strangers> = vec![None; sources.len()];
+    let mut foreign: Vec<Foreign> = vec![None; sources.len()];
     let mut header = Header::new(computer.vessel_id, 0, life.boot(), 0, Time::EPOCH);
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -92,8 +92,8 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
             _ = steps.tick() => None,
         };
         while let Some(a) = arrival {
-            if let Some(of) = strangers.get_mut(a.link) {
-                *of = a.strangers;
+            if let Some(of) = foreign.get_mut(a.link) {
+                *of = a.foreign;
             }
             take(a, sources, &mut input, &mut faults, steady_ns());
             // A step's bytes are a bound: more of them waits.
@@ -112,7 +112,7 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         let unsent = ports.unsent() + reports.unsent() + states.unsent();
         if let Some(state) = life.state(Vec::new, unsent) {
             (header.at, header.sequence) = (now, header.sequence.wrapping_add(1));
-            for report in source_reports(header, &node, &faults, &strangers) {
+            for report in source_reports(header, &node, &faults, &foreign) {
                 reports.send(&report);
             }
             states.send(&state);
@@ -126,22 +126,22 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
 struct Fault {
     /// Since the newest byte.
     now: Option<String>,
-    /// What was said of it, and when it was so last, ns.
-    said: Vec<(String, i64)>,
+    /// Reported errors, and the time of each one's newest occurrence, ns.
+    reported: Vec<(String, i64)>,
 }
 
 impl Fault {
-    /// Whether an error is to be said: once while it comes again and again, bytes between or not.
+    /// Whether an error is to be reported: once while it comes again and again, bytes between or not.
     fn is_news(&mut self, error: &str, now_ns: i64) -> bool {
-        self.said
-            .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < SAID_NS);
-        if let Some((_, at_ns)) = self.said.iter_mut().find(|(said, _)| said == error) {
+        self.reported
+            .retain(|(_, at_ns)| now_ns.saturating_sub(*at_ns) < REPORTED_NS);
+        if let Some((_, at_ns)) = self.reported.iter_mut().find(|(reported, _)| reported == error) {
             *at_ns = now_ns;
             return false;
         }
-        let has_room = self.said.len() < MAX_SAID;
+        let has_room = self.reported.len() < MAX_REPORTED;
         if has_room {
-            self.said.push((error.into(), now_ns));
+            self.reported.push((error.into(), now_ns));
         }
         has_room
     }
@@ -174,14 +174,14 @@ fn take(
 }
 
 /// Datagrams of others than a link's peer, and who sent the newest.
-type Strangers = Option<(u64, SocketAddr)>;
+type Foreign = Option<(u64, SocketAddr)>;
 
 /// Who else sends to a source's port.
-pub fn strangers_remark(strangers: Strangers) -> Option<Remark> {
-    let (count, from) = strangers?;
+pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
+    let (count, from) = foreign?;
     Some(Remark::fault(
         format!("{from} sends to the same port: {count} datagrams left out"),
-        "one sender has the port, the first that sends what is read: give each device a port and a source of its own",
+        "the first sender of measurements has the port: give each device a port and a source of its own",
     ))
 }
 
@@ -190,26 +190,21 @@ fn source_reports(
     header: Header<VesselClock>,
     node: &SensorNode,
     faults: &[Fault],
-    strangers: &[Strangers],
+    foreign: &[Foreign],
 ) -> Vec<SourceReport> {
     let remark = |r: Remark| SourceRemark {
         text: r.text.as_str().into(),
         remedy: r.remedy.as_deref().map(Line::from),
     };
     let each = node.status().into_iter().zip(node.remarks());
-    each.zip(faults.iter().zip(strangers))
+    each.zip(faults.iter().zip(foreign))
         .zip(0..)
-        .map(|(((status, remarks), (fault, strangers)), number)| SourceReport {
+        .map(|(((status, remarks), (fault, foreign)), number)| SourceReport {
             header,
             number,
             status,
             why: fault.now.as_deref().map(Line::from),
-            remarks: Seq::filled(
-                strangers_remark(*strangers)
-                    .into_iter()
-                    .chain(remarks)
-                    .map(remark),
-            ),
+            remarks: Seq::filled(foreign_remark(*foreign).into_iter().chain(remarks).map(remark)),
         })
         .collect()
 }
@@ -221,11 +216,11 @@ mod tests {
     #[test]
     fn errors_of_a_link_that_breaks_again_and_again() {
         let mut fault = Fault::default();
-        let said = |fault: &mut Fault, error: &str, at_s: i64| fault.is_news(error, at_s * 1_000_000_000);
-        let all = (0..300).filter(|k| said(&mut fault, ["refused", "closed"][*k as usize % 2], *k));
+        let reported = |fault: &mut Fault, error: &str, at_s: i64| fault.is_news(error, at_s * 1_000_000_000);
+        let all = (0..300).filter(|k| reported(&mut fault, ["refused", "closed"][*k as usize % 2], *k));
         assert_eq!(all.count(), 2);
-        assert!(said(&mut fault, "closed", 360), "it was gone for a minute");
-        let many = (0..100).filter(|k| said(&mut fault, &format!("error {k}"), 361));
-        assert!(many.count() < MAX_SAID);
+        assert!(reported(&mut fault, "closed", 360), "it was gone for a minute");
+        let many = (0..100).filter(|k| reported(&mut fault, &format!("error {k}"), 361));
+        assert!(many.count() < MAX_REPORTED);
     }
 }

@@ -35,7 +35,7 @@ pub struct StatusReport {
     motion_ns: i64,
     occupied: bool,
     sequence: u32,
-    /// Used and refused of each source at the statuses before, oldest first.
+    /// Used and rejected measurements of each source at the statuses before, oldest first.
     counts: VecDeque<[[u64; 2]; MAX_DEVICES]>,
 }
 
@@ -116,7 +116,7 @@ impl StatusReport {
             uses: self.uses(node),
         }
     }
-    /// What became of each source's measurements, in all and since some statuses ago.
+    /// Use of each source's measurements, in all and since some statuses ago.
     fn uses(&mut self, node: &VesselNode) -> [SourceUse; MAX_DEVICES] {
         let mut uses = core::array::from_fn(|number| source_use(node, number));
         let now = uses.map(|u: SourceUse| [u.used - u.gated.min(u.used), u.rejected + u.gated]);

@@ -11,7 +11,7 @@ use plotters::prelude::*;
 
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 
-/// Of the picture, and of the path in it, px.
+/// Size of the picture, and of the path in it, px.
 const SIZE: (u32, u32) = (1200, 960);
 const PATH_WIDTH: u32 = 534;
 /// Time before the touchdown that the panels over time show, s; the path is the whole one.
@@ -197,7 +197,7 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
 mod tests {
     use super::*;
 
-    /// A descent of a metre in 20 s beside a deck that turns; one point a second.
+    /// A descent of a metre in 20 s next to a deck that turns; one point a second.
     fn trace(touchdown_s: Option<f64>) -> Trace {
         let point = |k: u32| TracePoint {
             t_s: 100.0 + f64::from(k),

@@ -1,4 +1,4 @@
-//! What lies between vessel and drone in a live landing: the loopback interface with an impairment
+//! The path between vessel and drone in a live landing: the loopback interface with an impairment
 //! inside the processes, or a link emulator between two network namespaces.
 
 use std::path::PathBuf;
@@ -34,18 +34,18 @@ pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
     outage: Option<Fault>,
-    /// What the processes do to what they receive.
+    /// Impairment of the messages that processes receive.
     pub impairment: Option<LinkImpairment>,
-    /// Where the vessel listens.
+    /// Address at which the vessel listens.
     pub listen: String,
-    /// What the drone dials.
+    /// Address that the drone dials.
     pub dial: String,
     /// Certificates of vessel and drone.
     pub tls: [TlsConfig; 2],
 }
 
 impl RadioPath {
-    /// As the flags say; `epoch_ns` is the profile's time zero on the steady clock.
+    /// Path by the flags; `epoch_ns` is the profile's time zero on the steady clock.
     pub fn of(
         scene: &Scene,
         args: &LandArgs,
@@ -60,7 +60,7 @@ impl RadioPath {
         let spaces = match args.emulate {
             Emulate::Always if firmware => {
                 return Err(CliError(
-                    "--emulate always: a firmware beside could not reach the drone's namespace; leave it out"
+                    "--emulate always: a firmware on this computer cannot reach the drone's namespace; leave it out"
                         .into(),
                 ));
             }
@@ -132,11 +132,11 @@ impl RadioPath {
             None => Ok(()),
         }
     }
-    /// What to put before a process's command: the way into its computer's namespace. The simulated
+    /// Arguments before a process's command: the way into its computer's namespace. The simulated
     /// vehicles are on the vessel's network, where its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
-        // The cable to the simulated autopilot is no radio: its end is beside the world.
+        // The cable to the simulated autopilot is no radio: its end is in the world's namespace.
         let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link | Autopilot));
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }
@@ -175,13 +175,13 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
     ])
 }
 
-/// What is observed of the link while it is flown.
+/// Observation of the link while it is flown.
 #[derive(Default)]
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
     ages: Quantiles,
-    /// Ages that were seen.
-    seen: usize,
+    /// Received ages.
+    received: usize,
     outage_announced: bool,
 }
 
@@ -197,14 +197,14 @@ impl RadioWatch {
         supervisor: &mut Supervisor,
     ) {
         for line in lines {
-            // Other processes report in other words.
+            // Other processes have other metrics.
             if let Ok(EmulatorReport::Packets(to_drone, to_vessel)) = serde_json::from_str(line) {
                 self.packets = Some([to_drone, to_vessel]);
             }
         }
         for age_s in ages_s.iter().filter(|a| a.is_finite()) {
-            self.seen += 1;
-            if self.seen > WARM_UP_AGES {
+            self.received += 1;
+            if self.received > WARM_UP_AGES {
                 self.ages.add(*age_s);
             }
         }
@@ -223,7 +223,7 @@ impl RadioWatch {
             overflowed: c.overflowed,
         };
         let age = |q: f64| {
-            if self.seen > WARM_UP_AGES {
+            if self.received > WARM_UP_AGES {
                 self.ages.quantile(q)
             } else {
                 0.0
@@ -245,9 +245,9 @@ pub struct RadioReport {
     pub age_p50_s: f64,
     /// 95th percentile of the same, s.
     pub age_p95_s: f64,
-    /// The greatest of the same, s.
+    /// The largest age, s.
     pub age_max_s: f64,
-    /// What the emulator counted: to the drone, to the vessel.
+    /// Counts of the emulator: to the drone, to the vessel.
     pub emulated: Option<[WayReport; 2]>,
 }
 

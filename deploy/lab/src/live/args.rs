@@ -10,7 +10,7 @@ use alight_computer::terminal::Form;
 use clap::builder::StringValueParser;
 use clap::{Args, ValueEnum};
 
-use crate::args::{Autopilot, SceneArgs, offering};
+use crate::args::{AutopilotArg, SceneArgs, offering};
 use crate::live::config::AutopilotKind;
 use crate::live::fault::FaultSpec;
 use crate::live::profile;
@@ -118,13 +118,13 @@ impl LandArgs {
     pub fn flown_by(&self) -> AutopilotKind {
         match self.scene.autopilot.filter(|_| self.external) {
             None => AutopilotKind::Internal,
-            Some(Autopilot::Px4) => AutopilotKind::Px4,
-            Some(Autopilot::Ardupilot) => AutopilotKind::Ardupilot,
+            Some(AutopilotArg::Px4) => AutopilotKind::Px4,
+            Some(AutopilotArg::Ardupilot) => AutopilotKind::Ardupilot,
         }
     }
 }
 
-/// Where the radio is impaired.
+/// Place at which the radio is impaired.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Emulate {
     /// Between namespaces for a named link, where it is permitted; else inside the processes.
@@ -143,7 +143,7 @@ to run, the addresses of vessel and autopilot, seed, firmware and scenario.\n\
 `alight land` keeps its own in alight-sim/world.toml among temporary files."
 )]
 pub struct WorldArgs {
-    /// What every process has
+    /// Flags of every process
     #[command(flatten)]
     pub process: ProcessArgs,
     /// Who flies the drone [default: the configuration's]

@@ -41,7 +41,7 @@ pub struct AttachArgs {
     /// The attachments (TOML)
     #[arg(long, value_name = "FILE")]
     pub attachments: PathBuf,
-    /// What every process has
+    /// Flags of every process
     #[command(flatten)]
     pub args: ProcessArgs,
 }

@@ -34,7 +34,7 @@ pub fn simulated(helm: &HelmConfig) -> Result<(HelmConfig, Option<String>), CliE
     Ok((own, Some(at)))
 }
 
-/// Its link, MAVLink over UDP.
+/// The link, MAVLink over UDP.
 pub struct BoatLink {
     socket: UdpSocket,
     autopilot: BoatAutopilot,

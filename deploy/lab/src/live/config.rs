@@ -1,4 +1,4 @@
-//! What the processes of a live landing read beside the computers' configurations.
+//! Files that the processes of a live landing read in addition to the computers' configurations.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub enum AutopilotKind {
 }
 
 impl AutopilotKind {
-    /// Where its MAVLink is found when it runs on this computer.
+    /// The address of its MAVLink when it runs on this computer.
     pub const fn connect(self) -> &'static str {
         match self {
             AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://127.0.0.1:14540",
@@ -49,14 +49,14 @@ pub struct LinkImpairment {
     pub epoch_ns: i64,
     /// Seed of its losses and delays.
     pub seed: u64,
-    /// Its outage, which begins at the first entry of a state of the mission.
+    /// The outage, which begins at the first entry of a state of the mission.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outage: Option<Fault>,
     /// Delay, loss, outages.
     pub profile: RadioConfig,
 }
 
-/// What stands between a process and its messages.
+/// Layer between a process and its messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attachments {
@@ -108,30 +108,30 @@ config! {
         pub sea: String = String::new();
         /// The planner as the outcome names it.
         pub planner: String = String::new();
-        /// The truth is recorded beside what the processes record.
+        /// The truth is recorded in addition to the recordings of the processes.
         pub truth: bool = false;
         /// A picture of the landing is drawn there.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub plot: Option<PathBuf> = None;
         /// Who flies the drone: internal, px4, ardupilot.
         pub autopilot: AutopilotKind = AutopilotKind::default();
-        /// Where the drone's link to the simulated autopilot listens, UDP.
+        /// Address at which the drone's link to the simulated autopilot listens, UDP.
         pub mavlink: String = "127.0.0.1:14540".into();
         /// Key of MAVLink signing that the simulated autopilot shares with the drone's computer (`autopilot.signing_key`).
         pub signing_key: String = String::new();
-        /// Where a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
+        /// Address at which a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;
-        /// Where the vessel's helm listens for the boat's autopilot, UDP (`vessel.helm.connect`): the simulated boat then has
+        /// Address at which the vessel's helm listens for the boat's autopilot, UDP (`vessel.helm.connect`): the simulated boat then has
         /// one, as ArduPilot Rover.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub helm: Option<String> = None;
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
-        /// What the drone's computer is connected to; then it may be started later than the vehicles.
+        /// Connection of the drone's computer; with one it may be started later than the vehicles.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub devices: Option<Devices> = None;
-        /// What is simulated, as `alight config scenario` prints it.
+        /// Scenario of the simulation, as `alight config scenario` prints it.
         pub scenario: Scenario;
     }
 }
@@ -139,7 +139,7 @@ config! {
 /// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.
 pub fn print_world() -> Result<Exit, CliError> {
     let mut world = SimulatedWorld::default();
-    // What is started by hand beside it has this computer's clock.
+    // A process that is started by hand has this computer's clock.
     let clocks = &mut world.scenario.sensors.clocks;
     (clocks.epoch_s, clocks.offset_s, clocks.drift_ppm) = (0.0, 0.0, 0.0);
     let text = commented(&world).doing("writing the configuration as TOML")?;

@@ -31,7 +31,7 @@ use crate::live::profile;
 const INBOX: usize = 1024;
 /// Longest wait without a look at whether to end.
 const MAX_WAIT: Duration = Duration::from_millis(100);
-/// Time between two words about what was counted, ns.
+/// Period of the reports of the counts, ns.
 const REPORT_PERIOD_NS: i64 = 1_000_000_000;
 
 /// A link between two namespaces of this computer.
@@ -54,13 +54,13 @@ pub struct LinkArgs {
     pub supervised: bool,
 }
 
-/// What the emulator is told.
+/// Order to the emulator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Emulation {
     /// Name of the namespaces.
     pub name: String,
-    /// What happens to the packets.
+    /// Effect on the packets.
     pub link: LinkImpairment,
 }
 
@@ -70,7 +70,7 @@ impl Check for Emulation {
     }
 }
 
-/// What the emulator says on standard output, one JSON object per line.
+/// Report of the emulator on standard output, one JSON object per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmulatorReport {
@@ -78,11 +78,11 @@ pub enum EmulatorReport {
     Packets(ChannelCounts, ChannelCounts),
 }
 
-/// What its supervisor may tell it by a line on standard input: the mission entered the state of the
+/// Line of its supervisor on standard input: the mission entered the state of the
 /// profile's outage, which begins.
 pub const OUTAGE: &str = "outage";
 
-/// Runs until told to end.
+/// Runs until it is asked to end.
 pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
     let emulation = match &args.config {
         Some(file) => config::load::<Emulation>(file)?,
@@ -139,7 +139,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     let mut buffer = [0_u8; 65_536];
     while let Ok(length) = device.recv(&mut buffer) {
         let packet = buffer.get(..length).unwrap_or_default().to_vec();
-        // IPv4 only: what the kernel says about itself on IPv6 is not ours.
+        // IPv4 only: the kernel's own packets on IPv6 is not ours.
         let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
         let at_ns = steady_ns();
         if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
@@ -170,19 +170,19 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
     });
     // Index 0 carries what the vessel's side sends.
     let mut ways = [Direction::ToDrone, Direction::ToVessel].map(|way| Impaired::new(&emulation.link, way));
-    let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
+    let mut next_report_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
         let Some(out) = turn(&mut ways, &inbox, outages.as_ref()) else {
             break;
         };
         for (side, packet) in out {
-            // A device whose other side is not up yet refuses: the packet is lost.
+            // A device whose other side is not up yet rejects it: the packet is lost.
             if let Some(device) = devices.get(side) {
                 let _lost = device.send(&packet);
             }
         }
-        if steady_ns() >= next_word_ns {
-            next_word_ns += REPORT_PERIOD_NS;
+        if steady_ns() >= next_report_ns {
+            next_report_ns += REPORT_PERIOD_NS;
             if supervised {
                 report_counts(&ways)?;
             }

@@ -17,7 +17,7 @@ const CONTACT: &str = "contact";
 /// A fault of one process as it is asked for, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
-    /// What happens.
+    /// The effect.
     pub kind: Kind,
     /// When.
     pub moment: Moment,
@@ -29,8 +29,8 @@ fn kinds() -> impl Iterator<Item = Kind> {
 }
 
 /// The kind of `mission-killed`, or as it was written before, `mission:kill`.
-fn kind_of(words: &[&str]) -> Option<Kind> {
-    match words {
+fn kind_of(arguments: &[&str]) -> Option<Kind> {
+    match arguments {
         [name] => kinds().find(|kind| kind.name() == *name),
         [process, stop @ ("kill" | "freeze")] => kinds().find(|kind| {
             let of = kind.process().is_some_and(|p| p.name() == *process);
@@ -43,8 +43,8 @@ fn kind_of(words: &[&str]) -> Option<Kind> {
 impl FromStr for FaultSpec {
     type Err = String;
     fn from_str(text: &str) -> Result<FaultSpec, String> {
-        let words: Vec<&str> = text.split(':').collect();
-        let [kind @ .., state] = words.as_slice() else {
+        let arguments: Vec<&str> = text.split(':').collect();
+        let [kind @ .., state] = arguments.as_slice() else {
             return Err(format!(
                 "{text:?}: write KIND:PHASE, such as planner-killed:descent"
             ));
@@ -78,7 +78,7 @@ impl fmt::Display for FaultSpec {
     }
 }
 
-/// What came of it.
+/// The result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaultReport {
     /// As it was asked for.
@@ -87,7 +87,7 @@ pub struct FaultReport {
     pub at_s: Option<f64>,
     /// The mission's state when it happened.
     pub state: Option<State>,
-    /// From the fault to the first word of the process afterwards, s; null if none came.
+    /// From the fault to the first message of the process afterwards, s; null if none came.
     pub recovery_s: Option<f64>,
 }
 
@@ -107,9 +107,9 @@ impl fmt::Display for FaultReport {
     }
 }
 
-/// What is seen of a landing under way.
+/// Observation of a landing under way.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct FaultInput {
     /// Time since the start, s.
     pub t_s: f64,
     /// The mission.
@@ -120,7 +120,7 @@ pub struct Seen {
     pub contact: bool,
 }
 
-/// How far it has come.
+/// The progress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FaultStage {
     /// The state has not been entered yet.
@@ -133,35 +133,35 @@ enum FaultStage {
         pid: u32,
         frozen_until_ns: Option<i64>,
     },
-    /// The process has been heard again, or nothing more is to be done.
+    /// Messages of the process arrive again, or nothing more is to be done.
     Over,
 }
 
 /// A fault of a process under way.
-pub struct Fault {
+pub struct ProcessFault {
     spec: FaultSpec,
     process: ProcessKind,
     delay_ns: i64,
-    /// How long a frozen process stays frozen, ns.
+    /// Time that a frozen process stays frozen, ns.
     freeze_ns: i64,
     stage: FaultStage,
-    /// What came of it so far.
+    /// Report so far.
     pub report: FaultReport,
 }
 
-impl Fault {
+impl ProcessFault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed; None: its kind
     /// happens to no process.
-    pub fn new(spec: FaultSpec, seed: u64) -> Option<Fault> {
-        Fault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed))
+    pub fn new(spec: FaultSpec, seed: u64) -> Option<ProcessFault> {
+        ProcessFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed))
     }
     /// A fault of a storm's list.
-    pub fn of(fault: &storm::Fault) -> Option<Fault> {
+    pub fn of(fault: &storm::Fault) -> Option<ProcessFault> {
         let spec = FaultSpec {
             kind: fault.kind,
             moment: fault.moment,
         };
-        Some(Fault {
+        Some(ProcessFault {
             process: fault.kind.process()?,
             spec,
             delay_ns: (fault.after_s * 1e9) as i64,
@@ -176,7 +176,7 @@ impl Fault {
         })
     }
 
-    /// Its process; not the world, which is the vehicles themselves.
+    /// The process; not the world, which is the vehicles themselves.
     pub const fn process(&self) -> ProcessKind {
         self.process
     }
@@ -184,19 +184,19 @@ impl Fault {
     pub fn freezes(&self) -> bool {
         self.spec.kind.freezes()
     }
-    /// It happened, and the process has not been heard again.
+    /// It happened, and no message of the process has arrived since.
     pub fn is_under_way(&self) -> bool {
         matches!(self.stage, FaultStage::Happened { .. })
     }
 
-    /// What is to be sent now, and to which process id.
-    pub fn poll(&mut self, now_ns: i64, seen: &Seen) -> Option<(u32, Signal)> {
-        let (mission, process) = seen.mission.zip(seen.process)?;
+    /// The signal to send now, and its process id.
+    pub fn poll(&mut self, now_ns: i64, input: &FaultInput) -> Option<(u32, Signal)> {
+        let (mission, process) = input.mission.zip(input.process)?;
         match self.stage {
             FaultStage::Waits => {
                 let begun = match self.spec.moment {
                     Moment::In(state) => mission.state == state,
-                    Moment::Contact => seen.contact,
+                    Moment::Contact => input.contact,
                 };
                 if begun {
                     self.stage = FaultStage::Due(now_ns + self.delay_ns);
@@ -209,7 +209,7 @@ impl Fault {
                 } else {
                     (Signal::Kill, None)
                 };
-                (self.report.at_s, self.report.state) = (Some(seen.t_s), Some(mission.state));
+                (self.report.at_s, self.report.state) = (Some(input.t_s), Some(mission.state));
                 self.stage = FaultStage::Happened {
                     at_ns: now_ns,
                     pid: process.pid,
@@ -281,8 +281,8 @@ mod tests {
     #[test]
     fn frozen_process_from_its_moment_to_its_next_report() {
         let spec: FaultSpec = "pilot-frozen:contact".parse().unwrap();
-        let mut fault = Fault::new(spec, 7).unwrap();
-        let seen = |contact, at_ns| Seen {
+        let mut fault = ProcessFault::new(spec, 7).unwrap();
+        let input = |contact, at_ns| FaultInput {
             t_s: 12.0,
             mission: Some(MissionState::default()),
             process: Some(ProcessState {
@@ -292,18 +292,18 @@ mod tests {
             }),
             contact,
         };
-        assert_eq!(fault.poll(1_000, &seen(false, 0)), None);
+        assert_eq!(fault.poll(1_000, &input(false, 0)), None);
         // The contact begins the moment, and the fault is due at once.
-        assert_eq!(fault.poll(2_000, &seen(true, 0)), None);
-        assert_eq!(fault.poll(3_000, &seen(true, 0)), Some((42, Signal::Freeze)));
+        assert_eq!(fault.poll(2_000, &input(true, 0)), None);
+        assert_eq!(fault.poll(3_000, &input(true, 0)), Some((42, Signal::Freeze)));
         assert_eq!((fault.report.at_s, fault.is_under_way()), (Some(12.0), true));
         // Frozen for 0.2 s at least and 2 s at most.
-        assert_eq!(fault.poll(200_000_000, &seen(true, 0)), None);
+        assert_eq!(fault.poll(200_000_000, &input(true, 0)), None);
         let end_ns = 2_100_000_000;
-        assert_eq!(fault.poll(end_ns, &seen(true, 0)), Some((42, Signal::Continue)));
-        assert_eq!(fault.poll(end_ns, &seen(true, 0)), None);
+        assert_eq!(fault.poll(end_ns, &input(true, 0)), Some((42, Signal::Continue)));
+        assert_eq!(fault.poll(end_ns, &input(true, 0)), None);
         assert!(fault.is_under_way());
-        assert_eq!(fault.poll(end_ns, &seen(true, 2_000_003_000)), None);
+        assert_eq!(fault.poll(end_ns, &input(true, 2_000_003_000)), None);
         assert_eq!(fault.report.recovery_s, Some(2.0));
         assert!(!fault.is_under_way());
     }

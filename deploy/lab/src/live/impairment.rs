@@ -21,7 +21,7 @@ use super::config::LinkImpairment;
 /// Longest wait for the mission's state.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 
-/// Delays and loses what is sent, as a profile says.
+/// Delays and loses what is sent, by a profile.
 pub struct Impaired<T> {
     radio: Radio<T>,
     epoch_ns: i64,
@@ -69,7 +69,7 @@ impl<T: Clone> Impaired<T> {
     pub fn begin_outage(&self, at_ns: i64) {
         self.entered_ns.store(at_ns, Ordering::Relaxed);
     }
-    /// What became of the packets so far.
+    /// Counts of the packets so far.
     pub fn counts(&self) -> ChannelCounts {
         self.radio.counts()
     }
@@ -88,7 +88,7 @@ impl<T: Clone> Impaired<T> {
         let at = self.true_time(at_ns);
         self.radio.send(at, bytes, value);
     }
-    /// What has arrived by `now_ns`, with its time of arrival on the steady clock, ns.
+    /// Packets that have arrived by `now_ns`, with their time of arrival on the steady clock, ns.
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {
@@ -105,7 +105,7 @@ impl<T: Clone> Impaired<T> {
     }
 }
 
-/// What comes by radio on its way into a process.
+/// Radio messages on their way into a process.
 pub struct Inbound {
     impaired: Impaired<Received>,
     ready: VecDeque<Received>,

@@ -2,15 +2,10 @@
 //! vehicles, one landing in real time.
 
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use alight_computer::config::camera::{CameraSource, UltravioletSource};
-use alight_computer::config::recorder::RecorderConfig;
-use alight_computer::config::supervision::Supervision;
-use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::facts::{Facts, Reporter};
 use alight_computer::process::instance::OwnedInstance;
@@ -19,44 +14,35 @@ use alight_computer::process::life::{draw_boot, end_with_supervisor};
 use alight_computer::process::observer::Observer;
 use alight_computer::process::scheduling;
 use alight_computer::process::supervision::Limits;
-use alight_computer::process::supervisor::{Event, Supervisor, arguments};
+use alight_computer::process::supervisor::{Event, Supervisor};
 use alight_computer::record::flight::recorder;
+use alight_computer::record::flight::summary::PhaseEntry;
 use alight_computer::terminal::{self, note};
 use alight_computer::vessel::deck_file;
-use alight_shared::config;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_sim::autopilots::FirmwareConfig;
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::{Memory, Publisher, Services};
-use alight_transport::radio::RadioConfig;
 use alight_transport::signal::{Signal, signal};
 use alight_transport::wake::end_requested;
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::computer;
-use alight_usv::{DeckConfig, VesselNodeConfig};
 
-use crate::live::air::{RadioPath, RadioWatch};
+use crate::live::air::RadioWatch;
 use crate::live::args::LandArgs;
-use crate::live::boat;
-use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
-use crate::live::fault::{Fault, Seen};
-use crate::live::list::{self, LiveFaults, Order};
-use crate::live::report::{LiveOutcome, LiveReport, PhaseEntry};
+use crate::live::config::AutopilotKind;
+use crate::live::fault::{FaultInput, ProcessFault};
+use crate::live::landing_setup::LandingSetup;
+use crate::live::list::{self, LiveFaults, ScheduledOrder};
+use crate::live::report::{LiveOutcome, LiveReport};
 use crate::live::world::{CONTACT, WorldReport};
-use crate::record::{self, Subject};
+use crate::record::{self, RecordingScene};
 use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
-/// The world's time zero lies this much in the future when the processes start, ns.
-const START_DELAY_NS: i64 = 1_500_000_000;
 /// The supervisor looks after things this often.
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
-/// A process that a fault met has this long to be heard again after the landing, ns.
+/// Time after the landing in which messages of a process that a fault met have to return, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// A process that reports nothing for this long is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
@@ -64,12 +50,12 @@ const SILENCE_TIMEOUT_S: f64 = 5.0;
 const MAX_FAILURES: u32 = 8;
 /// Entries of the mission's states that are kept.
 const MAX_PHASES: usize = 1000;
-/// Where the simulated sea is for a firmware, in the Adriatic.
+/// Place of the simulated sea for a firmware, in the Adriatic.
 pub const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 /// A command that shows no effect is repeated after this long, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
-/// What is flown, with the flags of the live system over it.
+/// The scene of the flags, with those of the live system over it.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
@@ -112,13 +98,12 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
             i64::MAX
         )));
     }
-    // The first question puts the handler in place: a signal from here on stops the processes instead
-    // of leaving them to find out.
+    // The first call installs the handler: a signal from here on stops the processes.
     if end_requested() {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // A firmware outside flies in another session, which has to keep up.
+    // A firmware outside flies in another session, which has to run in real time, too.
     let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
@@ -141,9 +126,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         Ok(Some(ending)) => record(args, &scene, &plan, ending),
         Ok(None) | Err(_) => Ok(()),
     };
-    drop(services);
-    drop(memory);
-    drop(owned);
+    drop((services, memory, owned));
     match ended? {
         // A recording that failed takes nothing of what was flown.
         Some(ending) => ending.show(args).and_then(|exit| recorded.map(|()| exit)),
@@ -154,14 +137,17 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Records the landing that just ended, when it was asked for.
+/// Sums up the landing that just ended where its processes recorded, and writes the recording of `--record`.
 fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
-    let (Some(path), Some(flight), WorldReport::Landed(landed)) =
-        (&args.record, &plan.flight, &ending.result)
-    else {
+    let (Some(flight), WorldReport::Landed(landed)) = (&plan.flight, &ending.result) else {
         return Ok(());
     };
-    let subject = Subject {
+    let summary = ending.report.summary(&landed.outcome).write(flight);
+    summary.doing(format_args!("writing the summary into {}", flight.display()))?;
+    let Some(path) = &args.record else {
+        return Ok(());
+    };
+    let subject = RecordingScene {
         scenario: &scene.scenario,
         nodes: &scene.nodes,
         seed: args.seed,
@@ -173,7 +159,7 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
     Ok(())
 }
 
-/// How a landing that was not stopped from outside ended.
+/// End of a landing that was not stopped from outside.
 struct Ending {
     result: WorldReport,
     usage: String,
@@ -193,7 +179,7 @@ impl Ending {
             }
         };
         let outcome = landed.outcome;
-        let exit = Exit::of(outcome.success);
+        let exit = Exit::of(outcome.success || self.report.matched().is_some());
         if args.form.alone() {
             note(true, report);
             let live = LiveReport {
@@ -204,139 +190,13 @@ impl Ending {
             let landed = LiveOutcome { outcome, live };
             args.form.print(&landed, &[&landed])?;
         } else {
-            terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
+            let table = outcome_table::outcome(&outcome, self.report.matched());
+            terminal::line(format_args!("\n{table}\n{report}"));
             if let Some(path) = &args.plot {
                 terminal::line(format_args!("plot: {}", path.display()));
             }
         }
         Ok(exit)
-    }
-}
-
-/// The files of the computers, and the drone's clock.
-struct LandingSetup {
-    air: RadioPath,
-    vessel: VesselComputer,
-    drone: DroneComputer,
-    vessel_file: PathBuf,
-    drone_file: PathBuf,
-    world: PathBuf,
-    attachments: Attachments,
-    attachments_file: PathBuf,
-    flight: Option<PathBuf>,
-    clock: ProcessClock,
-    warm_up_s: f64,
-    ids: (u32, u32),
-}
-
-impl LandingSetup {
-    fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
-        let epoch_ns = steady_ns() + START_DELAY_NS;
-        let streams = Streams::new(args.seed);
-        let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
-        let clock = |c: &ClockModel| ProcessClock {
-            epoch_ns,
-            offset_s: c.offset().secs(),
-            drift_ppm: c.drift() * 1e6,
-        };
-        let air = RadioPath::of(scene, args, owned, epoch_ns)?;
-        let [vessel_tls, drone_tls] = air.tls.clone();
-        let mavlink = format!("127.0.0.1:{}", free_port()?);
-        let attachments = Attachments {
-            impairment: air.impairment.clone(),
-            baseline: scene.nodes.baseline,
-        };
-        let (own_helm, helm) = boat::simulated(&scene.nodes.vessel.helm)?;
-        let vessel = VesselComputer {
-            vessel_id: scene.nodes.bridge.vessel_id,
-            instance: args.instance.clone(),
-            clock: clock(&clocks.vessel),
-            radio: RadioConfig::listening(&air.listen, vessel_tls),
-            deck: DeckConfig::default(),
-            vessel: VesselNodeConfig {
-                helm: own_helm,
-                ..scene.nodes.vessel.clone()
-            },
-            ..VesselComputer::default()
-        };
-        let drone = DroneComputer {
-            instance: args.instance.clone(),
-            clock: clock(&clocks.drone),
-            radio: RadioConfig::dialling(&air.dial, drone_tls),
-            autopilot: AutopilotLinkConfig {
-                connect: args.connect.clone().unwrap_or(match args.flown_by() {
-                    AutopilotKind::Internal => format!("udpin://{mavlink}"),
-                    kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
-                }),
-                // Whoever reaches a simulation may order what it does.
-                unsigned_orders: true,
-                ..scene.nodes.autopilot.clone()
-            },
-            bridge: scene.nodes.bridge.clone(),
-            camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
-            uvdar: UltravioletSource::default(),
-            supervision: Supervision::default(),
-            recorder: RecorderConfig::default(),
-            view: scene.view(),
-            drone: scene.nodes.settings(),
-        };
-        let world = SimulatedWorld {
-            instance: args.instance.clone(),
-            vessel_instance: args.instance.clone(),
-            sensors: Vec::new(),
-            epoch_ns,
-            seed: args.seed,
-            sea: scene.sea.clone(),
-            planner: scene.nodes.planner_name().into(),
-            truth: args.record.is_some(),
-            plot: args.plot.clone(),
-            autopilot: args.flown_by(),
-            firmware: match &args.firmware {
-                Some(path) => config::load(path)?,
-                None => FirmwareConfig::default(),
-            },
-            mavlink,
-            signing_key: String::new(),
-            ground_station: args.ground_station.map(|a| a.to_string()),
-            helm,
-            devices: None,
-            scenario: scene.scenario.drawn(args.seed),
-        };
-        Ok(LandingSetup {
-            air,
-            vessel_file: write(owned, "vessel.toml", &vessel)?,
-            drone_file: write(owned, "drone.toml", &drone)?,
-            world: write(owned, "world.toml", &world)?,
-            attachments_file: write(owned, "attachments.toml", &attachments)?,
-            attachments,
-            clock: drone.clock,
-            warm_up_s: scene.scenario.start.warm_up_s,
-            ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
-            // A recording is made of what the processes record, which without --log goes with the instance.
-            flight: match (&args.log, &args.record) {
-                (Some(flight), _) => Some(flight.clone()),
-                (None, Some(_)) => Some(owned.file("flight")),
-                (None, None) => None,
-            },
-            vessel,
-            drone,
-        })
-    }
-    /// The command of a process: as it flies, or attached.
-    fn arguments(&self, kind: ProcessKind) -> Vec<String> {
-        let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
-            &self.drone_file
-        } else if kind == ProcessKind::Vessel {
-            &self.vessel_file
-        } else {
-            &self.world
-        };
-        let attachable = [ProcessKind::Vessel, ProcessKind::Bridge, ProcessKind::Planner].contains(&kind);
-        if attachable && self.attachments != Attachments::default() {
-            attached(kind.name(), &self.attachments_file, config)
-        } else {
-            arguments(kind, config)
-        }
     }
 }
 
@@ -361,9 +221,9 @@ struct Landing<'a> {
     begun: bool,
     state: State,
     phases: Vec<PhaseEntry>,
-    faults: Vec<Fault>,
+    faults: Vec<ProcessFault>,
     /// Orders of a list.
-    orders: Vec<Order>,
+    orders: Vec<ScheduledOrder>,
     /// The drone has touched something.
     contact: bool,
     stop_requested: Arc<AtomicBool>,
@@ -401,8 +261,8 @@ impl<'a> Landing<'a> {
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
-        let of_scene = faults.processes.iter().filter_map(Fault::of);
-        let of_flag = args.fault.and_then(|spec| Fault::new(spec, args.seed));
+        let of_scene = faults.processes.iter().filter_map(ProcessFault::of);
+        let of_flag = args.fault.and_then(|spec| ProcessFault::new(spec, args.seed));
         Ok(Landing {
             faults: of_flag.into_iter().chain(of_scene).collect(),
             orders: faults.orders,
@@ -447,13 +307,13 @@ impl<'a> Landing<'a> {
             self.command(now, true_s - self.plan.warm_up_s);
             self.poll_faults(true_s - self.plan.warm_up_s)?;
             self.give_orders(now, true_s - self.plan.warm_up_s);
-            let said = self.supervisor.output_lines();
-            self.contact |= said.iter().any(|line| line == CONTACT);
+            let output = self.supervisor.output_lines();
+            self.contact |= output.iter().any(|line| line == CONTACT);
             let state = self.observer.snapshot.mission.map(|m| m.state);
             let ages_s = std::mem::take(&mut self.observer.ages_s);
-            let (watch, air) = (&mut self.watch, &self.plan.air);
-            watch.observe(air, &said, &ages_s, state, &mut self.supervisor);
-            if let Some(outcome) = verdict(&said) {
+            self.watch
+                .observe(&self.plan.air, &output, &ages_s, state, &mut self.supervisor);
+            if let Some(outcome) = verdict(&output) {
                 self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.finish(outcome)));
             }
@@ -495,13 +355,13 @@ impl<'a> Landing<'a> {
     fn poll_faults(&mut self, t_s: f64) -> Result<(), CliError> {
         let snapshot = &self.observer.snapshot;
         for fault in &mut self.faults {
-            let seen = Seen {
+            let input = FaultInput {
                 t_s,
                 mission: *snapshot.mission,
                 process: snapshot.processes.get(&fault.process()).copied(),
                 contact: self.contact,
             };
-            if let Some((pid, what)) = fault.poll(steady_ns(), &seen) {
+            if let Some((pid, what)) = fault.poll(steady_ns(), &input) {
                 let name = &fault.report.fault;
                 signal(pid, what).doing(format_args!("the fault {name}"))?;
                 if what != Signal::Continue {
@@ -530,11 +390,10 @@ impl<'a> Landing<'a> {
         self.commands.send(&Command { header, kind });
     }
 
-    /// The landing is over: waits a little for a process that a fault met and that has not been heard
-    /// again yet.
+    /// After the landing waits a little for a process that a fault met and whose messages have not returned.
     fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
-        while self.faults.iter().any(Fault::is_under_way) && steady_ns() < until {
+        while self.faults.iter().any(ProcessFault::is_under_way) && steady_ns() < until {
             if !memory.wait(SUPERVISION_PERIOD) {
                 break;
             }
@@ -572,8 +431,7 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is time, until the mission has begun it: a mission that has must not need to be
-    /// commanded again, whatever happens to its process.
+    /// Commands the landing when it is time, until the mission has begun it: its process restores that by itself.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {
@@ -588,7 +446,7 @@ impl<'a> Landing<'a> {
         self.send(now, CommandKind::Land);
     }
 
-    /// The world's word, and what the processes used.
+    /// The world's report and the usage of the processes.
     fn finish(mut self, result: WorldReport) -> Ending {
         let snapshot = &self.observer.snapshot;
         let ending = Ending {

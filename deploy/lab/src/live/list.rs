@@ -10,30 +10,30 @@ use alight_sim::harness::storm::{Fault, Kind, Moment, Storm};
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-/// What is ordered.
+/// The order.
 const ORDERS: [(Kind, CommandKind); 3] = [
     (Kind::Abort, CommandKind::Abort),
     (Kind::Hold, CommandKind::Hold),
     (Kind::OrderedAgain, CommandKind::Land),
 ];
 
-/// Where the others are flown.
+/// Command that flies the others.
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 
 /// An order that is given when the mission has been in a state for so long.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Order {
-    /// What is ordered.
+pub struct ScheduledOrder {
+    /// The order.
     pub kind: CommandKind,
     state: State,
     after_s: f64,
-    /// When the state was first seen, s.
+    /// First time of the state, s.
     entered_s: Option<f64>,
     given: bool,
 }
 
-impl Order {
-    /// What is to be ordered now, once.
+impl ScheduledOrder {
+    /// The order to give now, once.
     pub fn poll(&mut self, t_s: f64, mission: Option<&MissionState>) -> Option<CommandKind> {
         if mission.is_some_and(|m| m.state == self.state) {
             self.entered_s.get_or_insert(t_s);
@@ -72,10 +72,10 @@ pub fn scene(storm: &Storm) -> Scene {
 /// The faults of a scene as real processes have them, without the radio's.
 #[derive(Default)]
 pub struct LiveFaults {
-    /// Of processes. A killed one is started again by its supervisor, not after `lasts_s`.
+    /// A fault of processes. A killed one is started again by its supervisor, not after `lasts_s`.
     pub processes: Vec<Fault>,
     /// Orders.
-    pub orders: Vec<Order>,
+    pub orders: Vec<ScheduledOrder>,
     radio_lost: bool,
 }
 
@@ -116,7 +116,7 @@ impl LiveFaults {
             ));
         };
         if let Some((_, order)) = ORDERS.iter().find(|(k, _)| *k == kind) {
-            self.orders.push(Order {
+            self.orders.push(ScheduledOrder {
                 kind: *order,
                 state,
                 after_s: fault.after_s,
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn order_once_after_its_state() {
-        let mut order = Order {
+        let mut order = ScheduledOrder {
             kind: CommandKind::Abort,
             state: State::Descent,
             after_s: 0.5,

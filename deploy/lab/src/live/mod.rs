@@ -1,5 +1,5 @@
 //! Landings in real time: the nodes as processes over zenoh and iceoryx2, the simulated vehicles as a
-//! process beside them, and what is done to them in between.
+//! process next to them, and the faults injected in between.
 
 pub mod air;
 pub mod args;
@@ -11,6 +11,7 @@ pub mod emulator;
 pub mod fault;
 pub mod impairment;
 pub mod land;
+pub mod landing_setup;
 pub mod list;
 pub mod namespaces;
 pub mod plant;

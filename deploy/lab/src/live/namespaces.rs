@@ -65,7 +65,7 @@ impl Namespaces {
         Ok([self.device(0)?, self.device(1)?])
     }
     fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
-        // Born in our namespace under a name that nobody else uses, then moved: the file that we
+        // Born in our namespace under a name that no other process uses, then moved: the file that we
         // hold stays attached to it.
         let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
         let device = DeviceBuilder::new()
@@ -79,7 +79,7 @@ impl Namespaces {
         ip(&["-n", &space, "link", "set", "radio", "up"])?;
         Ok(device)
     }
-    /// What to put before a command so that it runs in the namespace.
+    /// Command prefix that runs a command in the namespace.
     pub fn enter(&self, side: usize) -> Vec<String> {
         ["ip", "netns", "exec", &self.space(side)]
             .map(String::from)
@@ -98,7 +98,7 @@ impl OwnSpaces {
         own.0.make()?;
         Ok(own)
     }
-    /// What to put before a command so that it runs on a side.
+    /// Command prefix that runs a command on a side.
     pub fn enter(&self, side: usize) -> Vec<String> {
         self.0.enter(side)
     }

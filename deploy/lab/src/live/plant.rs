@@ -56,7 +56,7 @@ pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTim
 
 /// Who turns the rotors.
 enum Link {
-    /// MAVLink bytes of the simulated autopilot, which a person gives to the drone's computer.
+    /// MAVLink bytes of the simulated autopilot, which an operator gives to the drone's computer.
     Simulated {
         socket: UdpSocket,
         /// A ground station at its other link.
@@ -78,7 +78,7 @@ enum Link {
     },
 }
 
-/// What came of one slice.
+/// Result of one slice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     Answered,
@@ -94,7 +94,7 @@ pub struct Plant {
     config: FirmwareConfig,
     /// Exchanges in a tick.
     exchanges: u32,
-    heard_ns: i64,
+    received_ns: i64,
     /// When the rangefinder measured last.
     ranged_ns: i64,
     late: u64,
@@ -154,13 +154,13 @@ impl Plant {
             link,
             config: config.clone(),
             exchanges,
-            heard_ns: 0,
+            received_ns: 0,
             ranged_ns: 0,
             late: 0,
         })
     }
     /// The drone appears when it is due: in the air under the simulated autopilot; a firmware wakes up on the ground, and
-    /// is flown from there by a person.
+    /// is flown from there by a pilot.
     pub fn place(&mut self, physics: &mut Physics) {
         if physics.drone(0).is_some() {
             return;
@@ -212,12 +212,12 @@ impl Plant {
         });
     }
 
-    /// What the drone feels to the firmware, its motors back.
+    /// Sends the drone's measurements to the firmware, and receives its motors.
     fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         let now = steady_ns();
         let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
-        // Who was not heard lately is not waited for.
-        let present = now - self.heard_ns < GONE_NS;
+        // A peer without a recent message is not waited for.
+        let present = now - self.received_ns < GONE_NS;
         let until = |timeout_ns: i64| now + if present { timeout_ns } else { 0 };
         let rate_hz = f64::from(self.exchanges) / TICK.secs();
         let (turn, motors) = match &mut self.link {
@@ -229,58 +229,21 @@ impl Plant {
                 ..
             } => {
                 let autopilot = autopilot.as_mut()?;
-                if !*handed_over {
-                    // PX4 denies until set-points were streamed for long enough: the person tries again.
-                    let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
-                    *handed_over = autopilot.choose(offboard);
-                }
-                // Nobody may listen yet.
-                let send = |to: &UdpSocket, all: &[Vec<u8>]| {
-                    all.iter().for_each(|bytes| drop(to.send(bytes)));
-                };
-                let mut received = datagrams(socket);
-                if let Some(station) = station {
-                    // Each link gets what came by the other, as a firmware forwards.
-                    let commanded = datagrams(station);
-                    send(station, &received);
-                    send(socket, &commanded);
-                    received.extend(commanded);
-                }
-                let (motors, sent) = autopilot.step_bytes(sensed, &received);
-                send(socket, &sent);
-                station.iter().for_each(|s| send(s, &sent));
-                (Turn::Answered, motors)
+                let links = (&*socket, station.as_ref());
+                (
+                    Turn::Answered,
+                    simulated_turn(links, autopilot, handed_over, sensed),
+                )
             }
             Link::Px4 { door, stream, plant } => {
-                if stream.is_none()
-                    && let Ok((new, from)) = door.accept()
-                    && new
-                        .set_nonblocking(false)
-                        .and_then(|()| new.set_nodelay(true))
-                        .and_then(|()| new.set_read_timeout(Some(READ)))
-                        .is_ok()
-                {
-                    terminal::line(format_args!("world: PX4 is there ({from})"));
-                    *stream = Some(new);
-                }
+                accept_px4(door, stream);
                 let sent = plant.encode_sensors(sensed, rate_hz);
                 let timeout_ns = if plant.is_overdue() {
                     answer_timeout_ns
                 } else {
                     answer_timeout_ns.min(ANSWER_NS)
                 };
-                let answered = stream
-                    .as_mut()
-                    .map(|s| px4_turn(s, plant, &sent, until(timeout_ns)));
-                if matches!(answered, Some(Err(()))) {
-                    terminal::line("world: PX4 closed the link");
-                    *stream = None;
-                    plant.lost();
-                }
-                let turn = match answered {
-                    Some(Ok(turn)) => turn,
-                    Some(Err(())) | None => Turn::Unanswered,
-                };
+                let turn = px4_exchange(stream, plant, &sent, until(timeout_ns));
                 (turn, plant.motors())
             }
             Link::Ardupilot {
@@ -301,14 +264,14 @@ impl Plant {
                     }
                     None => Turn::Unanswered,
                 };
-                if turn == Turn::Unanswered && now - self.heard_ns > GONE_NS {
+                if turn == Turn::Unanswered && now - self.received_ns > GONE_NS {
                     (*motors, *asker) = (None, None);
                 }
                 (turn, *motors)
             }
         };
         match turn {
-            Turn::Answered => self.heard_ns = now,
+            Turn::Answered => self.received_ns = now,
             Turn::NoneDue => {}
             Turn::Unanswered => self.late += u64::from(present),
         }
@@ -324,7 +287,7 @@ pub fn dial(to: &str) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// What has come, at most [`MAX_READS`].
+/// Received data, at most [`MAX_READS`].
 pub fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
     while received.len() < MAX_READS as usize
@@ -335,7 +298,70 @@ pub fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
+/// A slice of the simulated autopilot: its motors. `links` are the companion's and, where there is one, the ground
+/// station's.
+fn simulated_turn(
+    (socket, station): (&UdpSocket, Option<&UdpSocket>),
+    autopilot: &mut SimulatedAutopilot,
+    handed_over: &mut bool,
+    sensed: &PlantState,
+) -> Option<[f64; MAX_ROTORS]> {
+    if !*handed_over {
+        // PX4 denies until set-points were streamed for long enough: the person tries again.
+        let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
+        *handed_over = autopilot.choose(offboard);
+    }
+    // There may be no receiver yet.
+    let send = |to: &UdpSocket, all: &[Vec<u8>]| {
+        all.iter().for_each(|bytes| drop(to.send(bytes)));
+    };
+    let mut received = datagrams(socket);
+    if let Some(station) = station {
+        // Each link gets what came by the other, as a firmware forwards.
+        let commanded = datagrams(station);
+        send(station, &received);
+        send(socket, &commanded);
+        received.extend(commanded);
+    }
+    let (motors, sent) = autopilot.step_bytes(sensed, &received);
+    send(socket, &sent);
+    if let Some(station) = station {
+        send(station, &sent);
+    }
+    motors
+}
+
+/// Accepts PX4's connection where there is none.
+fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
+    if stream.is_none()
+        && let Ok((new, from)) = door.accept()
+        && new
+            .set_nonblocking(false)
+            .and_then(|()| new.set_nodelay(true))
+            .and_then(|()| new.set_read_timeout(Some(READ)))
+            .is_ok()
+    {
+        terminal::line(format_args!("world: PX4 is there ({from})"));
+        *stream = Some(new);
+    }
+}
+
+/// [`px4_turn`] where PX4 is connected; a link that is gone is closed.
+fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Turn {
+    let answered = stream.as_mut().map(|s| px4_turn(s, plant, sent, until));
+    match answered {
+        Some(Ok(turn)) => turn,
+        Some(Err(())) => {
+            terminal::line("world: PX4 closed the link");
+            *stream = None;
+            plant.lost();
+            Turn::Unanswered
+        }
+        None => Turn::Unanswered,
+    }
+}
+
+/// Sends the sensors' measurements and, where motors are due, reads until they came or it is `until`. Err: the
 /// link is gone.
 fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
     stream.write_all(sent).map_err(|_| ())?;
@@ -402,7 +428,7 @@ mod tests {
     use nalgebra::Vector3;
 
     /// Slices that are exchanged at most before a test gives up.
-    const MOST: i64 = 2000;
+    const MAX: i64 = 2000;
 
     fn sensed(k: i64) -> PlantState {
         PlantState {
@@ -422,7 +448,7 @@ mod tests {
     }
     /// Exchanges until the motors are as `wanted`; the slice in which they were.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {
-        (from..from + MOST)
+        (from..from + MAX)
             .find(|k| {
                 let done = wanted(plant.exchange(&sensed(*k)));
                 alight_computer::process::supervisor::pause(Duration::from_millis(1));
@@ -438,7 +464,7 @@ mod tests {
     fn px4_lock_step_and_disconnection() {
         let port = crate::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Px4, port);
-        // Nobody is there: the drone stands, and nothing waits.
+        // Without a firmware the drone stands, and nothing waits.
         assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
         let firmware = std::thread::spawn(move || {
             let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();

@@ -32,11 +32,11 @@ const MAX_LATE_NS: i64 = 5_000_000;
 /// The way to that thread.
 pub struct RenderThread {
     shots: SyncSender<Shot>,
-    /// Images that came to nobody.
+    /// Images without a reader.
     lost: Arc<AtomicU64>,
 }
 
-/// Where images go.
+/// Receiver of images.
 enum Sink {
     /// The drone's shared memory, which is held for as long as its port.
     Memory { images: ImagePublisher, _memory: Memory },
@@ -75,7 +75,7 @@ impl Pipe {
     fn early_ns(&self, at_ns: i64) -> i64 {
         at_ns + (self.devices.camera_delay_s * 1e9) as i64 - steady_ns()
     }
-    /// Delivers the image that was exposed at `at_ns`. One that is too late, or that nobody reads, is lost, as a
+    /// Delivers the image that was exposed at `at_ns`. One that is too late, or that has no reader, is lost, as a
     /// camera's is.
     fn write(&mut self, at_ns: i64, pixels: &[u8]) -> bool {
         let early_ns = self.early_ns(at_ns);
@@ -193,7 +193,7 @@ impl RenderThread {
             self.lost.fetch_add(u64::from(full), Ordering::Relaxed);
         }
     }
-    /// Images that came to nobody.
+    /// Images without a reader.
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
     }

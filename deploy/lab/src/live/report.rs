@@ -1,8 +1,9 @@
-//! What a live landing says beside its outcome: what the processes used, how late things were, what
-//! a fault did.
+//! Report of a live landing in addition to its outcome: usage of the processes, delays, effects of the faults.
 
 use alight_computer::process::snapshot::{Snapshot, time};
+use alight_computer::record::flight::summary::{PhaseEntry, Summary};
 use alight_shared::metrics::MetricName;
+use alight_shared::msg::ReasonCode;
 use alight_shared::process::ProcessKind;
 use alight_sim::harness::outcome::Outcome;
 use serde::{Deserialize, Serialize};
@@ -10,10 +11,10 @@ use serde::{Deserialize, Serialize};
 use crate::live::air::RadioReport;
 use crate::live::fault::FaultReport;
 
-/// What one process used.
+/// Usage of one process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {
-    /// Its name.
+    /// The name.
     pub process: String,
     /// Processor time by time since its last start, per cent of one core.
     pub cpu_percent: f64,
@@ -25,23 +26,12 @@ pub struct ProcessUsage {
     pub step_p99_s: f64,
 }
 
-/// A mission state as it was entered.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PhaseEntry {
-    /// Time since the start, s.
-    pub t_s: f64,
-    /// The state's name.
-    pub state: String,
-    /// Why it was entered.
-    pub reason: String,
-}
-
-/// Beside the outcome.
+/// Usage, delays and faults of a live landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
     /// Starts of processes beyond the first.
     pub restarts: u32,
-    /// What each process used.
+    /// Usage of each process.
     pub processes: Vec<ProcessUsage>,
     /// Measurement on the vessel to set-point on the drone, median and 99th percentile, s.
     pub vessel_to_set_point_s: [f64; 2],
@@ -58,24 +48,27 @@ pub struct LiveReport {
     pub motors_on_deck_s: f64,
     /// The mission's states.
     pub phases: Vec<PhaseEntry>,
+    /// Whether the last of them was entered after a match that succeeded.
+    #[serde(skip)]
+    pub is_matched: bool,
     /// The link.
     pub radio: RadioReport,
     /// The faults that were asked for.
     pub faults: Vec<FaultReport>,
 }
 
-/// An outcome and what a live landing says beside it: one JSON object.
+/// Outcome and report of a live landing: one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveOutcome {
     /// As of a trial.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Beside it.
+    /// Report of the processes.
     pub live: LiveReport,
 }
 
 impl LiveReport {
-    /// From what the processes said last.
+    /// From the newest messages of the processes.
     pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
         let [pilot, world] = [ProcessKind::Pilot, ProcessKind::World]
             .map(|kind| snapshot.processes.get(&kind).copied().unwrap_or_default());
@@ -101,10 +94,43 @@ impl LiveReport {
             .map(|m| pilot.seconds(m)),
             world_late_s: world.seconds(MetricName::LatestTick),
             world_late_ticks: world.count(MetricName::LateTicks),
+            is_matched: snapshot
+                .mission
+                .as_ref()
+                .is_some_and(|m| m.entered.code == ReasonCode::Matched),
             ..LiveReport::default()
         }
     }
-    /// In words, below the table of the processes.
+    /// Reason of a match that succeeded.
+    pub fn matched(&self) -> Option<&str> {
+        let newest = self.phases.last().filter(|_| self.is_matched);
+        newest.map(|p| p.reason.as_str())
+    }
+    /// Summary of the landing for the directory that its processes recorded into.
+    pub fn summary(&self, o: &Outcome) -> Summary {
+        let name = if o.success { "landed" } else { o.outcome.name() };
+        let matched = self.matched();
+        let figures = [
+            ("landed", o.success.then_some(1.0)),
+            ("landing_s", o.landing_time_s),
+            ("off_centre_m", o.position_error_m),
+            ("descents", Some(f64::from(o.attempts))),
+            ("restarts", Some(f64::from(self.restarts))),
+        ];
+        let figures = figures
+            .into_iter()
+            .filter_map(|(name, v)| Some((name.to_owned(), v?)));
+        Summary {
+            length_s: o.sim_time_s,
+            ended: true,
+            outcome: matched.map_or(name, |_| "matched").into(),
+            reason: matched.unwrap_or(&o.reason).into(),
+            phases: self.phases.clone(),
+            figures: figures.collect(),
+            ..Summary::of("simulation")
+        }
+    }
+    /// Text below the table of the processes.
     pub fn text(&self) -> String {
         let [a, b] = self.vessel_to_set_point_s.map(time);
         let [c, d] = self.odometry_to_set_point_s.map(time);

@@ -2,7 +2,7 @@
 //!
 //! Only the end of the sensor is held open. The computer's end stands under a path of its own, like the name that a
 //! system gives a USB adapter; once the computer has closed it, it is another pseudo-terminal, because one keeps the
-//! exclusive use that its reader asked for (TIOCEXCL), and what nobody read.
+//! exclusive use that its reader asked for (TIOCEXCL), and unread bytes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -53,7 +53,7 @@ impl SerialLine {
             self.sensor_end = connect(&self.path)?;
         }
         self.open = open;
-        // Nobody listens: as on a wire, it is gone.
+        // No reader: as on a wire, it is gone.
         if !open || bytes.is_empty() {
             return Ok(0);
         }
@@ -75,7 +75,7 @@ fn connect(path: &Path) -> io::Result<File> {
         .to_str()
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
     let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    // The kernel tells an end that was closed from one that is open; one that never was it takes for open.
+    // The kernel distinguishes an end that was closed from one that is open; one that never was it takes for open.
     drop(
         OpenOptions::new()
             .read(true)
@@ -90,7 +90,7 @@ fn connect(path: &Path) -> io::Result<File> {
     Ok(line.into())
 }
 
-/// What each of these sensors of a vessel carries.
+/// Measurements that each of these sensors of a vessel carries.
 pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
     let formats: Vec<Format> = sources.iter().map(|s| s.format).collect();
     Carries::assign(&formats).ok_or_else(|| {
@@ -102,7 +102,7 @@ pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
     })
 }
 
-/// What a simulated sensor sends on.
+/// Line of a simulated sensor.
 enum Wire {
     Serial(SerialLine),
     Udp(UdpSocket),
@@ -146,7 +146,7 @@ impl Wire {
 pub struct SensorLines(Vec<(Wire, BoatSensor)>);
 
 impl SensorLines {
-    /// Of the sensors of this configuration, whose lines are where it names them.
+    /// Lines of the sensors of this configuration, which are where it names them.
     pub fn of(sources: &[SourceConfig], scenario: &Scenario) -> Result<SensorLines, CliError> {
         let stated = StatedErrors::of(&scenario.sensors.vessel_gnss.error);
         let mut all = Vec::new();

@@ -23,15 +23,15 @@ const STOP_NS: i64 = 5_000_000_000;
 pub const READY_S: f64 = 60.0;
 /// Time between two looks.
 const POLL: Duration = Duration::from_millis(10);
-/// Lines at the end of what a service wrote that a person is shown.
+/// Lines at the end of what a service wrote that are shown.
 const LAST_LINES: usize = 5;
 
-/// `program` with these words.
-pub fn command(program: &Path, words: &[&str]) -> Command {
+/// `program` with these arguments.
+pub fn command(program: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
     // A group of its own: the terminal's Ctrl-C reaches the rehearsal only, which ends all.
     command
-        .args(words)
+        .args(arguments)
         .process_group(0)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -42,7 +42,7 @@ pub fn command(program: &Path, words: &[&str]) -> Command {
 /// One service.
 pub struct Service {
     name: &'static str,
-    words: Vec<OsString>,
+    arguments: Vec<OsString>,
     directory: PathBuf,
     notified: UnixDatagram,
     child: Option<Child>,
@@ -66,11 +66,11 @@ impl Service {
         let _none = std::fs::remove_file(&socket);
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
         let own = [OsStr::new(name), OsStr::new("--config"), config.as_os_str()];
-        let words = program.iter().map(W::as_ref).chain(own);
-        let words = words.chain(more.iter().map(OsStr::new));
+        let arguments = program.iter().map(W::as_ref).chain(own);
+        let arguments = arguments.chain(more.iter().map(OsStr::new));
         let mut service = Service {
             name,
-            words: words.map(OsStr::to_owned).collect(),
+            arguments: arguments.map(OsStr::to_owned).collect(),
             directory: directory.into(),
             notified: notified.doing(format_args!(
                 "receiving the reports of {name} at {}",
@@ -94,14 +94,14 @@ impl Service {
             notified: Some(&socket),
         };
         let (sender, lines) = channel();
-        let words = self.words.join(OsStr::new(" "));
-        let child = start(&self.words, around, sender);
-        let child = child.doing(format_args!("starting {}", words.display()))?;
+        let arguments = self.arguments.join(OsStr::new(" "));
+        let child = start(&self.arguments, around, sender);
+        let child = child.doing(format_args!("starting {}", arguments.display()))?;
         (self.child, self.lines) = (Some(child), Some(lines));
         (self.started_ns, self.ended_ns, self.ready_s) = (steady_ns(), None, None);
         Ok(())
     }
-    /// Where it reports to.
+    /// Socket for its reports.
     pub fn socket(&self) -> PathBuf {
         socket(&self.directory, self.name)
     }
@@ -116,11 +116,11 @@ impl Service {
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
-    /// What it wrote to standard output since the last call.
+    /// Standard output since the last call.
     pub fn output(&self) -> Vec<String> {
         self.lines.iter().flat_map(Receiver::try_iter).collect()
     }
-    /// The same as it comes, until it ends.
+    /// Lines of its standard output as they come, until it ends.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.lines.iter().flatten()
     }
@@ -145,7 +145,7 @@ impl Service {
         }
         self.child.is_some()
     }
-    /// The same, and starts it again when it ended.
+    /// Polls it, and starts it again when it ended.
     pub fn keep(&mut self) -> Result<(), CliError> {
         if !self.poll() && self.ended_ns.is_some_and(|t| steady_ns() - t >= RESTART_NS) {
             self.spawn()?;
@@ -198,7 +198,7 @@ impl Service {
     }
 }
 
-/// Where a service reports to.
+/// Socket for a service's reports.
 fn socket(directory: &Path, name: &str) -> PathBuf {
     directory.join(format!("{name}.notify"))
 }

@@ -8,22 +8,22 @@ use serde::{Deserialize, Serialize};
 /// A body: position, velocity, acceleration (NED), attitude (w, x, y, z), angular velocity and
 /// acceleration (body), SI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Body {
+pub struct BodyTruth {
     vectors: [[f64; 3]; 5],
     attitude: [f64; 4],
 }
 
 /// Both bodies; the drone, with the wind that it meets (NED, m/s, towards), once it is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Truth {
-    vessel: Body,
-    drone: Option<(Body, [f64; 3])>,
+pub struct TruthSample {
+    vessel: BodyTruth,
+    drone: Option<(BodyTruth, [f64; 3])>,
 }
 
-impl Body {
-    fn of<B>(s: &RigidState<B>) -> Body {
+impl BodyTruth {
+    fn of<B>(s: &RigidState<B>) -> BodyTruth {
         let q = s.attitude.0;
-        Body {
+        BodyTruth {
             vectors: [
                 s.position.0,
                 s.velocity.0,
@@ -50,15 +50,15 @@ impl Body {
     }
 }
 
-impl Truth {
-    /// Of both bodies.
+impl TruthSample {
+    /// Truth of both bodies.
     pub fn of(
         vessel: &RigidState<VesselBody>,
         drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
-    ) -> Truth {
-        Truth {
-            vessel: Body::of(vessel),
-            drone: drone.map(|(drone, wind)| (Body::of(drone), (*wind).into())),
+    ) -> TruthSample {
+        TruthSample {
+            vessel: BodyTruth::of(vessel),
+            drone: drone.map(|(drone, wind)| (BodyTruth::of(drone), (*wind).into())),
         }
     }
     /// The vessel's reference point.
@@ -84,11 +84,11 @@ mod tests {
             attitude: Rotation::from(UnitQuaternion::from_euler_angles(0.1, -0.2, 3.0)),
             ..RigidState::default()
         };
-        let body = Body::of(&state);
-        assert_eq!(Body::of(&body.state::<DroneBody>()), body);
+        let body = BodyTruth::of(&state);
+        assert_eq!(BodyTruth::of(&body.state::<DroneBody>()), body);
         assert_eq!(body.vectors[0], [1.0, -2.0, 3.5]);
         let wind = Vector3::new(6.0, -1.0, 0.2);
-        let truth = Truth::of(&RigidState::default(), Some(&(state, wind)));
+        let truth = TruthSample::of(&RigidState::default(), Some(&(state, wind)));
         assert_eq!(truth.drone().map(|(_, wind)| wind), Some(wind));
     }
 }

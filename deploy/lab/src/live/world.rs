@@ -7,9 +7,11 @@ use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::io::mavlink_key;
+use alight_computer::process::args::ProcessArgs;
 use alight_computer::process::life::{Life, draw_boot, node_recorder};
 use alight_computer::process::observer::Rejoined;
 use alight_computer::process::scheduling;
+use alight_computer::record::flight::recorder::NodeRecorder;
 use alight_computer::terminal;
 use alight_shared::bus::Writer as _;
 use alight_shared::config;
@@ -20,6 +22,7 @@ use alight_shared::time::{Time, TrueTime, VesselClock};
 use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
 use alight_sim::harness::physics::{Physics, TICK};
+use alight_sim::harness::scenario::Scenario;
 use alight_sim::harness::trace::Trace;
 use alight_sim::sensors::DroneReadings;
 use alight_transport::clock::{ProcessClock, steady_ns};
@@ -30,12 +33,12 @@ use serde::{Deserialize, Serialize};
 use crate::chart;
 use crate::live::args::WorldArgs;
 use crate::live::boat::BoatLink;
-use crate::live::config::SimulatedWorld;
+use crate::live::config::{AutopilotKind, SimulatedWorld};
 use crate::live::detections::Detections;
 use crate::live::plant::{self, Plant};
 use crate::live::render_thread::RenderThread;
 use crate::live::serial_lines::SensorLines;
-use crate::live::truth::Truth;
+use crate::live::truth::TruthSample;
 
 /// A second, ns.
 const SECOND_NS: i64 = 1_000_000_000;
@@ -45,11 +48,11 @@ pub const SENSING: &str = "world: sensors send";
 /// The line that reports the first contact.
 pub const CONTACT: &str = "world: first contact";
 
-/// What the world reports to its supervisor in the end, as one JSON object.
+/// Report of the world to its supervisor in the end, as one JSON object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
-    /// How it ended, judged from the truth.
+    /// The outcome, judged from the truth.
     Landed(Box<Landed>),
     /// It ended because this computer did not keep up with it.
     TooSlow(TooSlow),
@@ -69,7 +72,7 @@ impl TooSlow {
     const BEHIND_S: f64 = 1.0;
 
     /// Whether a tick that is `late_s` late at `t_s` ends the world. What is made up for in the warm-up, as where a firmware
-    /// connects, harms nobody.
+    /// connects, does no harm.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
         (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
@@ -83,14 +86,14 @@ impl fmt::Display for TooSlow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "this computer was too slow: at {:.1} s the simulated world was {:.1} s behind real time, and what was \
-             seen counts for nothing; end other work on this computer, or take a faster one",
+            "this computer was too slow: at {:.1} s the simulated world was {:.1} s behind real time: \
+             the result is not valid; end other work on this computer, or take a faster one",
             self.t_s, self.behind_s
         )
     }
 }
 
-/// An outcome and what the report beside it takes from the truth.
+/// An outcome and the values that its report takes from the truth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Landed {
     /// The outcome.
@@ -103,7 +106,7 @@ pub struct Landed {
     pub latest_tick_s: f64,
 }
 
-/// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
+/// Runs until the trial is over or it is asked to end. Its metrics: the most that a tick was late
 /// (s), ticks later than one period, true time since the start (s), slices that a firmware left
 /// unanswered.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
@@ -114,174 +117,298 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         world.epoch_ns = (steady_ns() / SECOND_NS + 1) * SECOND_NS;
         world.scenario.sensors.clocks.epoch_s = world.epoch_ns as f64 * 1e-9;
     }
-    let mut physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
-    let mut plant = {
-        let (scenario, firmware) = (&world.scenario, &world.firmware);
-        let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
-        let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
-        let kind = kind.unwrap_or(world.autopilot);
-        let station = world.ground_station.as_deref();
-        let signing = mavlink_key::read("signing_key", &world.signing_key)?;
-        Plant::open(kind, &world.mavlink, station, signing, firmware, sensors)?
-    };
-    // Vehicles with devices of their own are there before the drone's computer is.
-    let mut drone = Rejoined::of(&world.instance)?;
-    if world.devices.is_none() {
-        drone.join(|instance| DroneSide::join(instance, &world))?;
-    }
-    let mut camera = match &world.devices {
-        Some(devices) => Some(RenderThread::into_pipe(devices, &world.scenario, world.seed)?),
-        None => None,
-    };
-    let mut sensors = VesselSide::of(&world)?;
-    let mut boat = world.helm.as_deref().map(BoatLink::open).transpose()?;
-    let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
-    let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
-    let clock = ProcessClock {
-        epoch_ns: world.epoch_ns,
-        ..ProcessClock::default()
-    };
-    let deck = &world.scenario.deck;
-    let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
-    let mut judge = Judge::default();
-    let mut phase = MissionState::default();
-    let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
-    let mut history = History::new(world.plot.is_some());
-    let mut stays_until_s: Option<f64> = None;
-    let (mut touched, mut motors_on_deck_s) = (false, 0.0);
-
-    let mut truth = match &args.flight {
-        Some(directory) if world.truth => Some(node_recorder(
-            directory,
-            ProcessKind::World.name(),
-            life.boot(),
-            &args.config,
-        )?),
-        Some(_) | None => None,
-    };
-
+    let mut live = LiveWorld::open(&world, kind.unwrap_or(world.autopilot), args)?;
     scheduling::set_real_time_world();
-    while !life.ended() {
-        drone.poll(|instance| DroneSide::join(instance, &world));
-        let memory = drone.ports.as_ref().map(|c| &c.memory);
-        // The truth at `t` is made and measured when the computer's clock reads `t`.
-        let early = physics.now() - clock.now::<TrueTime>();
-        if early.nanos() > 0 {
-            let wait = Duration::from_nanos(early.nanos().unsigned_abs());
-            if !plant::wait(memory, wait.min(Duration::from_millis(100))) {
-                break;
-            }
-            continue;
-        }
-        let late_s = -early.secs();
-        latest_s = latest_s.max(late_s);
-        late_ticks += u32::from(late_s > TICK.secs());
-        if let Some(too_slow) = TooSlow::of(late_s, physics.time_since_start().secs()) {
-            terminal::line(
-                serde_json::to_string(&WorldReport::TooSlow(too_slow)).doing("writing the outcome")?,
-            );
-            return Ok(Exit::TooSlow);
-        }
-        let before = steady_ns();
-
-        plant.place(&mut physics);
-        if let Some(recorder) = &mut truth {
-            let truth = Truth::of(&physics.vessel(), physics.drone_in_wind(0).as_ref());
-            recorder.step(before, physics.now().nanos(), &truth, &());
-        }
-        let measured_at = physics.vessel_now();
-        sensors.send(measured_at, &physics.vessel_readings());
-        boat.iter_mut().for_each(|boat| boat.step(&mut physics));
-        if let Some(readings) = physics.drone_readings(0) {
-            let readings = match &world.devices {
-                None => readings,
-                // Beside the camera the rangefinder alone, which the autopilot reports; a firmware's plant has none.
-                Some(_) if plant.take_ranges(&readings.ranges) => DroneReadings {
-                    shots: readings.shots,
-                    ..DroneReadings::default()
-                },
-                Some(_) => DroneReadings {
-                    shots: readings.shots,
-                    ranges: readings.ranges,
-                    ..DroneReadings::default()
-                },
-            };
-            if let Some(computer) = &mut drone.ports {
-                computer.detections.publish(&readings);
-            }
-            let own = drone.ports.as_mut().and_then(|c| c.render_thread.as_mut());
-            if let Some(render_thread) = camera.as_mut().or(own) {
-                render_thread.take(&readings.shots);
-            }
-        }
-        let drone_ns = physics.drone_now(0).nanos();
-        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        plant.advance(&mut physics, drone.ports.as_ref().map(|c| &c.memory), &clock);
-
-        if let Some(computer) = &mut drone.ports {
-            phase = computer.mission.newest(drone_ns).unwrap_or(phase);
-            forecast = computer.forecasts.newest(drone_ns).or(forecast);
-        }
-        let unanswered = plant.late();
-        let t_s = physics.time_since_start().secs();
-        let own = drone.ports.as_ref().and_then(|c| c.render_thread.as_ref());
-        let lost = camera.as_ref().or(own).map_or(0, RenderThread::lost);
-        life.metrics = Seq::filled([
-            MetricName::LatestTick.seconds(latest_s),
-            MetricName::LateTicks.count(late_ticks),
-            MetricName::TimeSinceStart.seconds(t_s),
-            MetricName::SlicesUnanswered.count(unanswered),
-            MetricName::ImagesDropped.count(lost),
-        ]);
-        history.update(&physics, t_s);
-        let seen = physics.observation(0, &phase);
-        if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
-            stays_until_s = Some(t_s + world.scenario.stay_s);
-        }
-        if judge.first_contact_s().is_some() {
-            if !touched {
-                terminal::line(CONTACT);
-            }
-            touched = true;
-            let on_deck = seen.feet_height_m() < FALSE_STOP_M && seen.horizontal_m < deck.length_m;
-            motors_on_deck_s += if on_deck && seen.motors_on {
-                TICK.secs()
-            } else {
-                0.0
-            };
-            ages = ages.or(forecast.map(|f| [f.radio_age_s, f.vision_age_s]));
-        }
-        if stays_until_s.is_some_and(|until| t_s >= until) {
-            break;
-        }
-        if let Some(computer) = &mut drone.ports {
-            let inputs = || vec![computer.mission.statistics().state(drone_ns)];
-            if let Some(said) = life.state(inputs, computer.detections.unsent()) {
-                computer.state.send(&said);
+    let mut is_over = false;
+    while !is_over && !live.life.ended() {
+        match live.await_tick() {
+            Pace::Early => {}
+            Pace::Due => is_over = live.tick(),
+            Pace::EndRequested => is_over = true,
+            Pace::TooSlow(too_slow) => {
+                print(&WorldReport::TooSlow(too_slow))?;
+                return Ok(Exit::TooSlow);
             }
         }
     }
     // Nothing moves any more: what leaves the shared memory waits by yielding, which at a real-time priority holds a processor.
     scheduling::leave_real_time();
-    let sim_time_s = physics.now().secs();
-    let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
-    [outcome.radio_age_s, outcome.vision_age_s] =
-        [0, 1].map(|i: usize| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
-    outcome.digest = format!("{:016x}", physics.digest());
-    outcome.wall_time_s = clock.now::<TrueTime>().secs();
-    if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
-        trace.touchdown_s = judge.first_contact_s();
-        chart::landing::write(&trace, &chart::landing::title(&outcome), path)?;
-    }
-    let report = WorldReport::Landed(Box::new(Landed {
-        outcome,
-        first_contact_s: judge.first_contact_s(),
-        motors_on_deck_s,
-        latest_tick_s: latest_s,
-    }));
-    let report = serde_json::to_string(&report).doing("writing the outcome")?;
-    terminal::line(report);
+    print(&live.report()?)?;
     Ok(Exit::Success)
+}
+
+fn print(report: &WorldReport) -> Result<(), CliError> {
+    terminal::line(serde_json::to_string(report).doing("writing the outcome")?);
+    Ok(())
+}
+
+/// The plant that turns the drone's rotors.
+fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) -> Result<Plant, CliError> {
+    let (scenario, firmware) = (&world.scenario, &world.firmware);
+    let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
+    let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
+    let station = world.ground_station.as_deref();
+    let signing = mavlink_key::read("signing_key", &world.signing_key)?;
+    Plant::open(kind, &world.mavlink, station, signing, firmware, sensors)
+}
+
+/// Relation of the next tick to the clock.
+enum Pace {
+    /// It is not due yet.
+    Early,
+    Due,
+    /// The process was asked to end while it waited.
+    EndRequested,
+    TooSlow(TooSlow),
+}
+
+/// The world in real time, with its links to both computers.
+struct LiveWorld<'a> {
+    world: &'a SimulatedWorld,
+    /// Record of the truth.
+    truth: Option<NodeRecorder>,
+    life: Life,
+    clock: ProcessClock,
+    boat: Option<BoatLink>,
+    sensors: VesselSide,
+    /// The camera of a drone with devices of its own.
+    camera: Option<RenderThread>,
+    drone: Rejoined<DroneSide>,
+    plant: Plant,
+    physics: Physics,
+    latest_s: f64,
+    late_ticks: u32,
+    landing: LandingWatch,
+}
+
+impl<'a> LiveWorld<'a> {
+    fn open(
+        world: &'a SimulatedWorld,
+        kind: AutopilotKind,
+        args: &ProcessArgs,
+    ) -> Result<LiveWorld<'a>, CliError> {
+        let physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
+        let plant = open_plant(world, kind, &physics)?;
+        // Vehicles with devices of their own are there before the drone's computer is.
+        let mut drone = Rejoined::of(&world.instance)?;
+        if world.devices.is_none() {
+            drone.join(|instance| DroneSide::join(instance, world))?;
+        }
+        let camera = match &world.devices {
+            Some(devices) => Some(RenderThread::into_pipe(devices, &world.scenario, world.seed)?),
+            None => None,
+        };
+        let sensors = VesselSide::of(world)?;
+        let boat = world.helm.as_deref().map(BoatLink::open).transpose()?;
+        let life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
+        let truth = match &args.flight {
+            Some(directory) if world.truth => Some(node_recorder(
+                directory,
+                ProcessKind::World.name(),
+                life.boot(),
+                &args.config,
+            )?),
+            Some(_) | None => None,
+        };
+        Ok(LiveWorld {
+            world,
+            truth,
+            life,
+            clock: ProcessClock {
+                epoch_ns: world.epoch_ns,
+                ..ProcessClock::default()
+            },
+            boat,
+            sensors,
+            camera,
+            drone,
+            plant,
+            physics,
+            latest_s: 0.0,
+            late_ticks: 0,
+            landing: LandingWatch::new(world.plot.is_some()),
+        })
+    }
+
+    /// Joins the drone's computer where it was started, and waits for the next tick, 0.1 s at most.
+    fn await_tick(&mut self) -> Pace {
+        let world = self.world;
+        self.drone.poll(|instance| DroneSide::join(instance, world));
+        // The truth at `t` is made and measured when the computer's clock reads `t`.
+        let early = self.physics.now() - self.clock.now::<TrueTime>();
+        if early.nanos() > 0 {
+            let memory = self.drone.ports.as_ref().map(|c| &c.memory);
+            let wait = Duration::from_nanos(early.nanos().unsigned_abs());
+            return if plant::wait(memory, wait.min(Duration::from_millis(100))) {
+                Pace::Early
+            } else {
+                Pace::EndRequested
+            };
+        }
+        let late_s = -early.secs();
+        self.latest_s = self.latest_s.max(late_s);
+        self.late_ticks += u32::from(late_s > TICK.secs());
+        TooSlow::of(late_s, self.physics.time_since_start().secs()).map_or(Pace::Due, Pace::TooSlow)
+    }
+
+    /// One tick: measures, moves on and judges; true when the trial is over.
+    fn tick(&mut self) -> bool {
+        let before = steady_ns();
+        self.plant.place(&mut self.physics);
+        if let Some(recorder) = &mut self.truth {
+            let truth = TruthSample::of(&self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
+            recorder.step(before, self.physics.now().nanos(), &truth, &());
+        }
+        self.measure();
+        let drone_ns = self.physics.drone_now(0).nanos();
+        self.life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+        let memory = self.drone.ports.as_ref().map(|c| &c.memory);
+        self.plant.advance(&mut self.physics, memory, &self.clock);
+        if let Some(computer) = &mut self.drone.ports {
+            self.landing.receive(computer, drone_ns);
+        }
+        self.update_metrics();
+        if self.landing.observe(&self.physics, &self.world.scenario) {
+            return true;
+        }
+        if let Some(computer) = &mut self.drone.ports {
+            let inputs = || vec![computer.mission.statistics().state(drone_ns)];
+            if let Some(published) = self.life.state(inputs, computer.detections.unsent()) {
+                computer.state.send(&published);
+            }
+        }
+        false
+    }
+
+    /// Hands the measurements of now to both computers.
+    fn measure(&mut self) {
+        let measured_at = self.physics.vessel_now();
+        self.sensors.send(measured_at, &self.physics.vessel_readings());
+        if let Some(boat) = &mut self.boat {
+            boat.step(&mut self.physics);
+        }
+        let Some(readings) = self.physics.drone_readings(0) else {
+            return;
+        };
+        let readings = match &self.world.devices {
+            None => readings,
+            // In addition to the camera the rangefinder alone, which the autopilot reports; a firmware's plant has none.
+            Some(_) if self.plant.take_ranges(&readings.ranges) => DroneReadings {
+                shots: readings.shots,
+                ..DroneReadings::default()
+            },
+            Some(_) => DroneReadings {
+                shots: readings.shots,
+                ranges: readings.ranges,
+                ..DroneReadings::default()
+            },
+        };
+        if let Some(computer) = &mut self.drone.ports {
+            computer.detections.publish(&readings);
+        }
+        let own = self.drone.ports.as_mut().and_then(|c| c.render_thread.as_mut());
+        if let Some(render_thread) = self.camera.as_mut().or(own) {
+            render_thread.take(&readings.shots);
+        }
+    }
+
+    fn update_metrics(&mut self) {
+        let own = self.drone.ports.as_ref().and_then(|c| c.render_thread.as_ref());
+        let lost = self.camera.as_ref().or(own).map_or(0, RenderThread::lost);
+        self.life.metrics = Seq::filled([
+            MetricName::LatestTick.seconds(self.latest_s),
+            MetricName::LateTicks.count(self.late_ticks),
+            MetricName::TimeSinceStart.seconds(self.physics.time_since_start().secs()),
+            MetricName::SlicesUnanswered.count(self.plant.late()),
+            MetricName::ImagesDropped.count(lost),
+        ]);
+    }
+
+    /// The outcome, judged; draws the picture of the landing.
+    fn report(&mut self) -> Result<WorldReport, CliError> {
+        let (world, landing) = (self.world, &mut self.landing);
+        let sim_time_s = self.physics.now().secs();
+        let mut outcome = landing
+            .judge
+            .outcome(world.seed, &world.sea, &world.planner, sim_time_s);
+        [outcome.radio_age_s, outcome.vision_age_s] = [0, 1].map(|i: usize| {
+            let age_s = landing.ages.and_then(|a| a.get(i).copied());
+            age_s.filter(|a| a.is_finite())
+        });
+        outcome.digest = format!("{:016x}", self.physics.digest());
+        outcome.wall_time_s = self.clock.now::<TrueTime>().secs();
+        let first_contact_s = landing.judge.first_contact_s();
+        if let (Some(path), Some(mut trace)) = (&world.plot, landing.history.trace.take()) {
+            trace.touchdown_s = first_contact_s;
+            chart::landing::write(&trace, &chart::landing::title(&outcome), path)?;
+        }
+        Ok(WorldReport::Landed(Box::new(Landed {
+            outcome,
+            first_contact_s,
+            motors_on_deck_s: landing.motors_on_deck_s,
+            latest_tick_s: self.latest_s,
+        })))
+    }
+}
+
+/// The landing as the truth has it, and the newest messages of the drone's computer about it.
+struct LandingWatch {
+    judge: Judge,
+    mission: MissionState,
+    forecast: Option<DeckForecast>,
+    /// Ages of radio and vision in the forecast at the first contact, s.
+    ages: Option<[f64; 2]>,
+    history: History,
+    /// End of the stay on the deck, time since the start, s.
+    stays_until_s: Option<f64>,
+    touched: bool,
+    motors_on_deck_s: f64,
+}
+
+impl LandingWatch {
+    fn new(plotted: bool) -> LandingWatch {
+        LandingWatch {
+            judge: Judge::default(),
+            mission: MissionState::default(),
+            forecast: None,
+            ages: None,
+            history: History::new(plotted),
+            stays_until_s: None,
+            touched: false,
+            motors_on_deck_s: 0.0,
+        }
+    }
+    /// Takes the newest messages of the drone's computer.
+    fn receive(&mut self, computer: &mut DroneSide, drone_ns: i64) {
+        self.mission = computer.mission.newest(drone_ns).unwrap_or(self.mission);
+        self.forecast = computer.forecasts.newest(drone_ns).or(self.forecast);
+    }
+    /// Judges a tick; true when the trial and the stay on the deck are over.
+    fn observe(&mut self, physics: &Physics, scenario: &Scenario) -> bool {
+        let t_s = physics.time_since_start().secs();
+        self.history.update(physics, t_s);
+        let deck = &scenario.deck;
+        let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
+        let observed = physics.observation(0, &self.mission);
+        if self.stays_until_s.is_none() && t_s > 0.0 && self.judge.observe(&observed, half_deck) {
+            self.stays_until_s = Some(t_s + scenario.stay_s);
+        }
+        if self.judge.first_contact_s().is_some() {
+            if !self.touched {
+                terminal::line(CONTACT);
+            }
+            self.touched = true;
+            let on_deck = observed.feet_height_m() < FALSE_STOP_M && observed.horizontal_m < deck.length_m;
+            self.motors_on_deck_s += if on_deck && observed.motors_on {
+                TICK.secs()
+            } else {
+                0.0
+            };
+            let ages = self.forecast.map(|f| [f.radio_age_s, f.vision_age_s]);
+            self.ages = self.ages.or(ages);
+        }
+        self.stays_until_s.is_some_and(|until| t_s >= until)
+    }
 }
 
 /// Simulated sensors in the place of the vessel's, towards its process.
@@ -368,7 +495,7 @@ impl DroneSide {
     }
 }
 
-/// What a picture of the landing is drawn from.
+/// Trace for a picture of the landing.
 struct History {
     trace: Option<Trace>,
     next_s: f64,

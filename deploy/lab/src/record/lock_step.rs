@@ -18,7 +18,7 @@ use alight_sim::harness::tap::Tap;
 use alight_sim::physics::body::RigidState;
 use nalgebra::Vector3;
 
-use crate::live::truth::Truth;
+use crate::live::truth::TruthSample;
 
 /// Writes each step to the files of its start.
 pub struct LockStepLog {
@@ -79,7 +79,7 @@ impl Tap for LockStepLog {
             process: ProcessKind::World,
             boot: BOOT,
             now_ns: t.nanos(),
-            input: &Truth::of(vessel, drone),
+            input: &TruthSample::of(vessel, drone),
             output: &(),
         };
         self.step(t, &step);
@@ -111,14 +111,14 @@ pub struct Scratch(PathBuf);
 
 impl Scratch {
     fn new() -> Result<Scratch, CliError> {
-        /// Of this process.
+        /// Entries of this process.
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("alight-steps-{}-{number}", std::process::id()));
         std::fs::create_dir_all(&path).doing(format_args!("making the directory {}", path.display()))?;
         Ok(Scratch(path))
     }
-    /// Where it is.
+    /// The path.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -22,11 +22,11 @@ use alight_uav::planner::law::Law;
 use alight_uav::settings::DroneSettings;
 use serde::{Deserialize, Serialize};
 
-use crate::live::truth::Truth;
+use crate::live::truth::TruthSample;
 use lock_step::LockStepLog;
 use truth::TruthViews;
 
-/// What is attached as [`BASELINE_FILE`].
+/// Content attached as [`BASELINE_FILE`].
 #[derive(Serialize, Deserialize)]
 struct BaselineFile {
     baseline: Option<Baseline>,
@@ -38,9 +38,9 @@ pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, Cl
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
-/// What is recorded.
+/// Subject of the recording.
 #[derive(Clone, Copy)]
-pub struct Subject<'a> {
+pub struct RecordingScene<'a> {
     /// The world.
     pub scenario: &'a Scenario,
     /// The nodes.
@@ -49,12 +49,12 @@ pub struct Subject<'a> {
     pub seed: u64,
     /// The sea as the person named it.
     pub sea: &'a str,
-    /// Its nodes are processes.
+    /// Whether its nodes are processes.
     pub live: bool,
 }
 
-impl Subject<'_> {
-    /// What the recording says of itself.
+impl RecordingScene<'_> {
+    /// Metadata of the recording.
     fn about(&self) -> Result<About, CliError> {
         let doing = "writing the scene of a recording";
         let baseline = BaselineFile {
@@ -77,16 +77,16 @@ impl Subject<'_> {
 }
 
 /// Flies the subject's trial, records it to `path`, and shows it to who looks on. What the recording failed by stands
-/// beside what was flown.
+/// in addition to the flight.
 pub fn fly(
     path: Option<&Path>,
-    subject: &Subject<'_>,
+    subject: &RecordingScene<'_>,
     watch: Watch<'_>,
     watcher: Option<&mut (dyn Viewer + 'static)>,
 ) -> Result<(FlownTrial, Result<(), CliError>), CliError> {
     path.map_or(Ok(()), Recorder::check)?;
     let mut log = LockStepLog::begin(subject.nodes)?;
-    let Subject {
+    let RecordingScene {
         scenario,
         nodes,
         seed,
@@ -102,7 +102,7 @@ pub fn fly(
 /// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to who looks on.
 pub fn export(
     directory: &Path,
-    subject: &Subject<'_>,
+    subject: &RecordingScene<'_>,
     outcome: &Outcome,
     path: Option<&Path>,
     mut watcher: Option<&mut (dyn Viewer + 'static)>,
@@ -150,7 +150,7 @@ struct FlightRecorder {
 
 impl FlightRecorder {
     /// Creates the file of a log and writes what does not change.
-    fn create(path: &Path, subject: &Subject<'_>, log: &Log) -> Result<FlightRecorder, CliError> {
+    fn create(path: &Path, subject: &RecordingScene<'_>, log: &Log) -> Result<FlightRecorder, CliError> {
         let (recorder, truth) = Recorder::create(path, &shown(log), &log.about, |sink| {
             TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
         })?;
@@ -192,7 +192,7 @@ impl StepObserver for FlightRecorder {
         self.recorder.iter_mut().for_each(|r| r.step(t, step));
     }
     fn world(&mut self, t: Time<TrueTime>, entry: &[u8]) -> Result<(), WireError> {
-        let truth = wire::decode_record::<Entry<Truth>>(entry)?.input;
+        let truth = wire::decode_record::<Entry<TruthSample>>(entry)?.input;
         if let Some(recorder) = &mut self.recorder {
             self.truth.show(recorder, t, &truth.vessel(), truth.drone());
         }

@@ -1,4 +1,4 @@
-//! The truth beside a recording: the scene, and the relation of drone and deck.
+//! The truth in a recording: the scene, and the relation of drone and deck.
 
 use alight_computer::record::Recorder;
 use alight_computer::record::scenery::Scenery;

@@ -33,9 +33,9 @@ pub struct Chart {
 
 /// A document.
 pub struct Document {
-    /// Its title.
+    /// The title.
     pub title: String,
-    /// Its parts.
+    /// The parts.
     pub blocks: Vec<Block>,
 }
 

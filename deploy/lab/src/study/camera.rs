@@ -1,4 +1,4 @@
-//! `alight study camera`: what the camera node sees in rendered images, beside the measurement model of
+//! `alight study camera`: detections of the camera node in rendered images, next to the measurement model of
 //! lock-step.
 
 use alight_computer::cells;
@@ -42,36 +42,11 @@ pub fn run(args: &StudyArgs) -> Result<(), CliError> {
         "{images} rendered images a row, seed {}; in brackets the measurement model of lock-step",
         args.seed0
     ));
-    let cell = Condition::default();
-    let mut rows = |title: &str, conditions: Vec<Condition>| -> Vec<CameraRow> {
+    let [range, incidence, blur, glare] = varied_conditions().map(|(title, conditions)| {
         let rows: Vec<CameraRow> = conditions.iter().map(|c| bench.row(c, images)).collect();
         print(format!("{title}\n{}", condition_table(&rows).text()));
         rows
-    };
-    let range = rows(
-        "Range, incidence 20 deg",
-        RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
-    );
-    let incidence = INCIDENCE_RANGES_M.iter().flat_map(|range_m| {
-        INCIDENCES_DEG.map(|incidence_deg| Condition {
-            range_m: *range_m,
-            incidence_deg,
-            ..cell
-        })
     });
-    let incidence = rows("Incidence", incidence.collect());
-    let blur = BLUR_RANGES_M.iter().flat_map(|range_m| {
-        BLURS_PX.map(|blur_px| Condition {
-            range_m: *range_m,
-            blur_px,
-            ..cell
-        })
-    });
-    let blur = rows("Motion during the exposure", blur.collect());
-    let glare = rows(
-        "Glare near the tag",
-        GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
-    );
     let misfit = ModelFit::of(&[&range[..], &incidence, &blur].concat());
     print(format!(
         "Misfit of the model without glare: {:.0} points of the fraction detected (root mean square); over {} rows \
@@ -94,11 +69,11 @@ pub fn run(args: &StudyArgs) -> Result<(), CliError> {
     let dark: Vec<Value> = UV_GLINTS
         .iter()
         .map(|glints| {
-            let (seen, fixes) = uvdar::without_markers(&settings.uvdar, *glints, images, args.seed0);
+            let (rendered, fixes) = uvdar::without_markers(&settings.uvdar, *glints, images, args.seed0);
             print(format!(
-                "Without a marker, {glints} glints an image: {fixes} fixes in {seen} images"
+                "Without a marker, {glints} glints an image: {fixes} fixes in {rendered} images"
             ));
-            json!({"glints": glints, "images": seen, "fixes": fixes})
+            json!({"glints": glints, "images": rendered, "fixes": fixes})
         })
         .collect();
     let value = json!({
@@ -116,6 +91,37 @@ pub fn run(args: &StudyArgs) -> Result<(), CliError> {
     let rows = varied.flat_map(|(varied, rows)| rows.into_iter().map(move |row| VariedRow { varied, row }));
     args.form.print(&value, &rows.collect::<Vec<_>>())?;
     Ok(())
+}
+
+/// Titles and conditions of the tag's tables: range, incidence, blur, glare.
+fn varied_conditions() -> [(&'static str, Vec<Condition>); 4] {
+    let cell = Condition::default();
+    let incidence = INCIDENCE_RANGES_M.iter().flat_map(|range_m| {
+        INCIDENCES_DEG.map(|incidence_deg| Condition {
+            range_m: *range_m,
+            incidence_deg,
+            ..cell
+        })
+    });
+    let blur = BLUR_RANGES_M.iter().flat_map(|range_m| {
+        BLURS_PX.map(|blur_px| Condition {
+            range_m: *range_m,
+            blur_px,
+            ..cell
+        })
+    });
+    [
+        (
+            "Range, incidence 20 deg",
+            RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
+        ),
+        ("Incidence", incidence.collect()),
+        ("Motion during the exposure", blur.collect()),
+        (
+            "Glare near the tag",
+            GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
+        ),
+    ]
 }
 
 /// A row of the tag's tables: what is varied, and what of it.

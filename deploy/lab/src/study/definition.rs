@@ -31,16 +31,16 @@ const SHIPPED: [(&str, &str); 12] = [
     ),
 ];
 
-/// What is published of a scene.
+/// Published values of a scene.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Published {
+pub struct PublishedResult {
     position_error_m: f64,
     landing_time_s: f64,
     touchdown_speed_mps: f64,
 }
 
-impl Published {
+impl PublishedResult {
     /// The metric of that name.
     pub fn metric(&self, name: &str) -> Option<f64> {
         match name {
@@ -56,14 +56,14 @@ impl Published {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Changes {
-    /// Its name in tables.
+    /// The name in tables.
     pub name: String,
     /// The world is what the configurations describe: deck, keep-out volumes, airframe.
     pub as_configured: bool,
     /// The simulated vessel's engines are strong enough for her speed.
     pub powered: bool,
-    /// What is published of it, by planner.
-    pub published: BTreeMap<String, Published>,
+    /// Published values of it, by planner.
+    pub published: BTreeMap<String, PublishedResult>,
     /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files that
     /// these flags name.
     #[serde(flatten)]
@@ -73,32 +73,32 @@ pub struct Changes {
 /// One thing that a grid varies.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Axis {
-    /// What it is.
+pub struct StudyAxis {
+    /// Description.
     pub name: String,
-    /// What it takes.
+    /// Values that it takes.
     pub choice: Vec<Changes>,
 }
 
 /// Scenes by all combinations of the choices of its axes.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Grid {
-    /// Its axes.
-    pub axis: Vec<Axis>,
+pub struct StudyGrid {
+    /// The axes.
+    pub axis: Vec<StudyAxis>,
     /// Drawn as curves over one axis by the other.
     #[serde(default)]
     pub curves: bool,
 }
 
-/// What outcomes are pooled by, where this is no axis.
+/// Groups by which outcomes are pooled, where this is no axis.
 pub const BY_ROW: &str = "row";
 
 /// A study.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
-    /// What it measures.
+    /// The metric.
     pub title: String,
     /// Changes of every scene.
     #[serde(default)]
@@ -111,10 +111,10 @@ pub struct Definition {
     pub row: Vec<Changes>,
     /// More scenes.
     #[serde(default)]
-    pub grid: Vec<Grid>,
+    pub grid: Vec<StudyGrid>,
     /// The axis by whose choices outcomes are pooled, or [`BY_ROW`].
     pub pooled_by: Option<String>,
-    /// Whose published figures stand beside planners of which none are published.
+    /// Planner whose published values stand next to planners of which none are published.
     #[serde(default)]
     pub beat: String,
     /// Published landings of how many, by planner, over all scenes.

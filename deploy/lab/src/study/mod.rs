@@ -45,7 +45,7 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     let given = std::env::args_os().map(std::ffi::OsString::into_string);
     let given: Vec<String> = given
         .collect::<Result<_, _>>()
-        .map_err(|word| CliError(format!("--tasks: {} is no text", word.display())))?;
+        .map_err(|argument| CliError(format!("--tasks: {} is no text", argument.display())))?;
     let seeds = args.tasks.unwrap_or(args.trials);
     for command in tasks::commands(args, seeds, rows.rows.len(), &given)? {
         terminal::line(command);

@@ -64,8 +64,8 @@ const METRICS: [Metric; 8] = [
     }),
     (
         "radio_age_s",
-        "greatest age at touchdown s",
-        "greatest age of the vessel's state at touchdown, s",
+        "maximum age at touchdown s",
+        "maximum age of the vessel's state at touchdown, s",
         2,
         |set| set.iter().filter_map(|o| o.radio_age_s).max_by(f64::total_cmp),
     ),
@@ -80,7 +80,7 @@ pub fn aborts(o: &Outcome) -> f64 {
     f64::from(o.attempts.saturating_sub(u32::from(o.position_error_m.is_some())))
 }
 
-/// What one planner flew of one group.
+/// Landings of one planner in one group.
 pub struct Pool {
     group: String,
     planner: String,

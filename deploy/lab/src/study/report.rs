@@ -1,4 +1,4 @@
-//! What a grid study reports: on the terminal, as JSON, as Markdown and as a page.
+//! Report of a grid study: on the terminal, as JSON, as Markdown and as a page.
 
 use std::path::{Path, PathBuf};
 
@@ -12,9 +12,9 @@ use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::definition::{Definition, Published};
+use super::definition::{Definition, PublishedResult};
 use super::pooled;
-use super::rows::{Row, Rows};
+use super::rows::{Rows, StudyRow};
 use super::run;
 use crate::args::StudyArgs;
 use crate::chart::{self, Dot};
@@ -31,7 +31,7 @@ const MAX_ROWS_WITH_EXTREMES: usize = 20;
 /// of the feet's span.
 const POSITION_LIMIT_M: f64 = 0.65;
 
-/// A metric of the report: its name, its column, its chart's caption, the least end of the chart's axis,
+/// A metric of the report: its name, its column, its chart's caption, the minimum end of the chart's axis,
 /// decimals.
 type Shown = (&'static str, &'static str, &'static str, f64, usize);
 
@@ -88,7 +88,7 @@ struct ReportRow {
     #[serde(flatten)]
     summary_values: Map<String, Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    published: Option<Published>,
+    published: Option<PublishedResult>,
     /// Worst first, by the fraction of a limit of success.
     worst_seeds: Vec<u64>,
     best_seed: u64,
@@ -155,7 +155,7 @@ fn worst_limit_fraction(o: &Outcome) -> f64 {
 }
 
 /// The command that flies a trial of a row again, from the files that the study keeps.
-pub fn replay_command(out: &Path, row: &Row) -> Option<String> {
+pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
     let [vessel, drone, tuning] = run::config_files(out, row);
@@ -170,15 +170,15 @@ pub fn replay_command(out: &Path, row: &Row) -> Option<String> {
 
 /// A study that was flown.
 pub struct Study<'a> {
-    /// Its title.
+    /// The title.
     pub title: &'a str,
-    /// What was to be flown.
+    /// Number of landings to fly.
     pub definition: &'a Definition,
     /// The rows of it.
     pub rows: &'a Rows,
     /// Hash of the nodes' configuration.
     pub hash: &'a str,
-    /// What came of them.
+    /// The outcomes.
     pub outcomes: &'a [Outcome],
 }
 
@@ -511,7 +511,8 @@ impl Report {
         }
         blocks.push(Block::Heading("Worst and best trials".into()));
         blocks.push(Block::Text(
-            "By the greatest fraction of a limit of success. Another seed in the command flies another trial.".into(),
+            "By the largest fraction of a limit of success. Another seed in the command flies another trial."
+                .into(),
         ));
         blocks.push(Block::Table(self.extremes()));
         if !self.failures.is_empty() {
@@ -528,7 +529,7 @@ impl Report {
         let mut planners: Vec<&str> = self.rows.iter().map(|r| r.planner.as_str()).collect();
         planners.sort_unstable();
         planners.dedup();
-        let chart = |(k, (name, _, caption, least, _)): (usize, &Shown)| {
+        let chart = |(k, (name, _, caption, min_side, _)): (usize, &Shown)| {
             let dot = |row: &ReportRow| Dot {
                 label: format!("{} · {}", row.scenario, row.planner),
                 group: planners.iter().position(|p| *p == row.planner).unwrap_or(0),
@@ -539,7 +540,7 @@ impl Report {
                 published: row.published.and_then(|p| p.metric(name)),
             };
             let lines: Vec<Dot> = self.rows.iter().map(dot).collect();
-            chart::dots(caption, &lines, *least)
+            chart::dots(caption, &lines, *min_side)
         };
         SHOWN.iter().enumerate().map(chart).collect()
     }

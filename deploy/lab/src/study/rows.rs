@@ -15,8 +15,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use super::definition::{Axis, BY_ROW, Changes, Definition, Grid, Published};
-use crate::args::{Planner, SceneArgs, StudyArgs};
+use super::definition::{BY_ROW, Changes, Definition, PublishedResult, StudyAxis, StudyGrid};
+use crate::args::{PlannerArg, SceneArgs, StudyArgs};
 use crate::scene::Scene;
 
 /// The tables of changes: flags whose files they stand for.
@@ -24,25 +24,25 @@ const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 
 /// A scene flown by a planner.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct StudyRow {
     /// The scene's name in tables.
     pub scenario: String,
     /// The planner's.
     pub planner: String,
-    /// What it is pooled with.
+    /// Group with which it is pooled.
     pub group: String,
-    /// What is published of the scene, by planner.
-    pub published: BTreeMap<String, Published>,
+    /// Published values of the scene, by planner.
+    pub published: BTreeMap<String, PublishedResult>,
     /// The world.
     pub world: Scenario,
     /// The nodes.
     pub nodes: NodeConfigs,
 }
 
-impl Row {
-    /// Of a scene, with the planner that its nodes name.
-    pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> Row {
-        Row {
+impl StudyRow {
+    /// Row of a scene, with the planner that its nodes name.
+    pub fn of(scenario: String, world: Scenario, nodes: NodeConfigs) -> StudyRow {
+        StudyRow {
             planner: nodes.planner_name().into(),
             group: scenario.clone(),
             published: BTreeMap::new(),
@@ -82,24 +82,24 @@ impl Changes {
             Value::Integer(_) | Value::Array(_) | Value::Datetime(_) | Value::Table(_) => value.to_string(),
         })
     }
-    /// Its flags as words of a command line.
-    fn words(&self) -> impl Iterator<Item = String> {
-        let word = |(key, value): (&String, &Value)| {
+    /// The flags as arguments of a command line.
+    fn arguments(&self) -> impl Iterator<Item = String> {
+        let flag_text = |(key, value): (&String, &Value)| {
             if value.is_table() && TABLES.contains(&key.as_str())
                 || value.as_bool() == Some(false) && key != "draws"
             {
                 return None;
             }
-            Some(word(&key.replace('_', "-"), &self.value(&subject(key))?))
+            Some(flag_text(&key.replace('_', "-"), &self.value(&subject(key))?))
         };
-        self.flags.iter().filter_map(word)
+        self.flags.iter().filter_map(flag_text)
     }
     fn table(&self, name: &str) -> Option<&Table> {
         self.flags.get(name).and_then(Value::as_table)
     }
 }
 
-fn word(flag: &str, value: &str) -> String {
+fn flag_text(flag: &str, value: &str) -> String {
     if value.is_empty() {
         format!("--{flag}")
     } else {
@@ -107,7 +107,7 @@ fn word(flag: &str, value: &str) -> String {
     }
 }
 
-/// What a flag or key describes: a sea state is a sea.
+/// Subject of a flag or key: a sea state is a sea.
 fn subject(flag: &str) -> String {
     match flag {
         "sea_state" | "sea-state" => "sea".into(),
@@ -117,7 +117,7 @@ fn subject(flag: &str) -> String {
 
 /// Leaves the choices that agree with the flags given; where none does, the flags themselves stand in their place. Rows
 /// that are listed one by one vary what all of them set.
-fn narrow(axis: &mut Axis, given: &[(&str, String)]) {
+fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     let varied = |flag: &str| {
         let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
         if axis.name == BY_ROW {
@@ -179,13 +179,13 @@ fn with<T: Serialize + DeserializeOwned + Check>(
 
 /// The scene of the command line's flags with changes, those of later ones over those of earlier ones.
 fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> Result<Scene, CliError> {
-    let given = given.iter().map(|(flag, value)| word(flag, value));
-    let words = changes
+    let given = given.iter().map(|(flag, value)| flag_text(flag, value));
+    let arguments = changes
         .iter()
-        .flat_map(|c| c.words())
+        .flat_map(|c| c.arguments())
         .chain(given)
-        .chain(planner.words());
-    let flags = SceneFlags::try_parse_from(words).map_err(|e| {
+        .chain(planner.arguments());
+    let flags = SceneFlags::try_parse_from(arguments).map_err(|e| {
         let why = e.to_string();
         CliError(why.lines().next().unwrap_or_default().replace("error: ", ""))
     })?;
@@ -226,7 +226,7 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
 }
 
 /// All combinations of the axes' choices.
-fn combinations(axes: &[Axis]) -> Vec<Vec<&Changes>> {
+fn combinations(axes: &[StudyAxis]) -> Vec<Vec<&Changes>> {
     let mut rows: Vec<Vec<&Changes>> = vec![Vec::new()];
     for axis in axes {
         let longer = rows
@@ -238,9 +238,9 @@ fn combinations(axes: &[Axis]) -> Vec<Vec<&Changes>> {
 }
 
 /// The planners of the command line, else the study's, else the configured one.
-fn planners(definition: &Definition, wanted: &[Planner]) -> Result<Vec<Changes>, CliError> {
+fn planners(definition: &Definition, wanted: &[PlannerArg]) -> Result<Vec<Changes>, CliError> {
     let mut all: Vec<Changes> = Vec::new();
-    for name in wanted.iter().filter_map(Planner::to_possible_value) {
+    for name in wanted.iter().filter_map(PlannerArg::to_possible_value) {
         let name = name.get_name();
         if all.iter().all(|c| c.name != name) {
             all.push(Changes {
@@ -271,7 +271,7 @@ fn planners(definition: &Definition, wanted: &[Planner]) -> Result<Vec<Changes>,
 /// A study as it is flown.
 pub struct Rows {
     /// All of them, by scene, then by planner.
-    pub rows: Vec<Row>,
+    pub rows: Vec<StudyRow>,
     /// Grids that are drawn as curves.
     pub curves: Vec<CurveAxes>,
     /// No flag has left a scene out.
@@ -295,16 +295,16 @@ impl Rows {
 pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliError> {
     let given = args.scene.given();
     let planners = planners(definition, &args.planners)?;
-    let rows = Axis {
+    let rows = StudyAxis {
         name: BY_ROW.into(),
         choice: definition.row.clone(),
     };
-    let rows = (!definition.row.is_empty()).then(|| Grid {
+    let rows = (!definition.row.is_empty()).then(|| StudyGrid {
         axis: vec![rows],
         curves: false,
     });
-    let mut grids: Vec<Grid> = rows.into_iter().chain(definition.grid.iter().cloned()).collect();
-    let count = |grids: &[Grid]| grids.iter().map(|g| combinations(&g.axis).len()).sum::<usize>();
+    let mut grids: Vec<StudyGrid> = rows.into_iter().chain(definition.grid.iter().cloned()).collect();
+    let count = |grids: &[StudyGrid]| grids.iter().map(|g| combinations(&g.axis).len()).sum::<usize>();
     let all = count(&grids);
     grids
         .iter_mut()
@@ -332,7 +332,7 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
             for planner in &planners {
                 let scene = scene(&given, &changes, planner).doing(format_args!("the row `{name}`"))?;
                 remarks.extend(scene.remarks);
-                let mut row = Row::of(name.clone(), scene.scenario, scene.nodes);
+                let mut row = StudyRow::of(name.clone(), scene.scenario, scene.nodes);
                 row.published = choices.iter().flat_map(|c| c.published.clone()).collect();
                 if let Some(choice) = pooled.and_then(|k| choices.get(k)) {
                     row.group = choice.name.clone();
@@ -343,7 +343,7 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
                 out.rows.push(row);
             }
         }
-        let named = |a: &Axis| (a.name.clone(), a.choice.iter().map(|c| c.name.clone()).collect());
+        let named = |a: &StudyAxis| (a.name.clone(), a.choice.iter().map(|c| c.name.clone()).collect());
         if let (true, [a, b]) = (grid.curves, &grid.axis[..]) {
             out.curves.push(CurveAxes([named(a), named(b)]));
         }
@@ -362,9 +362,9 @@ mod tests {
         #[command(flatten)]
         args: StudyArgs,
     }
-    fn expanded(definition: &Definition, words: &str) -> Result<Vec<Row>, CliError> {
-        let words = ["study", "x"].into_iter().chain(words.split_whitespace());
-        expand(definition, &Flags::parse_from(words).args).map(|e| e.rows)
+    fn expanded(definition: &Definition, arguments: &str) -> Result<Vec<StudyRow>, CliError> {
+        let arguments = ["study", "x"].into_iter().chain(arguments.split_whitespace());
+        expand(definition, &Flags::parse_from(arguments).args).map(|e| e.rows)
     }
     fn of(name: &str) -> Definition {
         shipped().find(|(n, _)| *n == name).unwrap().1
@@ -375,7 +375,7 @@ mod tests {
         for (name, definition) in shipped() {
             let rows = expanded(&definition, "").unwrap_or_else(|e| panic!("{name}: {e}"));
             for (k, a) in rows.iter().enumerate() {
-                let same = |b: &&Row| (&a.world, &a.nodes) == (&b.world, &b.nodes);
+                let same = |b: &&StudyRow| (&a.world, &a.nodes) == (&b.world, &b.nodes);
                 let twin = rows[..k].iter().find(same).map(|b| (&b.scenario, &b.planner));
                 assert!(twin.is_none(), "{name}: {} {} is {twin:?}", a.scenario, a.planner);
             }
@@ -397,9 +397,9 @@ mod tests {
     }
 
     #[test]
-    fn flags_beside_the_rows() {
-        let names = |study: &str, words: &str| -> Vec<String> {
-            let rows = expanded(&of(study), words).unwrap();
+    fn flags_next_to_the_rows() {
+        let names = |study: &str, arguments: &str| -> Vec<String> {
+            let rows = expanded(&of(study), arguments).unwrap();
             rows.into_iter().map(|r| r.scenario).collect()
         };
         assert_eq!(names("wind", "--wind 5"), ["5 m/s"]);

@@ -14,12 +14,12 @@ use alight_sim::harness::trial::Watch;
 use alight_sim::studies::statistics::wilson;
 use alight_uav::planner::PlannerKind;
 
-use super::rows::Row;
+use super::rows::StudyRow;
 use crate::args::{Shard, StudyArgs};
-use crate::record::{self, Subject};
+use crate::record::{self, RecordingScene};
 use crate::trials::{fly_seed, in_parallel, seeds};
 
-/// How a grid is flown.
+/// Flight of a grid.
 pub struct GridRun<'a> {
     /// The study's file.
     pub study: &'a str,
@@ -29,7 +29,7 @@ pub struct GridRun<'a> {
     pub seed0: u64,
     /// Threads; None: all cores.
     pub jobs: Option<u16>,
-    /// Where rows and scenes are kept.
+    /// Directory of rows and scenes.
     pub out: Option<&'a Path>,
     /// Only this part.
     pub shard: Option<Shard>,
@@ -127,13 +127,13 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     Ok((outcomes, hash))
 }
 
-/// Where a study keeps the scene of a row.
+/// File of the scene of a row in a study's directory.
 pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
     out.join("scenarios").join(file_name(scenario))
 }
 
-/// Where a study keeps the configurations of vessel and drone and the keys of the method that are not the defaults.
-pub fn config_files(out: &Path, row: &Row) -> [PathBuf; 3] {
+/// Files of a study for the configurations of vessel and drone and the keys of the method that are not the defaults.
+pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
     let name = file_name(&format!("{} {}", row.scenario, row.planner));
     ["vessel", "drone", "tuning"].map(|side| out.join("configs").join(side).join(&name))
 }
@@ -144,15 +144,15 @@ const HASH_FILE: &str = "configuration";
 /// The study whose rows a directory holds.
 pub const STUDY_FILE: &str = "study.toml";
 
-/// The hash that `dir` says, if it says one.
+/// The hash of `dir`, if it has one.
 fn read_hash(dir: &Path) -> Option<String> {
     let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
     Some(text.trim().into())
 }
 
-/// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
+/// Writes what is needed to fly a trial of the study again; rejects a directory that holds rows of
 /// another study, configuration or scene.
-fn prepare(study: &str, out: &Path, rows: &[Row]) -> Result<(), CliError> {
+fn prepare(study: &str, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
@@ -227,7 +227,7 @@ type TrialKey = (String, String, u64);
 fn key_of(o: &Outcome) -> TrialKey {
     (o.sea.clone(), o.planner.clone(), o.seed)
 }
-fn wanted_key((row, seed): &(&Row, u64)) -> TrialKey {
+fn wanted_key((row, seed): &(&StudyRow, u64)) -> TrialKey {
     (row.scenario.clone(), row.planner.clone(), *seed)
 }
 
@@ -236,7 +236,11 @@ struct RowsWriter(Mutex<csv::Writer<File>>);
 
 impl RowsWriter {
     /// Opens it, and reads what was flown before.
-    fn open(args: &GridRun<'_>, out: &Path, rows: &[Row]) -> Result<(RowsWriter, Vec<Outcome>), CliError> {
+    fn open(
+        args: &GridRun<'_>,
+        out: &Path,
+        rows: &[StudyRow],
+    ) -> Result<(RowsWriter, Vec<Outcome>), CliError> {
         prepare(args.study, out, rows)?;
         let path = rows_file(out);
         let fresh = !path.exists();
@@ -259,7 +263,7 @@ impl RowsWriter {
 }
 
 /// Flies what is not flown yet; all outcomes in the order of rows and seeds.
-pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliError> {
+pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let opened = args
         .out
@@ -280,7 +284,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
         );
         note(args.alone, text);
     }
-    let fly = |(row, seed): &(&Row, u64)| {
+    let fly = |(row, seed): &(&StudyRow, u64)| {
         let outcome = Outcome {
             planner: row.planner.clone(),
             ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
@@ -291,7 +295,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
     done.retain(|o| wanted.contains(&key_of(o)));
     if let Some(within) = args.within {
         for block in seeds.chunks(LOOKED_AT) {
-            let open: Vec<&Row> = rows.iter().filter(|row| !is_known(row, &done, within)).collect();
+            let open: Vec<&StudyRow> = rows.iter().filter(|row| !is_known(row, &done, within)).collect();
             let work = open.iter().flat_map(|row| block.iter().map(|seed| (*row, *seed)));
             let work: Vec<_> = work.filter(|t| !known.contains(&wanted_key(t))).collect();
             done.extend(in_parallel(args.jobs, "trials", &work, fly)?);
@@ -317,8 +321,8 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[Row]) -> Result<Vec<Outcome>, CliErr
 const LOOKED_AT: usize = 20;
 
 /// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. That a row ends by its own
-/// trials makes the interval cover a little less than it says.
-fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
+/// trials makes the interval cover a little less than 95 %.
+fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
     let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
     let (low, high) = wilson(landed, flown);
@@ -330,7 +334,12 @@ fn is_known(row: &Row, done: &[Outcome], within: f64) -> bool {
 const MAX_RECORDED_FAILURES: usize = 5;
 
 /// Flies the first failed trials again, with a recording of each.
-fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome]) -> Result<(), CliError> {
+fn record_failed(
+    args: &GridRun<'_>,
+    out: &Path,
+    rows: &[StudyRow],
+    done: &[Outcome],
+) -> Result<(), CliError> {
     let dir = out.join("failed");
     for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
         let Some(row) = rows.iter().find(|r| r.is_of(o)) else {
@@ -343,7 +352,7 @@ fn record_failed(args: &GridRun<'_>, out: &Path, rows: &[Row], done: &[Outcome])
         }
         std::fs::create_dir_all(&dir)
             .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
-        let subject = Subject {
+        let subject = RecordingScene {
             scenario: &row.world,
             nodes: &row.nodes,
             seed: o.seed,

@@ -85,13 +85,13 @@ mod tests {
         #[command(flatten)]
         args: StudyArgs,
     }
-    fn of(words: &[&str], rows: usize) -> Result<Vec<String>, CliError> {
-        let args = Flags::try_parse_from(core::iter::once(&"study").chain(words))
+    fn of(arguments: &[&str], rows: usize) -> Result<Vec<String>, CliError> {
+        let args = Flags::try_parse_from(core::iter::once(&"study").chain(arguments))
             .unwrap()
             .args;
         let given: Vec<String> = ["alight", "study"]
             .iter()
-            .chain(words)
+            .chain(arguments)
             .map(|w| (*w).to_owned())
             .collect();
         commands(&args, args.tasks.unwrap(), rows, &given)
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn tasks_of_rows_and_blocks_of_seeds() {
-        let words = [
+        let arguments = [
             "my study.toml",
             "--tasks",
             "20",
@@ -111,7 +111,7 @@ mod tests {
             "--wind",
             "6",
         ];
-        let all = of(&words, 2).unwrap();
+        let all = of(&arguments, 2).unwrap();
         assert_eq!(all.len(), 6);
         assert_eq!(
             all[0],

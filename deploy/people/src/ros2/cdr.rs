@@ -1,4 +1,4 @@
-//! Bytes of messages: XCDR1, little endian, after the four bytes that say so (DDSI-RTPS 2.3, section 10.2), as ROS 2's
+//! Bytes of messages: XCDR1, little endian, after the four bytes that state it (DDSI-RTPS 2.3, section 10.2), as ROS 2's
 //! middlewares write them.
 
 use byteorder::LittleEndian;
@@ -18,9 +18,9 @@ pub fn encode(message: &impl Serialize) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::ros2::messages::{
-        Covariance, DiagnosticArray, DiagnosticStatus, Header, KeyValue, Odometry, Pose, PoseWithCovariance,
-        PoseWithCovarianceStamped, Quaternion, Stamp, TfMessage, TransformStamped, TriggerResponse, Twist,
-        TwistWithCovariance, Vector3, level,
+        Covariance, DiagnosticArray, DiagnosticStatus, KeyValue, PoseWithCovariance,
+        PoseWithCovarianceStamped, Quaternion, RosHeader, RosOdometry, RosPose, RosTime, TfMessage,
+        TransformStamped, TriggerResponse, Twist, TwistWithCovariance, Vector3, level,
     };
 
     // Bytes of pyzeros 0.1.0 with ros2_pyterfaces 0.3.0 (`.serialize()` of the same values); `0*16` is 16 zero bytes.
@@ -47,9 +47,9 @@ mod tests {
         };
         text.split_whitespace().flat_map(part).collect()
     }
-    fn header(frame_id: &str) -> Header {
-        Header {
-            stamp: Stamp::from_nanos(1_700_000_000_123_456_789),
+    fn header(frame_id: &str) -> RosHeader {
+        RosHeader {
+            stamp: RosTime::from_nanos(1_700_000_000_123_456_789),
             frame_id: frame_id.into(),
         }
     }
@@ -69,7 +69,7 @@ mod tests {
     }
     fn pose() -> PoseWithCovariance {
         PoseWithCovariance {
-            pose: Pose {
+            pose: RosPose {
                 position: vector(1.5, -2.25, 10.0),
                 orientation: TURNED,
             },
@@ -84,7 +84,7 @@ mod tests {
             pose: pose(),
         };
         assert_eq!(encode(&stamped).unwrap(), bytes(POSE));
-        let odometry = Odometry {
+        let odometry = RosOdometry {
             header: header("map"),
             child_frame_id: "base_link".into(),
             pose: pose(),
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn stamp_of_any_time() {
         let stamp = |ns| {
-            let s = Stamp::from_nanos(ns);
+            let s = RosTime::from_nanos(ns);
             (s.sec, s.nanosec)
         };
         assert_eq!(stamp(1_700_000_000_000_000_001), (1_700_000_000, 1));

@@ -1,27 +1,27 @@
-//! What `alight status` found, as ROS's diagnostics: one status a topic of findings, and a summary.
+//! Findings of `alight status` as ROS's diagnostics: one status a topic of findings, and a summary.
 //!
 //! A viewer of diagnostics keeps the last status of a name. So a topic without findings any more is reported as OK, and every
 //! topic is STALE while nothing runs, the mission is silent or a process has ended.
 
 use std::collections::BTreeSet;
 
-use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Stamp, level};
+use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, KeyValue, RosHeader, RosTime, level};
 use crate::status::Status;
-use crate::status::finding::{Finding, Level};
+use crate::status::finding::{Finding, FindingLevel};
 
 /// Reports on a computer.
 pub struct Diagnostics {
     /// Goes before each name.
     node: String,
-    /// What findings were about by now.
+    /// Topics of the findings by now.
     topics: BTreeSet<&'static str>,
 }
 
-const fn number(found: Level) -> u8 {
+const fn number(found: FindingLevel) -> u8 {
     match found {
-        Level::Fine => level::OK,
-        Level::Warning => level::WARN,
-        Level::Broken => level::ERROR,
+        FindingLevel::Fine => level::OK,
+        FindingLevel::Warning => level::WARN,
+        FindingLevel::Broken => level::ERROR,
     }
 }
 
@@ -40,14 +40,14 @@ impl Diagnostics {
             topics: BTreeSet::new(),
         }
     }
-    /// What is known now.
-    pub fn array(&mut self, status: &Status, stamp: Stamp) -> DiagnosticArray {
+    /// The newest status.
+    pub fn array(&mut self, status: &Status, stamp: RosTime) -> DiagnosticArray {
         if status.running {
             self.topics.extend(status.findings.iter().map(|f| f.topic));
         }
         let topics = self.topics.iter().map(|topic| self.topic(status, topic));
         DiagnosticArray {
-            header: Header {
+            header: RosHeader {
                 stamp,
                 frame_id: String::new(),
             },
@@ -90,7 +90,7 @@ impl Diagnostics {
     /// All findings about a topic: the worst in the message, their remedies as values.
     fn topic(&self, status: &Status, topic: &str) -> DiagnosticStatus {
         // What is silent has no findings any more, and is not fine by that.
-        let ended = |f: &Finding| f.topic == "processes" && f.level == Level::Broken;
+        let ended = |f: &Finding| f.topic == "processes" && f.level == FindingLevel::Broken;
         let old = status.state.as_ref().is_some_and(|s| s.stale);
         let is_silent = topic != "processes" && (old || status.findings.iter().any(ended));
         if !status.running || is_silent {
@@ -116,14 +116,14 @@ impl Diagnostics {
 mod tests {
     use super::*;
     use crate::status::StateView;
-    use crate::status::finding::Topic;
+    use crate::status::finding::FindingTopic;
 
     fn status(findings: Vec<Finding>) -> Status {
         Status {
             title: "drone 1, test".into(),
             running: true,
             headline: "Tracking".into(),
-            worst: Level::worst(&findings),
+            worst: FindingLevel::worst(&findings),
             findings,
             state: Some(StateView {
                 name: "Tracking".into(),
@@ -142,14 +142,14 @@ mod tests {
     #[test]
     fn diagnostics_of_findings() {
         let mut judge = Diagnostics::of("drone_1");
-        let link = Topic("link");
+        let link = FindingTopic("link");
         let found = vec![
             link.warning("0.4 s old", "antenna"),
             link.fine("3 % lost"),
-            Topic("deck").broken("no deck", "wait"),
+            FindingTopic("deck").broken("no deck", "wait"),
             link.warning("late", ""),
         ];
-        let all = judge.array(&status(found), Stamp::default());
+        let all = judge.array(&status(found), RosTime::default());
         assert_eq!(
             rows(&all),
             [
@@ -160,10 +160,10 @@ mod tests {
         );
         assert_eq!(all.status[2].values, [value("remedy", "antenna")]);
         // What was found and is not any more is reported as fine, and nothing that runs as stale.
-        let fine = judge.array(&status(Vec::new()), Stamp::default());
+        let fine = judge.array(&status(Vec::new()), RosTime::default());
         assert_eq!(rows(&fine)[2], (level::OK, "drone_1: link", "as it should be"));
         let absent = Status::absent(&status(Vec::new()).situation.known);
-        let stale = judge.array(&absent, Stamp::default());
+        let stale = judge.array(&absent, RosTime::default());
         assert_eq!(stale.status.len(), 3);
         assert!(stale.status.iter().all(|s| s.level == level::STALE), "{stale:?}");
     }
@@ -172,7 +172,7 @@ mod tests {
     fn diagnostics_of_a_silent_mission() {
         let mut silent = status(Vec::new());
         silent.state.as_mut().unwrap().stale = true;
-        let all = Diagnostics::of("drone_1").array(&silent, Stamp::default());
+        let all = Diagnostics::of("drone_1").array(&silent, RosTime::default());
         assert_eq!(all.status[0].level, level::STALE);
     }
 }

@@ -66,7 +66,7 @@ pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Cov
 }
 
 /// A velocity of a body.
-pub struct Motion {
+pub struct BodyVelocity {
     /// In NED, m/s, and its standard deviations.
     pub velocity: [[f64; 3]; 2],
     /// In FRD, rad/s.
@@ -75,9 +75,9 @@ pub struct Motion {
     pub rates_covariance: Matrix3<f64>,
 }
 
-impl Motion {
-    /// Of a body whose Euler-angle rates are known (rad/s), with their standard deviations.
-    pub fn of_euler_rates(velocity: [[f64; 3]; 2], euler: [f64; 3], rates: [[f64; 3]; 2]) -> Motion {
+impl BodyVelocity {
+    /// Rotation rates of a body whose Euler-angle rates are known (rad/s), with their standard deviations.
+    pub fn of_euler_rates(velocity: [[f64; 3]; 2], euler: [f64; 3], rates: [[f64; 3]; 2]) -> BodyVelocity {
         let [roll, pitch, _] = euler;
         let [rates, sd] = rates.map(Vector3::from);
         let columns = Matrix3::identity();
@@ -86,7 +86,7 @@ impl Motion {
             body_rates(roll, pitch, columns.column(1).into_owned()),
             body_rates(roll, pitch, columns.column(2).into_owned()),
         ]);
-        Motion {
+        BodyVelocity {
             velocity,
             rates: body_rates(roll, pitch, rates),
             rates_covariance: jacobian * squared(&sd) * jacobian.transpose(),
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// Where the body's axis points, in ENU.
+    /// Direction of the body's axis, in ENU.
     fn turned(q: &Quaternion, axis: Vector3<f64>) -> Vector3<f64> {
         UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z)) * axis
     }
@@ -174,7 +174,7 @@ mod tests {
     fn twist_in_the_body() {
         // To the east at 3 m/s, downwards at 1 m/s, heading east, turning to starboard.
         let q = of_euler([0.0, 0.0, FRAC_PI_2]);
-        let motion = Motion {
+        let motion = BodyVelocity {
             velocity: [[0.0, 3.0, 1.0], [0.5, 0.2, 0.3]],
             rates: Vector3::new(0.1, 0.2, 0.4),
             rates_covariance: Matrix3::zeros(),
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn rates_of_a_level_deck() {
         let velocity = [[0.0; 3]; 2];
-        let level = Motion::of_euler_rates(velocity, [0.0; 3], [[0.1, 0.2, 0.3], [0.01, 0.02, 0.03]]);
+        let level = BodyVelocity::of_euler_rates(velocity, [0.0; 3], [[0.1, 0.2, 0.3], [0.01, 0.02, 0.03]]);
         assert!(is_near(level.rates, [0.1, 0.2, 0.3]));
         let all = level.covariance(&of_euler([0.0; 3]));
         assert!((all[4][4] - 4e-4).abs() < 1e-15 && all[3][4].abs() < 1e-15);

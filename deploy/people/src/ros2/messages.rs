@@ -11,15 +11,15 @@ use serde::Serialize;
 /// A type as keys and tokens name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RosType {
-    /// Its name in DDS's form.
+    /// The name in DDS's form.
     pub name: &'static str,
     /// Hash of its definition.
     pub hash: &'static str,
 }
 
 /// A message that a topic carries.
-pub trait Message: Serialize {
-    /// Its type.
+pub trait RosMessage: Serialize {
+    /// The type.
     const TYPE: RosType;
 }
 
@@ -31,23 +31,23 @@ pub const TRIGGER: RosType = RosType {
 
 /// `builtin_interfaces/msg/Time`, of the system's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Stamp {
+pub struct RosTime {
     /// Whole seconds since 1970.
     pub sec: i32,
     /// The rest, ns.
     pub nanosec: u32,
 }
 
-impl Stamp {
+impl RosTime {
     /// From nanoseconds since 1970; before it and after 2038, which the type cannot hold, its ends.
-    pub fn from_nanos(ns: i64) -> Stamp {
+    pub fn from_nanos(ns: i64) -> RosTime {
         match i32::try_from(ns.div_euclid(1_000_000_000)) {
-            Ok(sec) => Stamp {
+            Ok(sec) => RosTime {
                 sec,
                 nanosec: ns.rem_euclid(1_000_000_000) as u32,
             },
-            Err(_) if ns < 0 => Stamp::default(),
-            Err(_) => Stamp {
+            Err(_) if ns < 0 => RosTime::default(),
+            Err(_) => RosTime {
                 sec: i32::MAX,
                 nanosec: 0,
             },
@@ -57,9 +57,9 @@ impl Stamp {
 
 /// `std_msgs/msg/Header`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Header {
+pub struct RosHeader {
     /// Time of validity.
-    pub stamp: Stamp,
+    pub stamp: RosTime,
     /// Frame of what follows.
     pub frame_id: String,
 }
@@ -90,7 +90,7 @@ pub struct Quaternion {
 
 /// `geometry_msgs/msg/Pose`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Pose {
+pub struct RosPose {
     /// m.
     pub position: Vector3,
     /// Rotation of the header's frame from the child's.
@@ -104,7 +104,7 @@ pub type Covariance = [[f64; 6]; 6];
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovariance {
     /// The pose.
-    pub pose: Pose,
+    pub pose: RosPose,
     /// m², rad².
     pub covariance: Covariance,
 }
@@ -131,16 +131,16 @@ pub struct TwistWithCovariance {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovarianceStamped {
     /// Time and frame.
-    pub header: Header,
+    pub header: RosHeader,
     /// The pose in that frame.
     pub pose: PoseWithCovariance,
 }
 
 /// `nav_msgs/msg/Odometry`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Odometry {
+pub struct RosOdometry {
     /// Time, and frame of the pose.
-    pub header: Header,
+    pub header: RosHeader,
     /// The body, in whose frame the twist is.
     pub child_frame_id: String,
     /// In the header's frame.
@@ -153,10 +153,10 @@ pub struct Odometry {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformStamped {
     /// Time, and the parent's frame.
-    pub header: Header,
+    pub header: RosHeader,
     /// The child's frame.
     pub child_frame_id: String,
-    /// Where the child begins in the parent, m.
+    /// Origin of the child in the parent, m.
     pub translation: Vector3,
     /// Rotation parent from child.
     pub rotation: Quaternion,
@@ -172,9 +172,9 @@ pub struct TfMessage {
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyValue {
-    /// What it is.
+    /// The subject.
     pub key: String,
-    /// For a person.
+    /// For people.
     pub value: String,
 }
 
@@ -195,9 +195,9 @@ pub mod level {
 pub struct DiagnosticStatus {
     /// One of [`level`].
     pub level: u8,
-    /// What was looked at.
+    /// The subject.
     pub name: String,
-    /// What was found.
+    /// The finding.
     pub message: String,
     /// Whose it is.
     pub hardware_id: String,
@@ -209,8 +209,8 @@ pub struct DiagnosticStatus {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DiagnosticArray {
     /// When it was judged.
-    pub header: Header,
-    /// What was looked at.
+    pub header: RosHeader,
+    /// The subject.
     pub status: Vec<DiagnosticStatus>,
 }
 
@@ -225,7 +225,7 @@ pub struct TriggerResponse {
 
 macro_rules! messages {
     ($($message:ident = $name:literal, $hash:literal;)*) => {$(
-        impl Message for $message {
+        impl RosMessage for $message {
             const TYPE: RosType = RosType {
                 name: $name,
                 hash: concat!("RIHS01_", $hash),
@@ -234,7 +234,7 @@ macro_rules! messages {
     )*};
 }
 messages! {
-    Odometry = "nav_msgs::msg::dds_::Odometry_",
+    RosOdometry = "nav_msgs::msg::dds_::Odometry_",
         "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
     PoseWithCovarianceStamped = "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
         "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e";

@@ -15,7 +15,7 @@ pub const MAX_DOMAIN: u32 = 232;
 /// Length of a namespace, at most.
 const MAX_NAMESPACE: usize = 64;
 
-/// What a token stands for beside a node.
+/// Kind of a token that is no node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entity {
     /// Publisher of a topic.
@@ -81,11 +81,11 @@ impl Distro {
 /// A topic or a service.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoint {
-    /// Its name with all that goes before, such as `/alight/drone_1/odometry`.
+    /// The name with all that goes before, such as `/alight/drone_1/odometry`.
     pub name: String,
-    /// Its type.
+    /// The type.
     pub kind: RosType,
-    /// What it is here.
+    /// The meaning here.
     pub entity: Entity,
     /// Messages that a receiver is to keep (quality of service; reliable, volatile, keep last).
     pub depth: u32,
@@ -129,7 +129,7 @@ impl RosNode {
             distro,
         })
     }
-    /// Its name in its namespace.
+    /// The name in its namespace.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -141,7 +141,7 @@ impl RosNode {
     pub fn tokens(&self) -> String {
         format!("@ros2_lv/{}/**", self.domain)
     }
-    /// What is its own: `~/name`.
+    /// The private name: `~/name`.
     pub fn private(&self, name: &str) -> String {
         format!("{}/{}/{name}", self.namespace, self.name)
     }
@@ -195,10 +195,10 @@ pub fn gid(token: &str) -> [u8; 16] {
 const GID_LENGTH: u8 = 16;
 /// Sequence number, time, length, gid.
 const ATTACHMENT_BYTES: usize = 8 + 8 + 1 + 16;
-/// Where the time is in it.
+/// Place of the time in it.
 const TIME: core::ops::Range<usize> = 8..16;
 
-/// What goes with a message: its number, when it was sent (ns since 1970), by whom.
+/// Attachment of a message: its number, the time of sending (ns since 1970), the sender.
 pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     let mut all = Vec::with_capacity(ATTACHMENT_BYTES);
     all.extend(number.to_le_bytes());
@@ -214,7 +214,7 @@ pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
     Some(i64::from_le_bytes(bytes))
 }
 
-/// What goes with the response to a request with this attachment: the same number and gid, by which the client knows it,
+/// Attachment of the response to a request with this attachment: the same number and gid, by which the client knows it,
 /// and the time. None where that is no attachment; newer versions of rmw_zenoh leave the gid's length out.
 pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
     let fits = (ATTACHMENT_BYTES - 1..=ATTACHMENT_BYTES).contains(&request.len());
@@ -226,7 +226,7 @@ pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ros2::messages::{Message, Odometry, TRIGGER, TfMessage};
+    use crate::ros2::messages::{RosMessage, RosOdometry, TRIGGER, TfMessage};
 
     // Of pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
     const ZID: &str = "aabbccddeeff00112233445566778899";
@@ -236,7 +236,7 @@ mod tests {
     fn drone(namespace: &str) -> RosNode {
         RosNode::new(0, namespace, "drone_1".into(), Distro::Jazzy).unwrap()
     }
-    fn publisher<M: Message>(name: String, depth: u32) -> Endpoint {
+    fn publisher<M: RosMessage>(name: String, depth: u32) -> Endpoint {
         Endpoint {
             name,
             kind: M::TYPE,
@@ -249,8 +249,8 @@ mod tests {
     fn ros_keys_and_tokens() {
         let node = drone("alight");
         assert_eq!(node.token(ZID), format!("{SESSION}0/NN/%/%alight/drone_1"));
-        let odometry = publisher::<Odometry>(node.private("odometry"), 10);
-        let kind = format!("nav_msgs::msg::dds_::Odometry_/{}", Odometry::TYPE.hash);
+        let odometry = publisher::<RosOdometry>(node.private("odometry"), 10);
+        let kind = format!("nav_msgs::msg::dds_::Odometry_/{}", RosOdometry::TYPE.hash);
         assert_eq!(node.key(&odometry), format!("0/alight/drone_1/odometry/{kind}"));
         let token = node.token_of(ZID, 1, &odometry);
         let place = "MP/%/%alight/drone_1/%alight%drone_1%odometry";
@@ -281,7 +281,7 @@ mod tests {
     fn ros_keys_of_humble_without_hashes() {
         let node = |distro| RosNode::new(0, "alight", "drone_1".into(), distro).unwrap();
         let (humble, jazzy) = (node(Distro::Humble), node(Distro::Jazzy));
-        let odometry = publisher::<Odometry>(humble.private("odometry"), 10);
+        let odometry = publisher::<RosOdometry>(humble.private("odometry"), 10);
         let kind = "nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported";
         assert_eq!(humble.key(&odometry), format!("0/alight/drone_1/odometry/{kind}"));
         let token = humble.token_of(ZID, 1, &odometry);
@@ -297,7 +297,10 @@ mod tests {
         assert_eq!(humble.key(&land), format!("0/alight/drone_1/land/{kind}"));
         // Each knows the other by its tokens, and none by a node's, which is of no type.
         let hashed = jazzy.token_of(ZID, 1, &odometry);
-        assert_eq!(hashed.replace(Odometry::TYPE.hash, "TypeHashNotSupported"), token);
+        assert_eq!(
+            hashed.replace(RosOdometry::TYPE.hash, "TypeHashNotSupported"),
+            token
+        );
         for distro in [Distro::Jazzy, Distro::Kilted] {
             assert!(distro.is_apart(&token) && !distro.is_apart(&hashed), "{distro:?}");
         }

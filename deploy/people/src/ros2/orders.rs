@@ -66,7 +66,7 @@ const fn name(kind: CommandKind) -> &'static str {
 }
 
 impl<C: Caller> Orders<C> {
-    /// Takes an order at `now_ns` of the steady clock. Whoever asks for what is under way waits for the same answer; an
+    /// Takes an order at `now_ns` of the steady clock. A second request for an order under way waits for the same answer; an
     /// abort takes the place of another order, and nothing takes an abort's.
     pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputer, now_ns: i64) {
         match &mut self.under_way {
@@ -196,12 +196,12 @@ mod tests {
         ]);
         let sent = orders.poll(1, None, NOW);
         assert_eq!(sent.map(|c| c.kind), Some(CommandKind::Abort));
-        let refused: Vec<_> = answers
+        let rejected: Vec<_> = answers
             .borrow()
             .iter()
             .map(|(who, taken, _)| (*who, *taken))
             .collect();
-        assert_eq!(refused, [("land", false), ("late", false)]);
+        assert_eq!(rejected, [("land", false), ("late", false)]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Where drone and deck are, as odometry, pose and transforms, whenever something newer is known of them.
+//! Poses of drone and deck as odometry, pose and transforms, whenever something newer is known of them.
 //!
 //! `map` is east, north, up from where the drone's autopilot began; it goes on where the autopilot's estimate jumps
 //! ([`DroneState::datum_offset`]), so that a map frame of other sensors is another one.
@@ -8,19 +8,19 @@ use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::ros2::frames::{self, Motion};
+use crate::ros2::frames::{self, BodyVelocity};
 use crate::ros2::messages::{
-    Header, Odometry, Pose, PoseWithCovariance, PoseWithCovarianceStamped, Stamp, TfMessage,
+    PoseWithCovariance, PoseWithCovarianceStamped, RosHeader, RosOdometry, RosPose, RosTime, TfMessage,
     TransformStamped, Twist, TwistWithCovariance,
 };
 
-/// What is published when something newer is known.
+/// Messages that are published when something newer is known.
 #[derive(Default)]
 pub struct NewPoses {
     /// The drone's.
-    pub drone: Option<Odometry>,
+    pub drone: Option<RosOdometry>,
     /// The deck's.
-    pub deck: Option<Odometry>,
+    pub deck: Option<RosOdometry>,
 }
 
 impl NewPoses {
@@ -39,7 +39,7 @@ impl NewPoses {
     }
 }
 
-fn transform(of: &Odometry) -> TransformStamped {
+fn transform(of: &RosOdometry) -> TransformStamped {
     TransformStamped {
         header: of.header.clone(),
         child_frame_id: of.child_frame_id.clone(),
@@ -69,14 +69,14 @@ impl Poses {
             deck_at: None,
         }
     }
-    /// Of what was received; `stamp` reads a time of the drone's clock as nanoseconds since 1970.
-    pub fn newer(&mut self, seen: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
-        let drone = seen.drone.filter(|d| Some(d.header.at) != self.drone_at);
-        let forecast = seen.forecast.filter(|f| Some(f.header.at) != self.deck_at);
-        self.drone_at = seen.drone.map(|d| d.header.at);
-        self.deck_at = seen.forecast.map(|f| f.header.at);
-        let header = |at| Header {
-            stamp: Stamp::from_nanos(stamp(at)),
+    /// Poses by the received messages; `stamp` reads a time of the drone's clock as nanoseconds since 1970.
+    pub fn newer(&mut self, snapshot: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
+        let drone = snapshot.drone.filter(|d| Some(d.header.at) != self.drone_at);
+        let forecast = snapshot.forecast.filter(|f| Some(f.header.at) != self.deck_at);
+        self.drone_at = snapshot.drone.map(|d| d.header.at);
+        self.deck_at = snapshot.forecast.map(|f| f.header.at);
+        let header = |at| RosHeader {
+            stamp: RosTime::from_nanos(stamp(at)),
             frame_id: self.map.clone(),
         };
         NewPoses {
@@ -89,8 +89,8 @@ impl Poses {
 /// Variance of what no autopilot states, (rad/s)²: so large that no filter rests on it.
 const NOT_KNOWN: f64 = 1e6;
 
-fn of_drone(drone: &DroneState, header: Header, child: &str) -> Odometry {
-    let motion = Motion {
+fn of_drone(drone: &DroneState, header: RosHeader, child: &str) -> RosOdometry {
+    let motion = BodyVelocity {
         velocity: [drone.velocity, drone.velocity_sd],
         rates: Vector3::from(drone.rates),
         rates_covariance: Matrix3::from_diagonal_element(NOT_KNOWN),
@@ -100,9 +100,9 @@ fn of_drone(drone: &DroneState, header: Header, child: &str) -> Odometry {
 }
 
 /// The deck at the first stage, which is about now; None of a forecast without any.
-fn of_deck(forecast: &DeckForecast, header: Header, child: &str) -> Option<Odometry> {
+fn of_deck(forecast: &DeckForecast, header: RosHeader, child: &str) -> Option<RosOdometry> {
     let now: &DeckStage = forecast.stages.first()?;
-    let motion = Motion::of_euler_rates(
+    let motion = BodyVelocity::of_euler_rates(
         [now.velocity, now.velocity_sd],
         now.euler,
         [now.euler_rates, now.euler_rates_sd],
@@ -113,19 +113,19 @@ fn of_deck(forecast: &DeckForecast, header: Header, child: &str) -> Option<Odome
 }
 
 fn odometry(
-    header: Header,
+    header: RosHeader,
     child: &str,
     position: [f64; 3],
     (position_sd, euler_sd): ([f64; 3], [f64; 3]),
     ned_from_frd: &UnitQuaternion<f64>,
-    motion: &Motion,
-) -> Odometry {
+    motion: &BodyVelocity,
+) -> RosOdometry {
     let [linear, angular] = motion.twist(ned_from_frd);
-    Odometry {
+    RosOdometry {
         header,
         child_frame_id: child.into(),
         pose: PoseWithCovariance {
-            pose: Pose {
+            pose: RosPose {
                 position: frames::enu(position),
                 orientation: frames::attitude(ned_from_frd),
             },
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
     use alight_shared::msg::Header as Identity;
 
-    fn seen(drone_ns: i64, deck_ns: i64) -> Snapshot {
+    fn snapshot(drone_ns: i64, deck_ns: i64) -> Snapshot {
         let drone = DroneState {
             header: Identity::new(1, 1, 7, 1, Time::from_nanos(drone_ns)),
             position: [1.0, 2.0, -3.0],
@@ -170,9 +170,9 @@ mod tests {
     #[test]
     fn poses_in_the_map() {
         let mut poses = Poses::new("a/");
-        let new = poses.newer(&seen(10, 20), |at| at.nanos() + 1_000_000_000);
+        let new = poses.newer(&snapshot(10, 20), |at| at.nanos() + 1_000_000_000);
         let (drone, deck) = (new.drone.as_ref().unwrap(), new.deck.as_ref().unwrap());
-        assert_eq!(drone.header.stamp, Stamp { sec: 1, nanosec: 10 });
+        assert_eq!(drone.header.stamp, RosTime { sec: 1, nanosec: 10 });
         assert_eq!(
             (drone.header.frame_id.as_str(), drone.child_frame_id.as_str()),
             ("a/map", "a/base_link")
@@ -191,7 +191,7 @@ mod tests {
     fn poses_only_when_newer() {
         let mut poses = Poses::new("");
         let mut new = |drone, deck| {
-            let new = poses.newer(&seen(drone, deck), |at| at.nanos());
+            let new = poses.newer(&snapshot(drone, deck), |at| at.nanos());
             (new.drone.is_some(), new.deck.is_some())
         };
         assert_eq!(new(10, 20), (true, true));

@@ -16,7 +16,7 @@ use zenoh::query::{Query, Queryable};
 use zenoh::{Wait, config::WhatAmI};
 
 use crate::ros2::cdr;
-use crate::ros2::messages::{Message, TRIGGER, TriggerResponse};
+use crate::ros2::messages::{RosMessage, TRIGGER, TriggerResponse};
 use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns};
 use crate::ros2::orders::Caller;
 
@@ -24,7 +24,7 @@ use crate::ros2::orders::Caller;
 const RETRY_NS: i64 = 1_000_000_000;
 /// Whether somebody is connected is looked for this often, ns.
 const LOOK_NS: i64 = 1_000_000_000;
-/// Requests that wait; what comes on top is refused.
+/// Requests that wait; further ones are rejected.
 const INBOX: usize = 16;
 /// Longest request, bytes: one of `Trigger` has five.
 const MAX_REQUEST: usize = 64;
@@ -37,20 +37,20 @@ const CONGESTED_US: u32 = 500_000;
 /// Length of a service's history (`rmw_qos_profile_services_default`).
 const SERVICE_DEPTH: u32 = 10;
 
-/// Where ROS's side is.
+/// Endpoint of ROS's side.
 #[derive(Clone, Debug)]
-pub enum Place {
+pub enum RosConnection {
     /// A router listens there, as rmw_zenohd does.
     Router(String),
     /// It comes to this endpoint.
     Here(String),
 }
 
-impl Place {
+impl RosConnection {
     fn config(&self) -> Result<zenoh::Config, String> {
         let (mode, list, endpoint) = match self {
-            Place::Router(endpoint) => (WhatAmI::Client, "connect/endpoints", endpoint),
-            Place::Here(endpoint) => (WhatAmI::Peer, "listen/endpoints", endpoint),
+            RosConnection::Router(endpoint) => (WhatAmI::Client, "connect/endpoints", endpoint),
+            RosConnection::Here(endpoint) => (WhatAmI::Peer, "listen/endpoints", endpoint),
         };
         let settings = [
             ("mode", format!("{:?}", mode.to_str())),
@@ -74,21 +74,21 @@ impl Place {
         }
         Ok(config)
     }
-    /// What is so while somebody is connected, or nobody is.
+    /// Text about the connection while a peer is connected, or none is.
     fn contact(&self, is_there: bool) -> String {
         match (self, is_there) {
-            (Place::Router(at), true) => format!("connected to the router at {at}"),
-            (Place::Router(at), false) => format!(
+            (RosConnection::Router(at), true) => format!("connected to the router at {at}"),
+            (RosConnection::Router(at), false) => format!(
                 "no router at {at}: tried again until there is one (ros2 run rmw_zenoh_cpp rmw_zenohd)"
             ),
-            (Place::Here(at), true) => format!("connected at {at}"),
-            (Place::Here(at), false) => format!("nobody is connected at {at}"),
+            (RosConnection::Here(at), true) => format!("connected at {at}"),
+            (RosConnection::Here(at), false) => format!("no peer is connected at {at}"),
         }
     }
 }
 
 /// A topic with messages `M`.
-pub struct Topic<M>(usize, PhantomData<fn(M)>);
+pub struct RosTopic<M>(usize, PhantomData<fn(M)>);
 
 /// A publisher of the open session.
 struct Published {
@@ -113,10 +113,10 @@ enum State {
     Open(Open),
 }
 
-/// What the node has.
+/// Entities of the node.
 #[derive(Clone)]
 struct Parts {
-    place: Place,
+    place: RosConnection,
     node: RosNode,
     topics: Vec<Endpoint>,
     services: Vec<(Endpoint, CommandKind)>,
@@ -126,7 +126,7 @@ struct Parts {
 }
 
 /// The node, in a session or on its way into one.
-pub struct Session {
+pub struct RosSession {
     parts: Parts,
     inbox: Receiver<Request>,
     state: State,
@@ -139,11 +139,11 @@ pub struct Session {
     warned: bool,
 }
 
-impl Session {
-    /// Of a node without topics and services.
-    pub fn of(node: RosNode, place: Place) -> Session {
+impl RosSession {
+    /// A node without topics and services.
+    pub fn of(node: RosNode, place: RosConnection) -> RosSession {
         let (sender, inbox) = sync_channel(INBOX);
-        Session {
+        RosSession {
             parts: Parts {
                 place,
                 node,
@@ -161,14 +161,14 @@ impl Session {
         }
     }
     /// Gives it a topic of this whole name, before it is opened; a receiver is to keep `depth` messages.
-    pub fn topic<M: Message>(&mut self, name: String, depth: u32) -> Topic<M> {
+    pub fn topic<M: RosMessage>(&mut self, name: String, depth: u32) -> RosTopic<M> {
         self.parts.topics.push(Endpoint {
             name,
             kind: M::TYPE,
             entity: Entity::Publisher,
             depth,
         });
-        Topic(self.parts.topics.len() - 1, PhantomData)
+        RosTopic(self.parts.topics.len() - 1, PhantomData)
     }
     /// Gives it a service of this whole name that orders `kind`, before it is opened.
     pub fn service(&mut self, name: String, kind: CommandKind) {
@@ -232,7 +232,7 @@ impl Session {
         })
     }
     /// Publishes a message where there is a session; one that finds no room in its queue is dropped.
-    pub fn publish<M: Message>(&mut self, topic: &Topic<M>, message: &M) {
+    pub fn publish<M: RosMessage>(&mut self, topic: &RosTopic<M>, message: &M) {
         let State::Open(open) = &mut self.state else {
             return;
         };
@@ -321,7 +321,7 @@ impl Open {
 
 /// A client's request that waits for its response.
 pub struct Request {
-    /// What it orders.
+    /// Order of the service.
     pub kind: CommandKind,
     /// When it was sent, ns since 1970 by its client's clock.
     pub sent_ns: i64,
@@ -334,7 +334,7 @@ impl Request {
     /// services than this one is rejected with the reason.
     fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
         if !names(query.key_expr().as_str(), key) {
-            refuse(
+            reject(
                 &query,
                 "not ordered: a wildcard in place of the service's name and type",
             );
@@ -347,7 +347,7 @@ impl Request {
         let fits = query.payload().is_some_and(|p| p.len() <= MAX_REQUEST);
         let request = attachment.filter(|_| is_client && fits);
         let Some((attachment, sent_ns)) = request.and_then(|a| sent_ns(&a).map(|sent| (a, sent))) else {
-            refuse(&query, "no request of std_srvs/srv/Trigger in rmw_zenoh's form");
+            reject(&query, "no request of std_srvs/srv/Trigger in rmw_zenoh's form");
             return;
         };
         let request = Request {
@@ -372,7 +372,7 @@ fn names(asked: &str, key: &str) -> bool {
     named(asked).is_some() && named(asked) == named(key)
 }
 
-fn refuse(query: &Query, why: &str) {
+fn reject(query: &Query, why: &str) {
     // Who asked may have gone.
     let _gone = query.reply_err(why).encoding(Encoding::TEXT_PLAIN).wait();
 }

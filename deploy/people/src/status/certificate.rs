@@ -3,7 +3,7 @@
 use alight_computer::certificates::RENEWAL_DAYS;
 use alight_shared::msg::Certificate;
 
-use super::finding::{Finding, Topic};
+use super::finding::{Finding, FindingTopic};
 
 /// Whether an endpoint stays inside this computer.
 fn is_loopback(endpoint: &str) -> bool {
@@ -13,7 +13,7 @@ fn is_loopback(endpoint: &str) -> bool {
 
 /// A radio with these endpoints and no certificate.
 pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
-    const TOPIC: Topic = Topic("certificate");
+    const TOPIC: FindingTopic = FindingTopic("certificate");
     if endpoints.clone().any(|e| e.starts_with("quic/")) {
         return TOPIC.broken(
             "the radio's endpoint is quic/ but radio.tls names no files",
@@ -31,7 +31,7 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
 
 /// A certificate, or why it cannot be read.
 pub fn judge(read: Result<&Certificate, &str>) -> Finding {
-    const TOPIC: Topic = Topic("certificate");
+    const TOPIC: FindingTopic = FindingTopic("certificate");
     let c = match read {
         Ok(certificate) => certificate,
         Err(why) => {

@@ -16,11 +16,11 @@ use clap::Args;
 
 use super::{Status, watch};
 
-/// What runs.
+/// Status of the running processes.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
-Exit codes: 0 fine, 1 warnings or nothing runs, 2 broken; of --watch those of the last status."
+Exit codes: 0 fine, 1 warnings or no process, 2 broken; of --watch those of the last status."
 )]
 pub struct StatusArgs {
     #[command(flatten)]
@@ -42,7 +42,7 @@ const JSON_PERIOD: Duration = Duration::from_secs(1);
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Looks at a computer's processes.
-struct Look {
+struct ComputerObserver {
     configured: ComputerReport,
     instance: Instance,
     follower: Follower,
@@ -50,10 +50,10 @@ struct Look {
     has_waited: bool,
 }
 
-impl Look {
-    fn at(computer: &Computer) -> Result<Look, CliError> {
+impl ComputerObserver {
+    fn at(computer: &Computer) -> Result<ComputerObserver, CliError> {
         let name = computer.instance();
-        Ok(Look {
+        Ok(ComputerObserver {
             configured: configured(computer),
             instance: Instance::new(name)?,
             follower: Follower::of(name, "status")?,
@@ -74,14 +74,14 @@ impl Look {
             self.follower.poll();
         }
         self.has_waited = true;
-        let (_, seen) = self.follower.poll()?;
-        Some(Status::look(Some(seen), &self.configured))
+        let (_, snapshot) = self.follower.poll()?;
+        Some(Status::look(Some(snapshot), &self.configured))
     }
 }
 
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
-    let mut look = Look::at(&args.subject.computer()?)?;
+    let mut look = ComputerObserver::at(&args.subject.computer()?)?;
     let Some(first) = look.read(Duration::ZERO) else {
         if end_requested() {
             return Ok(Exit::Success);

@@ -10,7 +10,7 @@ use super::Figure;
 
 /// A slower vessel has no course over ground, m/s.
 const STILL_MPS: f64 = 0.3;
-/// What a wind is called that is too light for a direction.
+/// Text for a wind that is too light for a direction.
 const CALM: &str = "calm";
 /// A direction this close to the bow or the stern is named after it, deg.
 const ABOUT_DEG: f64 = 5.0;
@@ -20,13 +20,13 @@ const ABOUT_DEG: f64 = 5.0;
 pub struct Compass {
     /// The vessel's mean heading, deg from north.
     pub heading_deg: f64,
-    /// Where the wind comes from.
+    /// Direction from which the wind comes.
     pub wind_from_deg: Option<f64>,
-    /// Where the waves come from.
+    /// Direction from which the waves come.
     pub waves_from_deg: Option<f64>,
     /// The heading to turn to before a landing, where one is worth it.
     pub advised_deg: Option<f64>,
-    /// All of it in words.
+    /// All of it as text.
     pub text: String,
 }
 
@@ -57,14 +57,14 @@ pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     (text, (mps >= STILL_MPS).then_some(course_deg))
 }
 
-/// A direction (deg, clockwise from north) seen from the bow.
+/// A direction (deg, clockwise from north) relative to the bow.
 fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     let turn = wrap_angle((direction_deg - heading_deg).to_radians()).to_degrees();
     (10.0 * turn).round() / 10.0
 }
 
-/// In words: `40° to starboard of the bow`.
-fn words(from_bow_deg: f64) -> String {
+/// As text: `40° to starboard of the bow`.
+fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };
     if size <= ABOUT_DEG {
@@ -87,26 +87,26 @@ fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<
     let from = from_bow(blows.from_deg as f64, heading_deg);
     let speed = wind(blows, knots);
     let speed = speed.split(" from").next().unwrap_or_default();
-    (Some(from), format!("wind {speed} from {}", words(from)))
+    (Some(from), format!("wind {speed} from {}", bow_text(from)))
 }
 
-/// What the drone knows: the forecast's heading, the mission's wind, the vessel's advice.
+/// Compass of the drone: the forecast's heading, the mission's wind, the vessel's advice.
 pub fn of_drone(s: &Situation) -> Option<Compass> {
     let heading_deg = s
-        .seen
+        .snapshot
         .forecast
         .fresh(s.now_ns)?
         .mean_heading
         .to_degrees()
         .rem_euclid(360.0);
     let blows = s
-        .seen
+        .snapshot
         .mission
         .fresh(s.now_ns)
         .and_then(|m| m.wind)
         .map(Wind::towards);
     let (wind_from_deg, text) = wind_from_bow(blows, heading_deg, s.known.knots);
-    let received = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    let received = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
     let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
     Some(Compass {
         heading_deg,
@@ -124,10 +124,10 @@ pub fn bearing_deg(rad: f32) -> f64 {
     f64::from(rad).to_degrees().rem_euclid(360.0)
 }
 
-/// Waves and advised course in words: `waves from 20° to port of the bow; turn to 030°, ...`.
+/// Waves and advised course as text: `waves from 20° to port of the bow; turn to 030°, ...`.
 pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     let [now, best] = a.heading.map(bearing_deg);
-    let waves = words(from_bow(bearing_deg(a.waves_to) + 180.0, now));
+    let waves = bow_text(from_bow(bearing_deg(a.waves_to) + 180.0, now));
     let percent = a.likelihood.map(|p| format!("{:.0} %", 100.0 * p));
     let tilt = a.tilt.map(|rad| format!("{:.1}°", rad.to_degrees()));
     if !a.is_change() {
@@ -140,7 +140,7 @@ pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     let heading = if turn == 0.0 {
         "keep the heading".to_owned()
     } else {
-        format!("turn to {best:03.0}°, {}", words(turn))
+        format!("turn to {best:03.0}°, {}", bow_text(turn))
     };
     let slower = if a.speed[0] == a.speed[1] {
         String::new()
@@ -164,14 +164,14 @@ pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     )
 }
 
-/// Where the waves come from and the advised turn, deg from the bow; None where no other course is advised.
+/// Direction from which the waves come and the advised turn, deg from the bow; None where no other course is advised.
 fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// What the vessel knows: the waves, and the advice of its own estimate; the wind `blows` as a drone has reported it.
+/// Compass of the vessel: the waves, and the advice of its own estimate; the wind `blows` as a drone has reported it.
 pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
     let a = status.estimator.advice?;
     let (waves, advised_deg) = of_advice(&a);
@@ -192,10 +192,10 @@ mod tests {
 
     #[test]
     fn directions_from_the_bow() {
-        assert_eq!(words(from_bow(10.0, 350.0)), "20° to starboard of the bow");
-        assert_eq!(words(from_bow(300.0, 350.0)), "50° to port of the bow");
-        assert_eq!(words(from_bow(352.0, 350.0)), "ahead");
-        assert_eq!(words(from_bow(168.0, 350.0)), "astern");
+        assert_eq!(bow_text(from_bow(10.0, 350.0)), "20° to starboard of the bow");
+        assert_eq!(bow_text(from_bow(300.0, 350.0)), "50° to port of the bow");
+        assert_eq!(bow_text(from_bow(352.0, 350.0)), "ahead");
+        assert_eq!(bow_text(from_bow(168.0, 350.0)), "astern");
     }
 
     #[test]

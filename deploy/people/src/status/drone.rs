@@ -16,72 +16,79 @@ use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use crate::explain::advice;
 
-use super::finding::{Finding, Topic};
+use super::finding::{Finding, FindingTopic};
 use super::go::Go;
 use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
 
 /// A vessel's estimate that is older than this fraction of its topic's limit is a warning.
 const OLD_LINK: f64 = 0.5;
-/// Tags that were seen so lately are in sight, s.
+/// Tags with a detection this recent are in sight, s.
 const FRESH_TAGS_S: f64 = 1.0;
 
-/// What a drone's situation means.
+/// Findings on a drone's situation.
 pub fn findings(s: &Situation) -> Vec<Finding> {
     let mut all = Vec::new();
     if let Some(for_s) = s.still_armed_s() {
-        all.push(Topic("armed").broken(still_armed(for_s as f32), ARMED_REMEDY));
+        all.push(FindingTopic("armed").broken(still_armed(for_s as f32), ARMED_REMEDY));
     }
-    all.extend(s.seen.mission.as_ref().into_iter().flat_map(|m| mission(s, m)));
-    if let Some(a) = s.seen.autopilot.fresh(s.now_ns)
+    all.extend(
+        s.snapshot
+            .mission
+            .as_ref()
+            .into_iter()
+            .flat_map(|m| mission(s, m)),
+    );
+    if let Some(a) = s.snapshot.autopilot.fresh(s.now_ns)
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
-        all.push(Topic("autopilot").stopping(found, advice(a.rejection.code)));
+        all.push(FindingTopic("autopilot").stopping(found, advice(a.rejection.code)));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
     {
-        all.push(Topic("signatures").warning(signatures, remedy_of_signatures));
+        all.push(FindingTopic("signatures").warning(signatures, remedy_of_signatures));
     }
     all.extend(link(s));
     all.extend(battery_low(s));
-    if s.seen
+    if s.snapshot
         .grant
         .fresh(s.now_ns)
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        all.push(Topic("deck").stopping("the vessel has closed it: nothing descends", remedy));
+        all.push(FindingTopic("deck").stopping("the vessel has closed it: nothing descends", remedy));
     }
-    all.extend(s.seen.frame().map(frame));
+    all.extend(s.snapshot.frame().map(frame));
     all
 }
 
 /// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
 fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("mission");
-    if s.seen.mission.is_old(s.now_ns) {
-        let age = minutes(s.seen.mission.age_s(s.now_ns));
+    const TOPIC: FindingTopic = FindingTopic("mission");
+    if s.snapshot.mission.is_old(s.now_ns) {
+        let age = minutes(s.snapshot.mission.age_s(s.now_ns));
         let found = format!("no message from the mission for {age}");
         return vec![TOPIC.broken(found, "it is started again by itself; else take the drone over")];
     }
     let mut all = Vec::new();
-    let entered = m.state.because(&m.entered);
+    let entered = format!("the drone is in state {}", m.state.because(&m.entered));
     if m.state == State::GaveUp {
         all.push(TOPIC.broken(entered, advice(m.entered.code)));
     } else if m.was_entered_in_trouble() {
         all.push(TOPIC.stopping(entered, advice(m.entered.code)));
     }
     if m.waits_in_trouble() {
-        all.push(TOPIC.stopping(format!("waits: {}", m.waiting), advice(m.waiting.code)));
+        let found = format!("the mission waits: {}", m.waiting);
+        all.push(TOPIC.stopping(found, advice(m.waiting.code)));
     }
     all
 }
 
 /// The vessel's newest estimate, and who sends it.
 fn link(s: &Situation) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("link");
-    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+    const TOPIC: FindingTopic = FindingTopic("link");
+    let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
         return Vec::new();
     };
     let limit_s = topics::ESTIMATE.stale_after.secs();
@@ -104,7 +111,7 @@ fn link(s: &Situation) -> Vec<Finding> {
     } else {
         TOPIC.fine(found)
     }];
-    let bridge = s.seen.processes.get(&ProcessKind::Bridge);
+    let bridge = s.snapshot.processes.get(&ProcessKind::Bridge);
     let has_session = bridge.is_some_and(|p| p.count(MetricName::VesselSession) > 0);
     if age_s > limit_s && has_session {
         let remedy = "look there with alight status: does its estimator run?";
@@ -123,10 +130,10 @@ fn link(s: &Situation) -> Vec<Finding> {
 
 /// By what a vessel is known that need not be received: its tags are in sight, or a beacon gives its place.
 fn known_otherwise(s: &Situation) -> Option<&'static str> {
-    let forecast = s.seen.forecast.fresh(s.now_ns)?;
-    let least = s.seen.mission.as_ref()?.least_vessel;
-    let beacon = forecast.beacon.is_some() && least <= VesselLevel::Beacon;
-    let tags = forecast.vision_age_s < FRESH_TAGS_S && (beacon || least == VesselLevel::Tag);
+    let forecast = s.snapshot.forecast.fresh(s.now_ns)?;
+    let min_level = s.snapshot.mission.as_ref()?.least_vessel;
+    let beacon = forecast.beacon.is_some() && min_level <= VesselLevel::Beacon;
+    let tags = forecast.vision_age_s < FRESH_TAGS_S && (beacon || min_level == VesselLevel::Tag);
     if tags {
         Some("tags")
     } else {
@@ -136,19 +143,19 @@ fn known_otherwise(s: &Situation) -> Option<&'static str> {
 
 /// A battery that does not last for the way to the deck and one attempt.
 fn battery_low(s: &Situation) -> Option<Finding> {
-    let reserve = s.seen.mission.as_ref()?.battery_reserve;
-    let charge = s.seen.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
+    let reserve = s.snapshot.mission.as_ref()?.battery_reserve;
+    let charge = s.snapshot.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
     let found = format!(
         "battery at {:.0} %, the deck and one attempt need {:.0} %",
         100.0 * charge,
         100.0 * reserve
     );
-    Some(Topic("battery").broken(found, "land while it lasts, or change it"))
+    Some(FindingTopic("battery").broken(found, "land while it lasts, or change it"))
 }
 
 /// The frame of a drone that runs, and the vessel in it.
 pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
-    const TOPIC: Topic = Topic("origin");
+    const TOPIC: FindingTopic = FindingTopic("origin");
     let begins = format!(
         "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
         origin.latitude_deg, origin.longitude_deg, origin.height_m
@@ -156,7 +163,7 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     match deck_m {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to none beyond 5 km: compare what the autopilot and her receiver report with a chart",
+            "the mission flies to no vessel beyond 5 km: compare what the autopilot and her receiver report with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
@@ -165,20 +172,20 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
 
 /// Whether a landing may be ordered now, or go on.
 pub fn go(s: &Situation, findings: &[Finding]) -> Go {
-    let mission = s.seen.mission.fresh(s.now_ns);
+    let mission = s.snapshot.mission.fresh(s.now_ns);
     let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
     Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
 }
 
-/// What is not known that a landing needs.
+/// Data that a landing needs and that is missing.
 fn unknown(s: &Situation) -> Option<&'static str> {
-    let seen = &s.seen;
-    let Some(mission) = seen.mission.fresh(s.now_ns) else {
+    let snapshot = &s.snapshot;
+    let Some(mission) = snapshot.mission.fresh(s.now_ns) else {
         return Some("no mission reports");
     };
-    if seen.autopilot.fresh(s.now_ns).is_none() {
+    if snapshot.autopilot.fresh(s.now_ns).is_none() {
         Some("no message of the autopilot")
-    } else if seen.forecast.fresh(s.now_ns).is_none() {
+    } else if snapshot.forecast.fresh(s.now_ns).is_none() {
         Some("no forecast of the deck")
     } else if let Some(missing) = no_waves(s, mission) {
         Some(missing)
@@ -189,7 +196,7 @@ fn unknown(s: &Situation) -> Option<&'static str> {
 
 /// Unknown waves of the vessel, where a landing needs her computer.
 fn no_waves(s: &Situation, mission: &MissionState) -> Option<&'static str> {
-    match (mission.least_vessel, s.seen.wave.fresh(s.now_ns)) {
+    match (mission.least_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
         (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
         (VesselLevel::Computer, Some(wave)) => go::no_forecast(wave.confidence.into()),
@@ -198,11 +205,11 @@ fn no_waves(s: &Situation, mission: &MissionState) -> Option<&'static str> {
 
 /// The state of its mission.
 pub fn state(s: &Situation) -> Option<StateView> {
-    let m = s.seen.mission.as_ref()?;
+    let m = s.snapshot.mission.as_ref()?;
     let since_s = if m.since == Time::EPOCH {
         0.0
     } else {
-        (m.header.at - m.since).secs() + s.seen.mission.age_s(s.now_ns)
+        (m.header.at - m.since).secs() + s.snapshot.mission.age_s(s.now_ns)
     };
     Some(StateView {
         name: m.state.name().into(),
@@ -217,7 +224,7 @@ pub fn state(s: &Situation) -> Option<StateView> {
         ),
         waiting: m.waits(),
         stages: go::stages(m.state),
-        stale: s.seen.mission.is_old(s.now_ns),
+        stale: s.snapshot.mission.is_old(s.now_ns),
     })
 }
 
@@ -236,7 +243,7 @@ pub fn headline(state: Option<&StateView>) -> String {
     if state.stale { text + " (old)" } else { text }
 }
 
-/// Its figures.
+/// The figures.
 pub fn figures(s: &Situation) -> Vec<Figure> {
     let mut all = vec![
         distance(s),
@@ -249,15 +256,15 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
         touchdown(s),
     ];
     all.extend(
-        s.seen
+        s.snapshot
             .mission
             .as_ref()
-            .and_then(|m| mode(m, s.seen.autopilot.as_ref()))
-            .map(|f| f.stale(s.seen.mission.is_old(s.now_ns))),
+            .and_then(|m| mode(m, s.snapshot.autopilot.as_ref()))
+            .map(|f| f.stale(s.snapshot.mission.is_old(s.now_ns))),
     );
     let advice = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
     all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
-    all.extend(s.seen.response.as_ref().map(response));
+    all.extend(s.snapshot.response.as_ref().map(response));
     all.extend(processes(s));
     all
 }
@@ -265,8 +272,8 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
 /// From the drone to the deck's centre: horizontally, and upwards.
 fn distance(s: &Situation) -> Figure {
     const NAME: &str = "distance";
-    let deck = s.seen.forecast.and_then(|f| f.stages.first().copied());
-    let (Some(drone), Some(forecast), Some(deck)) = (*s.seen.drone, *s.seen.forecast, deck) else {
+    let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied());
+    let (Some(drone), Some(forecast), Some(deck)) = (*s.snapshot.drone, *s.snapshot.forecast, deck) else {
         let note = "no forecast of the deck".into();
         return Figure {
             note,
@@ -279,22 +286,22 @@ fn distance(s: &Situation) -> Figure {
         VesselLevel::Tag => ", by tags alone",
         VesselLevel::Beacon => "",
     };
-    let seen = if let (VesselLevel::Beacon, Some([sd_m, age_s])) = (forecast.vessel_level(), forecast.beacon)
-    {
-        format!("vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
-    } else if forecast.vision_age_s.is_finite() {
-        format!("seen {} ago{level}", time(forecast.vision_age_s))
-    } else {
-        "not seen yet".into()
-    };
-    let old = s.seen.forecast.is_old(s.now_ns) || s.seen.drone.is_old(s.now_ns);
+    let known_by =
+        if let (VesselLevel::Beacon, Some([sd_m, age_s])) = (forecast.vessel_level(), forecast.beacon) {
+            format!("vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
+        } else if forecast.vision_age_s.is_finite() {
+            format!("detected {} ago{level}", time(forecast.vision_age_s))
+        } else {
+            "not detected yet".into()
+        };
+    let old = s.snapshot.forecast.is_old(s.now_ns) || s.snapshot.drone.is_old(s.now_ns);
     let value = format!("{:.1} m", f64::hypot(north, east));
-    Figure::of(NAME, value, format!("{:.1} m above the deck, {seen}", -down)).stale(old)
+    Figure::of(NAME, value, format!("{:.1} m above the deck, {known_by}", -down)).stale(old)
 }
 
 fn link_figure(s: &Situation) -> Figure {
     const NAME: &str = "link";
-    let (Some(l), Some(age_s)) = (*s.seen.link, s.link_age_s()) else {
+    let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
         let note = "no report of the bridge".into();
         return Figure {
             note,
@@ -318,18 +325,18 @@ fn link_figure(s: &Situation) -> Figure {
 /// The battery, and what the way to the deck and one attempt cost of it.
 fn battery(s: &Situation) -> Figure {
     const NAME: &str = "battery";
-    let Some(a) = *s.seen.autopilot else {
+    let Some(a) = *s.snapshot.autopilot else {
         return Figure::unknown(NAME);
     };
     let note: Vec<String> = [
-        s.seen
+        s.snapshot
             .mission
             .map(|m| format!("needs {:.0} %", 100.0 * m.battery_reserve)),
-        s.seen
+        s.snapshot
             .mission
             .and_then(|m| m.turns_in_s)
             .map(|t| format!("turns back in {:.0} min", (t / 60.0).floor())),
-        (s.seen.mission.map(|m| m.sorties))
+        (s.snapshot.mission.map(|m| m.sorties))
             .filter(|[_, most]| *most > 0)
             .map(|[begun, most]| format!("sortie {begun} of {most}")),
         a.battery_v.map(|v| format!("{v:.1} V")),
@@ -341,7 +348,7 @@ fn battery(s: &Situation) -> Figure {
     Figure {
         value: a.battery.map(|b| format!("{:.0} %", 100.0 * b)),
         note: note.join(", "),
-        stale: s.seen.autopilot.is_old(s.now_ns),
+        stale: s.snapshot.autopilot.is_old(s.now_ns),
         ..Figure::unknown(NAME)
     }
 }
@@ -349,44 +356,44 @@ fn battery(s: &Situation) -> Figure {
 /// Whose the vessel's deck is, and what the helm states.
 fn deck(s: &Situation) -> Figure {
     const NAME: &str = "deck";
-    let Some(g) = *s.seen.grant else {
+    let Some(g) = *s.snapshot.grant else {
         return Figure::unknown(NAME);
     };
-    let own = s.seen.mission.map_or(g.header.drone, |m| m.header.drone);
+    let own = s.snapshot.mission.map_or(g.header.drone, |m| m.header.drone);
     let owner = match g.owner {
         DECK_CLOSED => "CLOSED".into(),
         0 => "free".into(),
         owner if owner == own => "ours".into(),
         owner => format!("drone {owner}'s"),
     };
-    let course = course(g.course.after(s.seen.grant.age_s(s.now_ns)));
+    let course = course(g.course.after(s.snapshot.grant.age_s(s.now_ns)));
     let occupied = if g.occupied { "occupied, " } else { "" };
     let note = format!("{occupied}course {course}");
-    Figure::of(NAME, owner, note).stale(s.seen.grant.is_old(s.now_ns))
+    Figure::of(NAME, owner, note).stale(s.snapshot.grant.is_old(s.now_ns))
 }
 
 fn wind(s: &Situation) -> Figure {
     const NAME: &str = "wind";
-    match s.seen.mission.and_then(|m| Some((m.wind?, m.wind_sd_mps))) {
+    match s.snapshot.mission.and_then(|m| Some((m.wind?, m.wind_sd_mps))) {
         None => Figure::unknown(NAME),
         Some((wind, sd_mps)) => {
             let text = compass::wind(Wind::towards(wind), s.known.knots);
             let note = sd_mps.map_or(String::new(), |sd| compass::known_to(sd, s.known.knots));
-            Figure::of(NAME, text, note).stale(s.seen.mission.is_old(s.now_ns))
+            Figure::of(NAME, text, note).stale(s.snapshot.mission.is_old(s.now_ns))
         }
     }
 }
 
 fn waves(s: &Situation) -> Figure {
     const NAME: &str = "waves";
-    match *s.seen.wave {
+    match *s.snapshot.wave {
         None => Figure::unknown(NAME),
         Some(w) => Figure::of(
             NAME,
             format!("{:.1} m", w.significant_height_m),
             format!("forecast quality {:.0} %", 100.0 * w.confidence),
         )
-        .stale(s.seen.wave.is_old(s.now_ns)),
+        .stale(s.snapshot.wave.is_old(s.now_ns)),
     }
 }
 
@@ -394,7 +401,7 @@ fn autopilot(s: &Situation) -> Figure {
     const NAME: &str = "autopilot";
     let Some(AutopilotState {
         mode, armed, landed, ..
-    }) = *s.seen.autopilot
+    }) = *s.snapshot.autopilot
     else {
         return Figure::unknown(NAME);
     };
@@ -404,23 +411,27 @@ fn autopilot(s: &Situation) -> Figure {
         LandedState::InAir => ", in the air",
     };
     let armed = if armed { "armed" } else { "disarmed" };
-    let old = s.seen.autopilot.is_old(s.now_ns);
+    let old = s.snapshot.autopilot.is_old(s.now_ns);
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
 }
 
 /// When the plan touches down.
 fn touchdown(s: &Situation) -> Figure {
     const NAME: &str = "touchdown";
-    let Some(p) = *s.seen.plan else {
+    let Some(p) = *s.snapshot.plan else {
         return Figure::unknown(NAME);
     };
-    let (age_s, stale) = (s.seen.plan_age_s(s.now_ns), s.seen.plan.is_old(s.now_ns));
-    let stands = s.seen.mission.as_ref().is_some_and(|m| m.state == State::Landed);
+    let (age_s, stale) = (s.snapshot.plan_age_s(s.now_ns), s.snapshot.plan.is_old(s.now_ns));
+    let stands = s
+        .snapshot
+        .mission
+        .as_ref()
+        .is_some_and(|m| m.state == State::Landed);
     let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
     Figure {
         value: match left_s {
             _ if stands => Some("done".into()),
-            // The countdown of an old plan is none.
+            // The countdown of an old plan does not count.
             Some(_) if stale => None,
             Some(s) => Some(format!("in {:.1} s", s.max(0.0))),
             None => Some("not planned".into()),
@@ -431,7 +442,7 @@ fn touchdown(s: &Situation) -> Figure {
     }
 }
 
-/// How the attitude answers set-points.
+/// Response of the attitude to set-points.
 fn response(r: &AttitudeResponse) -> Figure {
     let [roll, pitch] = r.lag_s;
     let source = if r.identified {
@@ -448,7 +459,7 @@ fn response(r: &AttitudeResponse) -> Figure {
     )
 }
 
-/// How far the landing goes, when not onto the deck.
+/// Extent of the landing, when not onto the deck.
 fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     match m.settings.mode {
         LandingMode::Land => None,
@@ -468,7 +479,7 @@ fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     }
 }
 
-/// What would be commanded, compared with what is flown.
+/// Set-point of the shadow, compared with the pilot's.
 fn shadow(s: &ShadowComparison) -> Figure {
     let [roll, pitch] = s.tilt.map(f64::to_degrees);
     let motors = if s.stops { "; would stop the motors" } else { "" };

@@ -4,13 +4,13 @@ use core::fmt;
 
 use alight_computer::exit::Exit;
 use alight_computer::table::Colour;
-use alight_computer::terminal::wrap;
+use alight_computer::terminal::{WIDTH, wrap};
 use serde::Serialize;
 
-/// How bad.
+/// The level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Level {
+pub enum FindingLevel {
     /// As it should be.
     #[default]
     Fine,
@@ -20,27 +20,31 @@ pub enum Level {
     Broken,
 }
 
-impl Level {
+impl FindingLevel {
     /// The worst of what was found.
-    pub fn worst(findings: &[Finding]) -> Level {
-        findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine)
+    pub fn worst(findings: &[Finding]) -> FindingLevel {
+        findings
+            .iter()
+            .map(|f| f.level)
+            .max()
+            .unwrap_or(FindingLevel::Fine)
     }
-    /// The text as a terminal shows it: its first word bold red or yellow where something is not fine.
+    /// The text as a terminal shows it: its first part bold red or yellow where something is not fine.
     pub fn coloured(self, text: &str) -> String {
         let colour = match self {
-            Level::Fine => return text.into(),
-            Level::Warning => Colour::Yellow,
-            Level::Broken => Colour::Red,
+            FindingLevel::Fine => return text.into(),
+            FindingLevel::Warning => Colour::Yellow,
+            FindingLevel::Broken => Colour::Red,
         };
-        let (word, rest) = text.split_at(text.find(' ').unwrap_or(text.len()));
-        colour.bold(word) + rest
+        let (first, rest) = text.split_at(text.find(' ').unwrap_or(text.len()));
+        colour.bold(first) + rest
     }
-    /// How a command ends that found nothing worse.
+    /// Exit of a command that found nothing worse.
     pub const fn exit(self) -> Exit {
         match self {
-            Level::Fine => Exit::Success,
-            Level::Warning => Exit::Failed,
-            Level::Broken => Exit::Broken,
+            FindingLevel::Fine => Exit::Success,
+            FindingLevel::Warning => Exit::Failed,
+            FindingLevel::Broken => Exit::Broken,
         }
     }
 }
@@ -48,15 +52,15 @@ impl Level {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What was looked at.
+    /// The subject.
     pub topic: &'static str,
-    /// How bad.
-    pub level: Level,
+    /// The level.
+    pub level: FindingLevel,
     /// No landing goes on while it stands.
     pub stops: bool,
-    /// What was found.
+    /// The finding.
     pub found: String,
-    /// What to do; empty when fine.
+    /// The remedy; empty when fine.
     pub remedy: String,
 }
 
@@ -72,18 +76,18 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// In the lines of `alight check`, of at most [`alight_computer::terminal::WIDTH`] columns where no single word is longer.
+    /// Lines of `alight check`, of at most [`WIDTH`] columns where nothing without a space is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
-            Level::Fine => "fine",
-            Level::Warning => "WARNING",
-            Level::Broken => "BROKEN",
+            FindingLevel::Fine => "fine",
+            FindingLevel::Warning => "WARNING",
+            FindingLevel::Broken => "BROKEN",
         };
         let mut text = format!("{mark:<8} {:<14}", self.topic);
-        wrap(&mut text, INDENT, &self.found);
+        wrap(&mut text, INDENT, WIDTH, &self.found);
         if !self.remedy.is_empty() {
             text += &format!("\n{:INDENT$}->", "");
-            wrap(&mut text, INDENT, &self.remedy);
+            wrap(&mut text, INDENT, WIDTH, &self.remedy);
         }
         text
     }
@@ -92,27 +96,27 @@ impl Finding {
 /// Columns before a finding's text.
 const INDENT: usize = 24;
 
-/// What is looked at, as it is named in a finding.
+/// Subject of a finding, by its name.
 #[derive(Clone, Copy)]
-pub struct Topic(pub &'static str);
+pub struct FindingTopic(pub &'static str);
 
-impl Topic {
-    fn finding(self, level: Level, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
+impl FindingTopic {
+    fn finding(self, level: FindingLevel, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
             topic: self.0,
             level,
-            stops: level == Level::Broken,
+            stops: level == FindingLevel::Broken,
             found: found.into(),
             remedy: remedy.into(),
         }
     }
     /// As it should be.
     pub fn fine(self, found: impl Into<String>) -> Finding {
-        self.finding(Level::Fine, found, "")
+        self.finding(FindingLevel::Fine, found, "")
     }
     /// Works, but not as it should.
     pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        self.finding(Level::Warning, found, remedy)
+        self.finding(FindingLevel::Warning, found, remedy)
     }
     /// A warning that no landing goes on with.
     pub fn stopping(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
@@ -123,7 +127,7 @@ impl Topic {
     }
     /// Does not work.
     pub fn broken(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        self.finding(Level::Broken, found, remedy)
+        self.finding(FindingLevel::Broken, found, remedy)
     }
 }
 
@@ -135,21 +139,18 @@ mod tests {
     fn finding_in_80_columns() {
         let found =
             "reading /etc/alight/keys/authority.pem (alight keys makes it): No such file or directory";
-        let lines = Topic("certificate").broken(found, "word ".repeat(40)).lines();
-        assert!(
-            lines
-                .lines()
-                .all(|l| l.chars().count() <= alight_computer::terminal::WIDTH),
-            "{lines}"
-        );
+        let lines = FindingTopic("certificate")
+            .broken(found, "part ".repeat(40))
+            .lines();
+        assert!(lines.lines().all(|l| l.chars().count() <= WIDTH), "{lines}");
         assert!(
             lines.lines().skip(1).all(|l| l.starts_with(&" ".repeat(INDENT))),
             "{lines}"
         );
-        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-        assert!(words(&lines).join(" ").contains(found), "{lines}");
-        // A word that is longer than a line stays whole.
+        let pieces = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert!(pieces(&lines).join(" ").contains(found), "{lines}");
+        // A text without a space that is longer than a line stays whole.
         let long = "x".repeat(100);
-        assert!(Topic("key").warning(&*long, "").lines().contains(&long));
+        assert!(FindingTopic("key").warning(&*long, "").lines().contains(&long));
     }
 }

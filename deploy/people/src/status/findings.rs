@@ -5,10 +5,10 @@ use alight_computer::process::snapshot::minutes;
 use alight_computer::situation::Situation;
 use alight_shared::metrics::MetricName;
 
-use super::finding::{Finding, Topic};
+use super::finding::{Finding, FindingTopic};
 use super::{drone, vessel};
 
-/// What the situation means.
+/// Findings on the situation.
 pub fn judge(s: &Situation) -> Vec<Finding> {
     let mut all = processes(s);
     all.extend(match s.vessel() {
@@ -39,17 +39,17 @@ fn processes(s: &Situation) -> Vec<Finding> {
         })
         .collect();
     if !silent.is_empty() {
-        all.push(Topic("processes").broken(
+        all.push(FindingTopic("processes").broken(
             format!("no report of {}", silent.join(", ")),
             format!("it ended or is frozen: systemctl status {}", unit(s)),
         ));
     }
-    let late = lateness::finding(s.seen.processes.values());
-    all.extend(late.map(|late| Topic("computer").warning(late, lateness::REMEDY)));
-    for p in s.seen.processes.values() {
+    let late = lateness::finding(s.snapshot.processes.values());
+    all.extend(late.map(|late| FindingTopic("computer").warning(late, lateness::REMEDY)));
+    for p in s.snapshot.processes.values() {
         let steps = p.count(MetricName::StepsUnrecorded);
         if steps > 0 {
-            all.push(Topic("recorder").warning(
+            all.push(FindingTopic("recorder").warning(
                 format!("{steps} steps not recorded by {}", p.kind.name()),
                 "the process goes on without; its journal names file and error: free space, or make it writable",
             ));
@@ -57,7 +57,7 @@ fn processes(s: &Situation) -> Vec<Finding> {
     }
     all.extend(s.known.edited.iter().map(|edited| {
         let remedy = format!("when nothing flies: systemctl restart {}", unit(s));
-        Topic("configuration").warning(edited.as_str(), remedy)
+        FindingTopic("configuration").warning(edited.as_str(), remedy)
     }));
     all
 }

@@ -3,7 +3,7 @@
 use alight_shared::msg::{Reason, ReasonCode, State};
 use serde::Serialize;
 
-use super::finding::{Finding, Level};
+use super::finding::{Finding, FindingLevel};
 
 /// Stages of a landing in their order; hold, idle and giving up are none of them.
 const STAGES: [State; 7] = [
@@ -70,7 +70,7 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
 pub struct Go {
     /// None: not known.
     pub go: Option<bool>,
-    /// What stands against it; of a GO what else is to be known.
+    /// The reason against it; of a GO other facts for the crew.
     pub why: String,
 }
 
@@ -101,18 +101,24 @@ impl Go {
             Some(_) | None => self,
         }
     }
-    /// By what was found; `unknown` says what is missing for a judgement.
+    /// By what was found; `unknown` names what is missing for a judgement.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
         // Of several the worst; of equals the first.
         let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
-            return Go::barred(format!("{}: {}", f.topic, f.found));
+            // The text of the mission's finding has a subject of its own.
+            let has_subject = f.topic == "mission";
+            return Go::barred(if has_subject {
+                f.found.clone()
+            } else {
+                format!("{}: {}", f.topic, f.found)
+            });
         }
         if let Some(missing) = unknown {
             return Go::unknown(missing);
         }
-        let why = match findings.iter().filter(|f| f.level > Level::Fine).count() {
-            0 => "nothing stands against a landing".into(),
+        let why = match findings.iter().filter(|f| f.level > FindingLevel::Fine).count() {
+            0 => "no finding stops a landing".into(),
             1 => "one warning, which does not stop a landing".into(),
             n => format!("{n} warnings, which do not stop a landing"),
         };
@@ -123,16 +129,16 @@ impl Go {
 /// A stage, and whether the landing is past it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// Its name.
+    /// The name.
     pub name: &'static str,
-    /// Where the landing is in relation to it.
-    pub is: Progress,
+    /// Place of the landing in relation to it.
+    pub is: StageProgress,
 }
 
-/// Where a landing is in relation to a stage.
+/// Place of a landing in relation to a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Progress {
+pub enum StageProgress {
     /// Past it.
     Done,
     /// In it.
@@ -141,7 +147,7 @@ pub enum Progress {
     Ahead,
 }
 
-/// The stages, seen from a state.
+/// The stages, by a state.
 pub fn stages(state: State) -> Vec<Stage> {
     // A search is the end of the approach to a vessel that is known by its beacon.
     let shown = if state == State::Search {
@@ -153,9 +159,9 @@ pub fn stages(state: State) -> Vec<Stage> {
     let stage = |(k, s): (usize, &State)| Stage {
         name: s.name(),
         is: match now {
-            Some(now) if k < now => Progress::Done,
-            Some(now) if k == now => Progress::Now,
-            Some(_) | None => Progress::Ahead,
+            Some(now) if k < now => StageProgress::Done,
+            Some(now) if k == now => StageProgress::Now,
+            Some(_) | None => StageProgress::Ahead,
         },
     };
     STAGES.iter().enumerate().map(stage).collect()
@@ -164,14 +170,14 @@ pub fn stages(state: State) -> Vec<Stage> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::Topic;
+    use crate::status::finding::FindingTopic;
 
     #[test]
     fn go_and_what_stops_it() {
-        let lamp = Topic("course").warning("the lamp is broken", "mend it");
-        let closed = Topic("deck").stopping("closed by the crew", "open it");
-        let link = Topic("link").broken("the estimate is 3 s old", "is it in reach?");
-        let fine = Topic("battery").fine("at 80 %");
+        let lamp = FindingTopic("course").warning("the lamp is broken", "mend it");
+        let closed = FindingTopic("deck").stopping("closed by the crew", "open it");
+        let link = FindingTopic("link").broken("the estimate is 3 s old", "is it in reach?");
+        let fine = FindingTopic("battery").fine("at 80 %");
         let go = |all: &[&Finding], unknown| {
             let all: Vec<Finding> = all.iter().map(|f| (*f).clone()).collect();
             let go = Go::of(&all, unknown);
@@ -266,12 +272,12 @@ mod tests {
     #[test]
     fn stages_of_a_landing() {
         let is = |state| stages(state).iter().map(|s| s.is).collect::<Vec<_>>();
-        assert!(is(State::Hold).iter().all(|s| *s == Progress::Ahead));
+        assert!(is(State::Hold).iter().all(|s| *s == StageProgress::Ahead));
         let descent = is(State::Descent);
         assert_eq!(
             (descent[3], descent[4], descent[5]),
-            (Progress::Done, Progress::Now, Progress::Ahead)
+            (StageProgress::Done, StageProgress::Now, StageProgress::Ahead)
         );
-        assert_eq!(is(State::Landed).last(), Some(&Progress::Now));
+        assert_eq!(is(State::Landed).last(), Some(&StageProgress::Now));
     }
 }

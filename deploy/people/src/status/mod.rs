@@ -20,7 +20,7 @@ use alight_shared::msg::ComputerReport;
 use alight_shared::msg::Course;
 use alight_transport::clock::steady_ns;
 use compass::Compass;
-use finding::{Finding, Level, Topic};
+use finding::{Finding, FindingLevel, FindingTopic};
 use go::{Go, Stage};
 use serde::Serialize;
 use vessel::DRONES;
@@ -28,15 +28,15 @@ use vessel::DRONES;
 /// The state of a landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateView {
-    /// Its name.
+    /// The name.
     pub name: String,
-    /// What the drone does in it.
+    /// Action of the drone in it.
     pub does: &'static str,
     /// Since when, s; 0 where it has not changed since the mission began.
     pub since_s: f64,
     /// Why it was entered; empty: no reason.
     pub entered: String,
-    /// What the next one waits for, with figure and limit; empty: nothing.
+    /// Condition of the next state, with figure and limit; empty: none.
     pub waiting: String,
     /// The one sentence that counts ([`go::sentence`]).
     pub sentence: String,
@@ -49,14 +49,14 @@ pub struct StateView {
 /// A figure with its name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
-    /// Its name.
+    /// The name.
     pub name: &'static str,
     /// With its unit; None: not known.
     pub value: Option<String>,
-    /// What else is known of it.
+    /// Further facts.
     pub note: String,
     /// The worst of the findings with this name as their topic.
-    pub level: Level,
+    pub level: FindingLevel,
     /// It is an old one.
     pub stale: bool,
 }
@@ -84,23 +84,23 @@ impl Figure {
     }
 }
 
-/// What to do about motors that run on the deck.
+/// Remedy for motors that run on the deck.
 pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
 /// The processes that report.
 fn processes(s: &Situation) -> Option<Figure> {
     let names: Vec<&str> = s
-        .seen
+        .snapshot
         .processes
         .keys()
         .filter(|kind| s.reports(**kind))
         .map(|kind| kind.name())
         .collect();
     let value = format!("{} run", names.len());
-    (!s.seen.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
+    (!s.snapshot.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
 }
 
-/// What the helm states of the course.
+/// Course that the helm states.
 pub fn course(course: Course) -> String {
     match course {
         Course::Unknown => "not stated".into(),
@@ -114,9 +114,9 @@ pub fn course(course: Course) -> String {
 pub struct Status {
     /// Whose it is.
     pub title: String,
-    /// Its processes run.
+    /// Whether its processes run.
     pub running: bool,
-    /// How it is, in one clause.
+    /// The state, in one clause.
     pub headline: String,
     /// Whether a landing may be ordered now, or go on; of a vessel with what her foremost drone reports.
     pub go: Go,
@@ -127,28 +127,28 @@ pub struct Status {
     /// Figures, the most important first.
     pub figures: Vec<Figure>,
     /// The worst of the findings.
-    pub worst: Level,
-    /// What was looked at, and what to do.
+    pub worst: FindingLevel,
+    /// Findings with their remedies.
     pub findings: Vec<Finding>,
-    /// What they are about.
+    /// The situation of the findings.
     #[serde(flatten)]
     pub situation: Situation,
 }
 
 impl Status {
-    /// The status of a computer that is `configured` so, by what was `seen` of its processes; None: nothing runs.
-    pub fn look(seen: Option<&Snapshot>, configured: &ComputerReport) -> Status {
-        match seen {
-            Some(seen) => Status::of(Situation::look(seen, configured, steady_ns())),
+    /// The status of a computer that is `configured` so, by the `snapshot` of its processes; None: nothing runs.
+    pub fn look(snapshot: Option<&Snapshot>, configured: &ComputerReport) -> Status {
+        match snapshot {
+            Some(snapshot) => Status::of(Situation::look(snapshot, configured, steady_ns())),
             None => Status::absent(configured),
         }
     }
     /// The status of this situation.
     pub fn of(situation: Situation) -> Status {
         if situation.known.vessel.is_some() && situation.vessel().is_none() {
-            const TOPIC: Topic = Topic("processes");
+            const TOPIC: FindingTopic = FindingTopic("processes");
             const FOUND: &str = "the vessel's process does not report";
-            const REMEDY: &str = "its journal says why: journalctl -u alight-vessel";
+            const REMEDY: &str = "read the cause in its journal: journalctl -u alight-vessel";
             let found = if situation.has_waited() {
                 TOPIC.broken(FOUND, REMEDY)
             } else {
@@ -160,7 +160,7 @@ impl Status {
             };
         }
         let findings = findings::judge(&situation);
-        let worst = Level::worst(&findings);
+        let worst = FindingLevel::worst(&findings);
         let (state, headline, mut figures, compass) = match situation.vessel() {
             Some((known, status)) => {
                 let state = vessel::state(&situation, status);
@@ -198,10 +198,10 @@ impl Status {
             situation,
         }
     }
-    /// Of a computer on which nothing runs.
+    /// Status of a computer on which nothing runs.
     pub fn absent(known: &ComputerReport) -> Status {
-        const TOPIC: Topic = Topic("processes");
-        const FOUND: &str = "no process runs on this computer, or this user may not see it";
+        const TOPIC: FindingTopic = FindingTopic("processes");
+        const FOUND: &str = "no process runs on this computer, or this user has no access to it";
         let found = if known.vessel.is_some() {
             TOPIC.warning(
                 FOUND,
@@ -213,9 +213,9 @@ impl Status {
                 "systemctl status alight-drone, or alight land; run this as its user: sudo -u alight alight status",
             )
         };
-        Status::without(known, "nothing runs", found)
+        Status::without(known, "no process runs", found)
     }
-    /// Of a computer of which no more is known.
+    /// Status of a computer of which no more is known.
     fn without(known: &ComputerReport, headline: &str, why: Finding) -> Status {
         Status {
             title: known.title.to_string(),
@@ -232,7 +232,11 @@ impl Status {
     }
     /// The findings that are not fine, the worst first.
     pub fn alarms(&self) -> Vec<&Finding> {
-        let mut all: Vec<&Finding> = self.findings.iter().filter(|f| f.level > Level::Fine).collect();
+        let mut all: Vec<&Finding> = self
+            .findings
+            .iter()
+            .filter(|f| f.level > FindingLevel::Fine)
+            .collect();
         all.sort_by_key(|f| core::cmp::Reverse(f.level));
         all
     }

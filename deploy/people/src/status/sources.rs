@@ -1,26 +1,26 @@
-//! What the status of a vessel's sensors and of its estimate means: what is refused, what is said of their bytes, and
+//! Findings on a vessel's sensors and its estimate: rejections, remarks on the bytes, and
 //! whether a landing can do with the estimate.
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::SourceHealth;
 use alight_shared::msg::{EstimatorStatus, Line};
 
-use super::finding::{Finding, Topic};
+use super::finding::{Finding, FindingTopic};
 
 /// A sensor or an estimate older than this is missing, s.
 pub const MISSING_S: f64 = 2.0;
 /// Standard deviations of an estimate that a landing can do with. Chosen: the drone finds the deck's tags by them from
 /// 10 m away, within a view of some 5 m and some degrees, and begins above the deck by the height.
-const MOST_PLACE_M: f64 = 5.0;
-const MOST_HEIGHT_M: f64 = 5.0;
-const MOST_TILT_DEG: f64 = 2.0;
-const MOST_HEADING_DEG: f64 = 5.0;
+const MAX_PLACE_M: f64 = 5.0;
+const MAX_HEIGHT_M: f64 = 5.0;
+const MAX_TILT_DEG: f64 = 2.0;
+const MAX_HEADING_DEG: f64 = 5.0;
 /// Fewer measurements of the last seconds are no rate.
-const LEAST_LATELY: u64 = 5;
+const MIN_RECENT: u64 = 5;
 
 /// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
 pub fn source(s: &SourceHealth) -> Finding {
-    const TOPIC: Topic = Topic("source");
+    const TOPIC: FindingTopic = FindingTopic("source");
     let (r, d, uses) = (&s.report, &s.report.status.decoded, &s.uses);
     let undated = d.undated + r.status.implausible_time;
     let counts = format!(
@@ -57,9 +57,9 @@ pub fn source(s: &SourceHealth) -> Finding {
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
         ),
-        None => match refusal(s) {
-            Some(refused) => TOPIC.warning(
-                format!("{counts}; {refused}"),
+        None => match rejection(s) {
+            Some(rejections) => TOPIC.warning(
+                format!("{counts}; {rejections}"),
                 "too old or from the future: its clock, its latency_s, its line; else another sensor contradicts it: its mount",
             ),
             None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
@@ -67,7 +67,7 @@ pub fn source(s: &SourceHealth) -> Finding {
     }
 }
 
-/// What is to be said of a source.
+/// Findings on a source.
 pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
     let remarks = s.report.remarks.iter().map(|r| {
         let remedy = r.remedy.as_ref().map(Line::as_str);
@@ -76,9 +76,9 @@ pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
     core::iter::once(source(s)).chain(remarks)
 }
 
-/// What is to be said of a source's bytes beside their counts.
+/// Remark on a source's bytes in addition to their counts.
 pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
-    const TOPIC: Topic = Topic("sensors");
+    const TOPIC: FindingTopic = FindingTopic("sensors");
     let found = format!("{name}: {text}");
     match remedy {
         Some(remedy) => TOPIC.warning(found, remedy),
@@ -86,23 +86,27 @@ pub fn remark(name: &str, text: &str, remedy: Option<&str>) -> Finding {
     }
 }
 
-/// A source of whose newest measurements more are refused than used.
-fn refusal(s: &SourceHealth) -> Option<String> {
-    let [used, refused] = s.uses.lately;
-    let all = used + refused;
-    (all >= LEAST_LATELY && refused > used)
-        .then(|| format!("{refused} of the last {all} measurements of {} refused", s.name))
+/// A source of whose newest measurements more are rejected than used.
+fn rejection(s: &SourceHealth) -> Option<String> {
+    let [used, rejections] = s.uses.lately;
+    let all = used + rejections;
+    (all >= MIN_RECENT && rejections > used).then(|| {
+        format!(
+            "{rejections} of the last {all} measurements of {} rejected",
+            s.name
+        )
+    })
 }
 
-/// What of an estimate is worse than a landing needs.
+/// Parts of an estimate that are worse than a landing needs.
 fn uncertain(sd: [f64; 4]) -> Vec<String> {
     let [place, height, tilt, heading] = sd;
     let deg = f64::to_degrees;
     [
-        ("position", place, MOST_PLACE_M, "m"),
-        ("height", height, MOST_HEIGHT_M, "m"),
-        ("tilt", deg(tilt), MOST_TILT_DEG, "deg"),
-        ("heading", deg(heading), MOST_HEADING_DEG, "deg"),
+        ("position", place, MAX_PLACE_M, "m"),
+        ("height", height, MAX_HEIGHT_M, "m"),
+        ("tilt", deg(tilt), MAX_TILT_DEG, "deg"),
+        ("heading", deg(heading), MAX_HEADING_DEG, "deg"),
     ]
     .into_iter()
     .filter(|(_, is, most, _)| is > most)
@@ -110,9 +114,9 @@ fn uncertain(sd: [f64; 4]) -> Vec<String> {
     .collect()
 }
 
-/// What the estimate lacks, and whether a landing can do with it.
+/// Gaps of the estimate, and whether it is good enough for a landing.
 pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("estimator");
+    const TOPIC: FindingTopic = FindingTopic("estimator");
     let mut all = Vec::new();
     for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
         .iter()
@@ -123,23 +127,23 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
         };
-        all.push(Topic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
+        all.push(FindingTopic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
     }
     let [horizontal, height, tilt, heading] = e.sd;
-    let refused: Vec<String> = sources.iter().filter_map(refusal).collect();
-    let cause = if refused.is_empty() {
+    let rejections: Vec<String> = sources.iter().filter_map(rejection).collect();
+    let cause = if rejections.is_empty() {
         String::new()
     } else {
-        format!("; {}", refused.join("; "))
+        format!("; {}", rejections.join("; "))
     };
     let worse = uncertain(e.sd);
     all.push(match e.estimate_age_s {
         Some(s) if s <= MISSING_S && !worse.is_empty() => TOPIC.warning(
             format!("{}{cause}", worse.join(", ")),
             if cause.is_empty() {
-                "no sensor measures it better: see what is said of the sources above"
+                "no sensor measures it better: read the findings of the sources above"
             } else {
-                "see to the source that is refused"
+                "repair the source that is rejected"
             },
         ),
         Some(s) if s <= MISSING_S => TOPIC.fine(format!(
@@ -157,11 +161,16 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
         )),
         Some(s) => TOPIC.broken(
             format!("no estimate for {s:.0} s{cause}"),
-            "drones receive no estimate; see to the sensors above",
+            "drones receive no estimate: repair the sensor of the alarm; without one, calibrate the accelerometer",
         ),
         None => TOPIC.broken(
             format!("no estimate yet{cause}"),
-            "it needs inertial sensor, GNSS and heading for some seconds",
+            if e.sensor_age_s.iter().all(|age| age.is_some_and(|s| s <= MISSING_S)) {
+                "wait for some seconds; if it stays, hold the inertial sensor level: z has to be within 0.3 m/s2 of \
+                 9.81, else calibrate it"
+            } else {
+                "it needs inertial sensor, GNSS and heading for some seconds"
+            },
         ),
     });
     all
@@ -170,7 +179,7 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::Level;
+    use crate::status::finding::FindingLevel;
     use alight_shared::msg::SourceUse;
 
     fn receiver() -> SourceHealth {
@@ -195,27 +204,27 @@ mod tests {
 
     #[test]
     fn vessel_status_of_an_estimate_that_is_too_uncertain() {
-        // A receiver whose clock fell back: every fix is refused, and the position drifts.
-        let refusing = |lately| {
+        // A receiver whose clock fell back: every fix is rejected, and the position drifts.
+        let rejecting = |lately| {
             let mut source = receiver();
             source.uses.lately = lately;
             source
         };
-        let lost = refusing([0, 63]);
+        let lost = rejecting([0, 63]);
         let drifted = EstimatorStatus {
             sd: [70.0, 0.4, 0.005, 0.17],
             ..sound()
         };
-        let refused = source(&lost);
-        assert_eq!(refused.level, Level::Warning);
+        let finding = source(&lost);
+        assert_eq!(finding.level, FindingLevel::Warning);
         assert!(
-            refused
+            finding
                 .found
-                .contains("63 of the last 63 measurements of receiver refused")
+                .contains("63 of the last 63 measurements of receiver rejected")
         );
         let all = estimator(&drifted, &[lost]);
         let worse = &all[0];
-        assert!(all.len() == 1 && worse.level == Level::Warning, "{all:?}");
+        assert!(all.len() == 1 && worse.level == FindingLevel::Warning, "{all:?}");
         for part in [
             "position +- 70.0 m (a landing needs 5 m)",
             "heading +- 9.7 deg",
@@ -223,26 +232,33 @@ mod tests {
         ] {
             assert!(worse.found.contains(part), "{worse:?}");
         }
-        // Refusals now and then are none, and without an estimate they are the reason.
-        let now_and_then = refusing([60, 3]);
-        assert_eq!(source(&now_and_then).level, Level::Fine);
-        assert_eq!(estimator(&sound(), &[now_and_then])[0].level, Level::Fine);
+        // Rejections now and then are no finding, and without an estimate they are the reason.
+        let now_and_then = rejecting([60, 3]);
+        assert_eq!(source(&now_and_then).level, FindingLevel::Fine);
+        assert_eq!(estimator(&sound(), &[now_and_then])[0].level, FindingLevel::Fine);
         let none = EstimatorStatus {
             estimate_age_s: None,
             ..sound()
         };
-        let refused = refusing([0, 40]);
-        let found = &estimator(&none, &[refused])[0].found;
-        assert!(found.starts_with("no estimate yet; 40 of the last 40"), "{found}");
+        let rejections = rejecting([0, 40]);
+        let first = &estimator(&none, &[rejections])[0];
+        assert!(
+            first.found.starts_with("no estimate yet; 40 of the last 40"),
+            "{first}"
+        );
+        assert!(first.remedy.contains("9.81"), "{first}");
     }
 
     #[test]
-    fn what_is_said_of_a_source() {
+    fn remarks_on_a_source() {
         let found = remark("receiver", "height: by EGM96", Some("let it state its own"));
         assert_eq!(
             (found.level, found.found.as_str()),
-            (Level::Warning, "receiver: height: by EGM96")
+            (FindingLevel::Warning, "receiver: height: by EGM96")
         );
-        assert_eq!(remark("receiver", "left out: 5 AIVDM", None).level, Level::Fine);
+        assert_eq!(
+            remark("receiver", "left out: 5 AIVDM", None).level,
+            FindingLevel::Fine
+        );
     }
 }

@@ -10,7 +10,7 @@ use alight_shared::msg::{
 };
 use alight_shared::process::ProcessKind;
 
-use super::finding::{Finding, Level, Topic};
+use super::finding::{Finding, FindingLevel, FindingTopic};
 use super::go::Go;
 use super::sources::{self, MISSING_S, estimator, source};
 use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
@@ -18,7 +18,7 @@ use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, p
 /// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 pub const LOST_CONTACT_S: f64 = 5.0;
 
-/// What a vessel's situation means.
+/// Findings on a vessel's situation.
 pub fn findings(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();
     let mut all = vec![radio(s, known)];
@@ -47,7 +47,7 @@ fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
 
 fn radio(s: &Situation, known: &VesselReport) -> Finding {
     let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
-    Topic("radio").fine(format!(
+    FindingTopic("radio").fine(format!(
         "listens on {}, {:.1} MB sent, {} packets dropped",
         known.listen,
         count(MetricName::BytesSent) as f64 * 1e-6,
@@ -58,10 +58,10 @@ fn radio(s: &Situation, known: &VesselReport) -> Finding {
 fn unauthorised_peers(s: &Situation, known: &VesselReport) -> Finding {
     let rejected = s.rejected();
     if rejected.is_empty() {
-        return Topic("peers").fine(format!("none rejected; admitted: {}", known.peers));
+        return FindingTopic("peers").fine(format!("none rejected; admitted: {}", known.peers));
     }
     let each: Vec<String> = rejected.iter().map(|(why, n)| format!("{n} for {why}")).collect();
-    Topic("peers").warning(
+    FindingTopic("peers").warning(
         format!(
             "rejected: {}; the last for {}",
             each.join(", "),
@@ -79,71 +79,77 @@ fn owner(status: &VesselStatus) -> String {
     format!("{owner}{on}")
 }
 
-fn deck(status: &VesselStatus) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("deck");
+const DECK: FindingTopic = FindingTopic("deck");
+const OPEN_DECK: &str = "alight command deck open";
+
+/// Whether the deck is open, and its owner.
+fn deck_access(status: &VesselStatus) -> Finding {
     let found = owner(status);
     let deck = &status.deck;
-    const OPEN: &str = "alight command deck open";
-    let owned = match (deck.closed, deck.owner_age_s) {
-        (Some(Closure::Crew), _) => TOPIC.stopping(format!("closed by the crew; {found}"), OPEN),
-        (Some(Closure::CheckpointDamaged), _) => TOPIC.stopping(
-            "closed: the file of who stands on it was damaged",
-            format!("look, and once it is empty: {OPEN}"),
+    match (deck.closed, deck.owner_age_s) {
+        (Some(Closure::Crew), _) => DECK.stopping(format!("closed by the crew; {found}"), OPEN_DECK),
+        (Some(Closure::CheckpointDamaged), _) => DECK.stopping(
+            "closed: the file of the drones on it is damaged",
+            format!("look, and once the deck is empty: {OPEN_DECK}"),
         ),
-        (Some(Closure::CheckpointMissing), _) => TOPIC.stopping(
-            "closed: there is no file of who stands on it",
-            format!("look, and once it is empty: {OPEN}"),
+        (Some(Closure::CheckpointMissing), _) => DECK.stopping(
+            "closed: the file of the drones on it is missing",
+            format!("look, and once the deck is empty: {OPEN_DECK}"),
         ),
-        (Some(Closure::CheckpointUnwritable), _) => TOPIC.stopping(
-            format!("closed: the file of who stands on it cannot be written, and may be old; {found}"),
-            format!("free space, or make it writable; look, and once it is empty: {OPEN}"),
+        (Some(Closure::CheckpointUnwritable), _) => DECK.stopping(
+            format!("closed: the file of the drones on it cannot be written, and may be old; {found}"),
+            format!("free space, or make it writable; look, and once the deck is empty: {OPEN_DECK}"),
         ),
-        (Some(Closure::Switch), _) => TOPIC.stopping(
+        (Some(Closure::Switch), _) => DECK.stopping(
             format!("closed by the crew's switch; {found}"),
             "open it at the switch (deck.crew_switch)",
         ),
-        (Some(Closure::Sensor), _) => TOPIC.stopping(
-            format!("closed: by its sensor something lies on it that is no drone; {found}"),
+        (Some(Closure::Sensor), _) => DECK.stopping(
+            format!("closed: its sensor detects an object that is no drone; {found}"),
             "look, and take it away (deck.occupancy_sensor)",
         ),
-        (None, Some(age_s)) if age_s > LOST_CONTACT_S => TOPIC.stopping(
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => DECK.stopping(
             format!("{found}, silent for {}", time(age_s)),
-            format!("it may stand there; once it does not: {OPEN}"),
+            format!("it may stand there; once it does not: {OPEN_DECK}"),
         ),
-        (None, _) => TOPIC.fine(found),
-    };
-    let mut all = vec![owned];
+        (None, _) => DECK.fine(found),
+    }
+}
+
+fn deck(status: &VesselStatus) -> Vec<Finding> {
+    let deck = &status.deck;
+    let mut all = vec![deck_access(status)];
     all.extend(deck.doubles.iter().map(|id| {
-        TOPIC.broken(
+        DECK.broken(
             format!("two drones have the number {id}: neither is given the deck"),
             "change bridge.drone_id of one of them",
         )
     }));
     all.extend(deck.starved.iter().map(|s| {
-        TOPIC.broken(
+        DECK.broken(
             s.to_string(),
-            format!("look now: once drone {} is not there: {OPEN}", s.owner),
+            format!("look now: once drone {} is not there: {OPEN_DECK}", s.owner),
         )
     }));
     all.extend(deck.follows_another.iter().map(|f| {
-        TOPIC.broken(
+        DECK.broken(
             format!(
                 "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
                 f.drone, f.boot
             ),
-            "switch one of the two off: each gives away a deck of its own",
+            "switch one of the two off: each reserves the deck by itself",
         )
     }));
     all.extend(deck.unplaced.iter().map(|id| {
-        TOPIC.stopping(
+        DECK.stopping(
             format!(
                 "drone {id} is switched on without a position: it may stand there, and no other is given it"
             ),
-            format!("wait for its position; or look, and once it is not there: {OPEN}"),
+            format!("wait for its position; or look, and once it is not there: {OPEN_DECK}"),
         )
     }));
     all.extend(deck.aborts.iter().map(|id| {
-        TOPIC.stopping(
+        DECK.stopping(
             format!("drone {id} has not acknowledged an abort"),
             "it is repeated until it does",
         )
@@ -152,12 +158,12 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         deck.input_errors
             .iter()
             .map(|e| match deck_inputs::is_consent(e.as_str()) {
-                true => TOPIC.warning(e.as_str(), deck_inputs::CONSENT_REMEDY),
-                false => TOPIC.warning(e.as_str(), deck_inputs::REMEDY),
+                true => DECK.warning(e.as_str(), deck_inputs::CONSENT_REMEDY),
+                false => DECK.warning(e.as_str(), deck_inputs::REMEDY),
             }),
     );
     all.extend(deck.file_error.iter().map(|e| {
-        TOPIC.warning(
+        DECK.warning(
             format!("its state would not outlive the process: {e}"),
             "free space, or make it writable",
         )
@@ -165,9 +171,9 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all
 }
 
-/// What the helm states, and what it is asked for.
+/// Course that the helm states, and the orders to it.
 fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("course");
+    const TOPIC: FindingTopic = FindingTopic("course");
     let stated = course(deck.course);
     let turns = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if turns {
@@ -190,7 +196,7 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
 
 /// The handshake about the helm, where there is one.
 fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("helm");
+    const TOPIC: FindingTopic = FindingTopic("helm");
     let helm = &deck.helm;
     let mut all: Vec<Finding> = deck
         .helm_error
@@ -217,15 +223,15 @@ fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
 
 /// The course that the helm may choose before a landing.
 fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
-    Topic("heading").fine(compass::advice(a, knots))
+    FindingTopic("heading").fine(compass::advice(a, knots))
 }
 
 /// Name of the figures of drones, each of which judges itself.
 pub const DRONES: &str = "drones";
 
-/// What a drone reports of itself.
+/// Report of a drone about itself.
 pub fn drone(d: &DroneStatus) -> Finding {
-    const TOPIC: Topic = Topic("drones");
+    const TOPIC: FindingTopic = FindingTopic("drones");
     let number = d.header.drone;
     if let Some(for_s) = d.still_armed_s {
         return TOPIC.broken(format!("drone {number}: {}", still_armed(for_s)), ARMED_REMEDY);
@@ -257,7 +263,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
 
 /// The drones, and how long ago each reported.
 fn drones(status: &VesselStatus) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("drones");
+    const TOPIC: FindingTopic = FindingTopic("drones");
     if status.drones.is_empty() {
         let remedy = "is one switched on, in reach, and in radio.tls.peers?";
         return vec![TOPIC.warning("none received", remedy)];
@@ -265,9 +271,9 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
     status.drones.iter().map(contact_finding).collect()
 }
 
-/// What a drone reported, and how long ago.
+/// Newest report of a drone, and its age.
 fn contact_finding(c: &DroneContact) -> Finding {
-    const TOPIC: Topic = Topic("drones");
+    const TOPIC: FindingTopic = FindingTopic("drones");
     let found = drone(&c.status);
     let lost = c.age_s > LOST_CONTACT_S;
     // A drone that is armed stays an alarm when it is silent since: whoever goes there has to know.
@@ -354,19 +360,19 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
     })
 }
 
-/// How it is, and for how long.
-pub fn headline(s: &Situation, worst: Level) -> String {
+/// The state, and since when.
+pub fn headline(s: &Situation, worst: FindingLevel) -> String {
     let state = match worst {
-        Level::Fine => "works",
-        Level::Warning => "works, with warnings",
-        Level::Broken => "BROKEN",
+        FindingLevel::Fine => "works",
+        FindingLevel::Warning => "works, with warnings",
+        FindingLevel::Broken => "BROKEN",
     };
     let up = s.process(ProcessKind::Vessel);
     let up = up.map_or("-".into(), |p| time((p.at_ns - p.began_ns) as f64 * 1e-9));
     format!("{state}, up {up}")
 }
 
-/// Its figures.
+/// The figures.
 pub fn figures(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Figure> {
     let mut all = vec![if status.deck.closed.is_some() {
         Figure::of("deck", "CLOSED", owner(status))
@@ -387,7 +393,7 @@ pub fn figures(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Ve
     all.extend(motion(&status.estimator));
     let sources = s.sources();
     if !sources.is_empty() {
-        let working = sources.iter().filter(|s| source(s).level == Level::Fine);
+        let working = sources.iter().filter(|s| source(s).level == FindingLevel::Fine);
         let value = format!("{} of {} work", working.count(), sources.len());
         all.push(Figure::of("source", value, ""));
     }

@@ -1,4 +1,4 @@
-//! `alight status --watch`: one page that is drawn anew in the window that it has, and on anything but a terminal a line for
+//! `alight status --watch`: one page that is drawn again in the window that it has, and on anything but a terminal a line for
 //! each change. The terminal is left as it was, however the view ends.
 
 use std::io::IsTerminal;
@@ -13,14 +13,14 @@ use ratatui::widgets::Paragraph;
 use ratatui::{DefaultTerminal, Frame};
 
 use super::Status;
-use super::finding::Level;
+use super::finding::FindingLevel;
 
 /// Between two drawings.
 const PERIOD: Duration = Duration::from_millis(250);
 /// Keys and changes of the window taken in between, at most.
 const MAX_EVENTS: u32 = 64;
 
-/// Shows what `look` returns after having waited for a while, until it returns nothing more or a person ends it (q, Esc,
+/// Shows what `look` returns after having waited for a while, until it returns nothing more or the operator ends it (q, Esc,
 /// Ctrl-C).
 pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
     if !std::io::stdout().is_terminal() {
@@ -84,10 +84,10 @@ fn draw(frame: &mut Frame<'_>, status: &Status) {
     let lines = status.lines(area.width.into(), area.height.into());
     let styled = lines.into_iter().enumerate().map(|(k, line)| {
         let style = match line.level {
-            Level::Fine if k == 0 => Style::new().bold(),
-            Level::Fine => Style::new(),
-            Level::Warning => Style::new().fg(Color::Yellow),
-            Level::Broken => Style::new().fg(Color::Red).bold(),
+            FindingLevel::Fine if k == 0 => Style::new().bold(),
+            FindingLevel::Fine => Style::new(),
+            FindingLevel::Warning => Style::new().fg(Color::Yellow),
+            FindingLevel::Broken => Style::new().fg(Color::Red).bold(),
         };
         Line::styled(line.text, style)
     });
@@ -98,7 +98,7 @@ fn draw(frame: &mut Frame<'_>, status: &Status) {
 mod tests {
     use super::*;
     use crate::status::Figure;
-    use crate::status::finding::Topic;
+    use crate::status::finding::FindingTopic;
     use alight_shared::msg::still_armed;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -109,7 +109,7 @@ mod tests {
             title: "land".into(),
             headline: "Tracking since 4.2 s: reached".into(),
             figures: vec![Figure::of("link", "62.0 ms old", "0.4 % lost")],
-            findings: vec![Topic("armed").broken(still_armed(14.0), "keep clear")],
+            findings: vec![FindingTopic("armed").broken(still_armed(14.0), "keep clear")],
             ..Status::default()
         };
         for (width, height) in [(80, 20), (32, 6), (1, 1)] {

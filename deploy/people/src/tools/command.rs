@@ -6,6 +6,7 @@ mod ashore;
 mod beacon;
 mod station;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -15,7 +16,7 @@ use alight_computer::process::instance::is_running;
 use alight_computer::process::local_command::{LocalCommand, answer};
 use alight_computer::quantity::{SECOND, WrittenTime, speed_mps};
 use alight_computer::subject::{commanded_drone, commanded_vessel};
-use alight_computer::terminal;
+use alight_computer::terminal::{self, WIDTH};
 use alight_computer::vessel::crew::OrderOnItsWay;
 use alight_shared::msg::{
     AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
@@ -24,10 +25,10 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
-use clap::{Args, ValueEnum};
+use clap::{Args, Command as Clap, ValueEnum};
 use serde_json::json;
 
-/// What shows whether a command was taken is looked at this often.
+/// Period at which the effect of a command is looked for.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// A status of the vessel's process comes within this, ns.
@@ -41,7 +42,7 @@ const MAX_LASTING_S: u32 = 3600;
 
 /// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum Order {
+pub enum OrderArg {
     /// Land on the vessel.
     Land,
     /// Stop landing, climb and hold; always wins.
@@ -70,8 +71,8 @@ pub enum Order {
 
 /// Order of the crew for the deck, or the skipper's answer about the helm.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum CrewOrder {
-    /// Nobody descends; a descent that is still high is broken off.
+pub enum CrewOrderArg {
+    /// No drone descends; a descent that is still high is broken off.
     Closed,
     /// It is free, but for drones that report from it.
     Open,
@@ -79,19 +80,62 @@ pub enum CrewOrder {
     Takeoff,
 }
 
+impl OrderArg {
+    /// Whether a flag or value, by its field, counts with this order.
+    fn takes(self, field: &str) -> bool {
+        let is_at = self == OrderArg::DeckAt;
+        let is_crews = matches!(
+            self,
+            OrderArg::Deck | OrderArg::Steady | OrderArg::Turning | OrderArg::Helm
+        );
+        match field {
+            "order" => false,
+            "values" => is_at || matches!(self, OrderArg::Deck | OrderArg::Helm),
+            "standing" => self == OrderArg::Deck,
+            "lasting" => is_at || matches!(self, OrderArg::Steady | OrderArg::Station),
+            "course" | "speed" | "error" => is_at,
+            "height" | "ahead" | "right" => self == OrderArg::Station,
+            "vessel" | "keys" | "vessel_id" => !is_crews,
+            "drone" => !is_crews || self == OrderArg::Deck,
+            _ => true,
+        }
+    }
+}
+
+/// Help of the order that follows `alight command` on a command line, with the flags that count with it; None: no order.
+pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
+    let mut orders = typed.iter().skip(2).filter_map(|t| t.to_str());
+    let order = orders.find_map(|t| OrderArg::from_str(t, false).ok());
+    let order = order.filter(|_| command.get_name() == "command")?;
+    let value = order.to_possible_value()?;
+    let values = if order.takes("values") { " VALUE..." } else { "" };
+    let help = command
+        .clone()
+        .about(value.get_help().cloned().unwrap_or_default())
+        .override_usage(format!("alight command {}{values} [OPTIONS]", value.get_name()))
+        .mut_args(|a| {
+            let is_hidden = a.is_hide_set() || !order.takes(a.get_id().as_str());
+            a.hide(is_hidden)
+        });
+    Some(help.max_term_width(WIDTH).render_help().to_string())
+}
+
 impl CommandArgs {
-    /// What is commanded, if anything.
+    /// The command, if there is one.
     fn kind(&self) -> Result<Option<CommandKind>, CliError> {
         Ok(match self.order {
-            Order::Land => Some(CommandKind::Land),
-            Order::Abort => Some(CommandKind::Abort),
-            Order::Hold => Some(CommandKind::Hold),
-            Order::Takeoff => Some(CommandKind::TakeOff),
-            Order::Ready => Some(CommandKind::Ready),
-            Order::Station => Some(CommandKind::Station(station::ordered(self)?)),
-            Order::Status | Order::DeckAt | Order::Deck | Order::Steady | Order::Turning | Order::Helm => {
-                None
-            }
+            OrderArg::Land => Some(CommandKind::Land),
+            OrderArg::Abort => Some(CommandKind::Abort),
+            OrderArg::Hold => Some(CommandKind::Hold),
+            OrderArg::Takeoff => Some(CommandKind::TakeOff),
+            OrderArg::Ready => Some(CommandKind::Ready),
+            OrderArg::Station => Some(CommandKind::Station(station::ordered(self)?)),
+            OrderArg::Status
+            | OrderArg::DeckAt
+            | OrderArg::Deck
+            | OrderArg::Steady
+            | OrderArg::Turning
+            | OrderArg::Helm => None,
         })
     }
     /// Time of `--for` in whole multiples of `unit`, which a plain number counts, or `usual`.
@@ -112,13 +156,13 @@ Exit codes: 0 taken, 1 rejected or not taken in time, 2 bad input or no answer."
 pub struct CommandArgs {
     /// Order; `alight help command` explains each
     #[arg(value_enum)]
-    pub order: Order,
+    pub order: OrderArg,
     /// deck: closed, open, takeoff; helm: yes [DEG], no; deck-at: latitude, longitude
     ///
     /// With `helm` the heading that was read may follow a yes. Places are in deg: alight command deck-at 59.3456 18.1234
     /// --error 10.
-    #[arg(value_name = "WORDS", num_args = 0..=2, allow_negative_numbers = true)]
-    pub words: Vec<String>,
+    #[arg(value_name = "VALUE", num_args = 0..=2, allow_negative_numbers = true)]
+    pub values: Vec<String>,
     /// deck takeoff: each take-off until the deck is closed
     ///
     /// It clears each take-off of that drone until the deck is closed or one is stopped there, not those of two minutes.
@@ -178,39 +222,39 @@ pub struct CommandArgs {
 
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
-    let clears = args.order == Order::Deck && args.words == ["takeoff"];
+    let clears = args.order == OrderArg::Deck && args.values == ["takeoff"];
     if args.standing && !clears {
         return Err(CliError(
             "--standing belongs to alight command deck takeoff --drone N".into(),
         ));
     }
     station::check(args)?;
-    let has_words = matches!(args.order, Order::Deck | Order::Helm | Order::DeckAt);
-    if !has_words && !args.words.is_empty() {
+    let has_values = matches!(args.order, OrderArg::Deck | OrderArg::Helm | OrderArg::DeckAt);
+    if !has_values && !args.values.is_empty() {
         return Err(CliError(format!(
             "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
              `alight command deck-at`",
-            args.words.join(" ")
+            args.values.join(" ")
         )));
     }
     match args.order {
-        Order::Deck => return deck(args, crew_order(&args.words)?),
-        Order::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
-        Order::DeckAt => return beacon::run(args),
-        Order::Steady => {
+        OrderArg::Deck => return deck(args, crew_order(&args.values)?),
+        OrderArg::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
+        OrderArg::DeckAt => return beacon::run(args),
+        OrderArg::Steady => {
             return course(
                 args,
                 DeckOrder::Steady(args.lasting(SECOND, MAX_LASTING_S, STEADY_S)?),
             );
         }
-        Order::Turning => return course(args, DeckOrder::Turning),
-        Order::Land
-        | Order::Abort
-        | Order::Hold
-        | Order::Takeoff
-        | Order::Ready
-        | Order::Station
-        | Order::Status => {}
+        OrderArg::Turning => return course(args, DeckOrder::Turning),
+        OrderArg::Land
+        | OrderArg::Abort
+        | OrderArg::Hold
+        | OrderArg::Takeoff
+        | OrderArg::Ready
+        | OrderArg::Station
+        | OrderArg::Status => {}
     }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore::run(args, endpoint, keys),
@@ -218,17 +262,17 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// What is ordered of the deck.
-fn crew_order(words: &[String]) -> Result<CrewOrder, CliError> {
-    let order = match words {
-        [word] => CrewOrder::from_str(word, false).ok(),
+/// The crew's order for the deck.
+fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
+    let order = match values {
+        [value] => CrewOrderArg::from_str(value, false).ok(),
         [] | [_, _, ..] => None,
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
 /// The arguments of `helm`: whether the computer may steer. A yes is to the course that is asked now.
 fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
-    let named = match args.words.as_slice() {
+    let named = match args.values.as_slice() {
         [answer] if answer == "no" => return Ok(HelmAnswer::No),
         [answer] if answer == "yes" => None,
         [answer, heading] if answer == "yes" => Some(heading.as_str()),
@@ -248,7 +292,7 @@ fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
         }
         if steady_ns() > deadline_ns || !memory.wait(POLL_PERIOD) {
             return Err(CliError(
-                "the vessel's process does not report what it asks: systemctl status alight-vessel".into(),
+                "the vessel's process does not report its question: systemctl status alight-vessel".into(),
             ));
         }
     }
@@ -291,7 +335,7 @@ fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Opti
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
-/// The memory of the set of processes `name`, which `unit` runs; `other` says how another is named.
+/// The memory of the set of processes `name`, which `unit` runs; `other` is the advice on naming another.
 fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
@@ -303,13 +347,13 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     Ok(Memory::join(&instance, "command")?)
 }
 
-/// How another vessel's process is named.
+/// Advice on naming another vessel's process.
 const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
-/// What to do about an order that was not taken.
+/// Remedy for an order that was not taken.
 const NOT_TAKEN: &str =
     "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
 
-/// What the helm intends.
+/// Gives an order about course or helm.
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
@@ -325,7 +369,7 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     Ok(Exit::of(newest.is_some()))
 }
 
-/// What an order about course and helm brings about that was taken; the helm stands so since.
+/// Effect of an order about course and helm that was taken; the helm stands so since.
 fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
     match order {
         DeckOrder::Steady(0) => "nothing is stated of the course".into(),
@@ -344,19 +388,19 @@ fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
 }
 
 /// Whether drones may descend.
-fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
-    let order = match (word, args.drone) {
-        (CrewOrder::Closed, None) => DeckOrder::Closed,
-        (CrewOrder::Open, None) => DeckOrder::Open,
-        (CrewOrder::Open, Some(drone)) => DeckOrder::Clear(drone),
-        (CrewOrder::Takeoff, Some(drone)) if args.standing => DeckOrder::TakeOffStanding(drone),
-        (CrewOrder::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
-        (CrewOrder::Takeoff, None) => {
+fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
+    let order = match (ordered, args.drone) {
+        (CrewOrderArg::Closed, None) => DeckOrder::Closed,
+        (CrewOrderArg::Open, None) => DeckOrder::Open,
+        (CrewOrderArg::Open, Some(drone)) => DeckOrder::Clear(drone),
+        (CrewOrderArg::Takeoff, Some(drone)) if args.standing => DeckOrder::TakeOffStanding(drone),
+        (CrewOrderArg::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
+        (CrewOrderArg::Takeoff, None) => {
             return Err(CliError(
-                "whose take-off? alight command deck takeoff --drone N".into(),
+                "the take-off needs a drone: alight command deck takeoff --drone N".into(),
             ));
         }
-        (CrewOrder::Closed, Some(drone)) => {
+        (CrewOrderArg::Closed, Some(drone)) => {
             return Err(CliError(format!(
                 "--drone {drone}: the deck is closed for every drone"
             )));
@@ -367,30 +411,30 @@ fn deck(args: &CommandArgs, word: CrewOrder) -> Result<Exit, CliError> {
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));
     } else if newest.is_some() {
-        terminal::line(match word {
-            CrewOrder::Closed => "the deck is closed",
-            CrewOrder::Open if closed => {
+        terminal::line(match ordered {
+            CrewOrderArg::Closed => "the deck is closed",
+            CrewOrderArg::Open if closed => {
                 "the order is taken, but switch or sensor keep the deck closed: alight status"
             }
-            CrewOrder::Open => "the deck is open",
-            CrewOrder::Takeoff if closed => {
+            CrewOrderArg::Open => "the deck is open",
+            CrewOrderArg::Takeoff if closed => {
                 "the order is taken, but the deck is closed: alight command deck open"
             }
-            CrewOrder::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
+            CrewOrderArg::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
         });
         let unheard = newest.iter().flat_map(|s| s.deck.unheard.iter());
-        for drone in unheard.filter(|_| word == CrewOrder::Open) {
+        for drone in unheard.filter(|_| ordered == CrewOrderArg::Open) {
             terminal::line(kept_by(drone));
         }
     } else {
         terminal::line(NOT_TAKEN);
     }
     Ok(Exit::of(
-        newest.is_some() && closed == (word == CrewOrder::Closed),
+        newest.is_some() && closed == (ordered == CrewOrderArg::Closed),
     ))
 }
 
-/// What the clearance for a take-off means to the crew: of a drone whose take-off is ordered it may be all that it waits for.
+/// Meaning of the clearance for a take-off to the crew: a drone whose take-off is ordered may wait for it alone.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
@@ -412,7 +456,7 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
 /// A drone that the order to open the deck leaves it to, and what frees it.
 fn kept_by(unheard: &Unheard) -> String {
     format!(
-        "{unheard};\norder it again in {:.0} s, or once you see that it is neither there nor above:\nalight command deck \
+        "{unheard};\norder it again in {:.0} s, or once it is neither there nor above:\nalight command deck \
          open --drone {}",
         unheard.remaining_s.ceil(),
         unheard.drone
@@ -421,7 +465,7 @@ fn kept_by(unheard: &Unheard) -> String {
 
 /// Through the shared memory of the drone's computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
-    let is_abort = args.order == Order::Abort;
+    let is_abort = args.order == OrderArg::Abort;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), is_abort)?;
     let own = computer.bridge.drone_id;
     if let Some(drone) = args.drone.filter(|drone| *drone != own) {
@@ -448,7 +492,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     }
     let Some(mission) = newest else {
         return Err(CliError(format!(
-            "no mission answers (instance \"{name}\"): alight status --instance {name} shows what runs"
+            "no mission answers (instance \"{name}\"): alight status --instance {name} lists the processes"
         )));
     };
     let taken = command.taken(&mission) == Some(true);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
-use alight_computer::record::flight::mend::{Mended, mend};
+use alight_computer::record::flight::mend::{Repair, mend};
 use alight_computer::record::flight::store::{self, Flight};
 use alight_computer::record::flight::summary::Summary;
 use alight_computer::record::reading::contained;
@@ -35,7 +35,7 @@ pub struct FlightsArgs {
 /// A flight as it is listed.
 #[derive(Debug, Serialize)]
 struct Row {
-    /// Its directory.
+    /// The directory.
     path: PathBuf,
     /// When it began (UTC).
     begun: String,
@@ -45,7 +45,7 @@ struct Row {
     parts: usize,
     cut: usize,
     bytes: u64,
-    /// What the computer knows of it.
+    /// Summary of the computer.
     #[serde(flatten)]
     summary: Summary,
 }
@@ -56,8 +56,8 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     if args.mend {
         for flight in flights.iter().filter(|f| !f.is_running()) {
             let done = contained(&flight.path, || mend(&flight.path))?;
-            if done != Mended::default() {
-                note(args.form.alone(), mended(&flight.path, &done));
+            if done != Repair::default() {
+                note(args.form.alone(), repaired(&flight.path, &done));
             }
         }
     }
@@ -93,22 +93,22 @@ fn flights(directory: &Path) -> Result<Vec<Flight>, CliError> {
     Ok(vec![own])
 }
 
-fn mended(path: &Path, done: &Mended) -> String {
+fn repaired(path: &Path, done: &Repair) -> String {
     format!(
-        "{}: {} files mended, with {} steps{}",
+        "{}: files repaired: {}, steps: {}{}",
         path.display(),
         done.parts,
         done.steps,
         match done.empty {
             0 => String::new(),
-            n => format!("; {n} without a step removed"),
+            n => format!("; removed without a step: {n}"),
         }
     )
 }
 
 /// The newest flights below a recorder's directory that have ended, for the page.
 pub fn earlier(directory: &str) -> Vec<FlightLine> {
-    // Without a recorder there is none, and one that cannot be read is for `alight flights` to report.
+    // Without a recorder no flight is recorded, and a directory that cannot be read is for `alight flights` to report.
     let all = store::flights(Path::new(directory)).unwrap_or_default();
     let ended = all.iter().rev().filter(|f| !f.is_running());
     ended
@@ -143,7 +143,7 @@ impl Row {
             summary: summary.unwrap_or_default(),
         }
     }
-    /// The figures in words.
+    /// The metrics as text.
     fn figures(&self) -> String {
         let of = |name: &str| self.summary.figures.get(name).copied();
         let counted = |name: &str, one: &str, more: &str| {
@@ -183,7 +183,7 @@ fn table(rows: &[Row]) -> String {
         "files",
         "computer",
         "outcome",
-        "figures",
+        "metrics",
     ];
     let mut table = Table::new(1..3, heads);
     for row in rows {

@@ -18,10 +18,10 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::tags::{of_vessel, suggested};
 use clap::Args;
 
-use crate::status::finding::Level;
+use crate::status::finding::FindingLevel;
 use crate::tools::{check, tag};
 
-/// Where the files go.
+/// Directory of the files.
 #[derive(Args, Debug)]
 #[command(
     after_help = "An empty answer keeps what stands in brackets. The answers may come from a file, a line each:\n\
@@ -219,7 +219,7 @@ impl Boat {
             .collect();
         self.set(INERTIA, &format!("[{}]", scaled.join(", ")));
     }
-    /// What follows from the answers: names of certificates, greatest thrust, tags that suit the deck.
+    /// Values that follow from the answers: names of certificates, maximum thrust, tags that suit the deck.
     fn derive(&mut self) -> Result<(), CliError> {
         let hovers = |boat: &mut Boat| {
             let mass_kg = boat.number("drone.airframe", "mass_kg");
@@ -325,7 +325,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         }
         Ok(line.trim().to_owned())
     }
-    /// Asks until `take` accepts the answer. What it does not accept is said, a few times.
+    /// Asks until `take` accepts the answer. What it does not accept is reported, a few times.
     fn until(
         &mut self,
         question: &str,
@@ -492,11 +492,11 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     drop(installer);
     std::fs::create_dir_all(&args.out).doing(format_args!("making {}", args.out.display()))?;
     let (vessel, drone) = boat.check()?;
-    let mut worst = Level::Fine;
+    let mut worst = FindingLevel::Fine;
     let [first, second] = &files;
     write_new(first, &boat.vessel)?;
     write_new(second, &boat.drone).inspect_err(|_| {
-        // Both or none: with one of them the next try would be refused.
+        // Both or none: with one of them the next try would be rejected.
         let _stays = std::fs::remove_file(first);
     })?;
     for path in &files {

@@ -19,12 +19,12 @@ const MAX_SHOWN: usize = 256;
 /// Certificates.
 #[derive(Args, Debug)]
 pub struct KeysArgs {
-    /// What to make or show.
+    /// Certificates to make or show.
     #[command(subcommand)]
     pub what: KeysVerb,
 }
 
-/// What to make.
+/// Certificate to make.
 #[derive(Subcommand, Debug)]
 #[command(after_help = "Start with:\n  alight keys init --dir keys\n  \
 alight keys vessel 1 --dir keys --address 192.168.7.1\n  alight keys drone 1 --dir keys\n\n\
@@ -60,7 +60,7 @@ pub enum KeysVerb {
 /// One side.
 #[derive(Args, Debug)]
 pub struct SideArgs {
-    /// Its number in the configuration (vessel_id, drone_id)
+    /// The number in the configuration (vessel_id, drone_id)
     pub name: u32,
     /// Directory of the authority
     #[arg(long, value_name = "DIR", default_value = "keys")]

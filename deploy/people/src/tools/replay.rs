@@ -26,7 +26,7 @@ use crate::tools::view::start_viewer;
 #[derive(Args, Debug)]
 #[command(
     after_help = "With --view a flight is held back to real time once the drone has appeared. It waits for no viewer,\n\
-and ends when it is over, or 10 s later while somebody still looks on."
+and ends when it is over, or 10 s later while there is a viewer."
 )]
 pub struct ReplayArgs {
     /// Recording (`alight trial --record FILE.mcap`), or a flight of the recorder (`alight flights`), or one of its files
@@ -35,7 +35,7 @@ pub struct ReplayArgs {
     /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
-    /// Draw the last landing to an SVG, as the drone believed it: path, displacement, velocities, angles
+    /// Draw the last landing to an SVG, by the drone's own estimate: path, displacement, velocities, angles
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
     /// Whether and where people look on.
@@ -46,7 +46,7 @@ pub struct ReplayArgs {
     pub form: Form,
 }
 
-/// What only the laboratory has.
+/// Parts that only the laboratory has.
 pub struct Laboratory<'a> {
     /// The law of a recorded planner that the drone does not carry: a baseline.
     pub law: ForeignLaw<'a>,
@@ -185,7 +185,7 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
     Ok(watcher)
 }
 
-/// What is recorded at `path`; says what of it has no end.
+/// Log of the recording at `path`; reports files of it that have no end.
 fn recorded(path: &Path) -> Result<Log, CliError> {
     let log = Log::open(path)?;
     if log.starts.iter().all(|s| s.header.process == WORLD) {

@@ -19,11 +19,11 @@ use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 
 use crate::ros2::diagnostics::Diagnostics;
-use crate::ros2::messages::{DiagnosticArray, Odometry, PoseWithCovarianceStamped, Stamp, TfMessage};
+use crate::ros2::messages::{DiagnosticArray, PoseWithCovarianceStamped, RosOdometry, RosTime, TfMessage};
 use crate::ros2::names::{Distro, MAX_DOMAIN, RosNode};
 use crate::ros2::orders::{Caller, Orders, is_late};
 use crate::ros2::poses::Poses;
-use crate::ros2::session::{Place, Request, Session, Topic};
+use crate::ros2::session::{Request, RosConnection, RosSession, RosTopic};
 use crate::status::Status;
 
 /// Whose node, and where ROS is.
@@ -65,7 +65,8 @@ pub struct Ros2Args {
 
 /// Why an order is not passed on.
 const ABSENT: &str = "not ordered: no process reports on this computer (systemctl status alight-drone)";
-const UNKNOWN: &str = "not ordered: these processes have no configuration beside their memory (--config)";
+const UNKNOWN: &str =
+    "not ordered: these processes have no configuration in addition to their memory (--config)";
 const ENDS: &str = "not ordered: alight ros2 ends";
 /// Looks at the computer's messages this often, and publishes no more often: 20 Hz.
 const PERIOD: Duration = Duration::from_millis(50);
@@ -94,15 +95,15 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
     } else {
         args.subject.fixed()?
     };
-    let mut look = Look::at(subject)?;
+    let mut look = ComputerObserver::at(subject)?;
     let node = RosNode::new(args.domain, &args.namespace, name(&look.computer), args.distro)?;
     let place = match &args.listen {
-        Some(here) => Place::Here(here.clone()),
-        None => Place::Router(args.connect.clone()),
+        Some(here) => RosConnection::Here(here.clone()),
+        None => RosConnection::Router(args.connect.clone()),
     };
     let mut diagnostics = Diagnostics::of(node.name());
-    let mut session = Session::of(node.clone(), place);
-    let to_diagnostics: Topic<DiagnosticArray> = session.topic("/diagnostics".into(), DEPTH);
+    let mut session = RosSession::of(node.clone(), place);
+    let to_diagnostics: RosTopic<DiagnosticArray> = session.topic("/diagnostics".into(), DEPTH);
     let mut drone = match &look.computer {
         Computer::Drone(_) => Some(Drone::of(&node, args, &mut session)),
         Computer::Vessel(_) => None,
@@ -112,22 +113,22 @@ pub fn run(args: &Ros2Args) -> Result<Exit, CliError> {
         if let Some(line) = session.poll(steady_ns()) {
             terminal::line(line);
         }
-        let seen = look.poll()?;
+        let snapshot = look.poll()?;
         if let Some(drone) = &mut drone {
-            match seen {
+            match snapshot {
                 Some((Computer::Drone(computer), ports)) => drone.step(computer, ports, &mut session),
-                Some((Computer::Vessel(_), _)) | None => drone.refuse(&session, ABSENT),
+                Some((Computer::Vessel(_), _)) | None => drone.reject(&session, ABSENT),
             }
         }
         if steady_ns().saturating_sub(judged_ns) >= DIAGNOSTICS_NS {
             judged_ns = steady_ns();
-            let all = diagnostics.array(&look.status(), Stamp::from_nanos(wall_ns()));
+            let all = diagnostics.array(&look.status(), RosTime::from_nanos(wall_ns()));
             session.publish(&to_diagnostics, &all);
         }
         pause(PERIOD);
     }
     if let Some(drone) = &mut drone {
-        drone.refuse(&session, ENDS);
+        drone.reject(&session, ENDS);
     }
     Ok(Exit::Success)
 }
@@ -146,7 +147,7 @@ struct Ports {
     commands: Publisher<Command>,
     /// The configuration is what these processes run by.
     is_configured: bool,
-    /// Its configuration was found, so that orders have the right number.
+    /// Whether its configuration was found, so that orders have the right number.
     is_known: bool,
     /// Goes last: the others lie in it.
     _memory: Memory,
@@ -166,7 +167,7 @@ impl Ports {
 }
 
 /// Looks at the computer's processes whenever they run.
-struct Look {
+struct ComputerObserver {
     subject: Subject,
     computer: Computer,
     configured: ComputerReport,
@@ -176,10 +177,10 @@ struct Look {
     unread: Option<(String, i64)>,
 }
 
-impl Look {
-    fn at(subject: Subject) -> Result<Look, CliError> {
+impl ComputerObserver {
+    fn at(subject: Subject) -> Result<ComputerObserver, CliError> {
         let computer = subject.computer()?;
-        Ok(Look {
+        Ok(ComputerObserver {
             configured: configured(&computer),
             joined: Rejoined::of(computer.instance())?,
             runs: false,
@@ -230,25 +231,25 @@ impl Look {
         }
         Ok(Some((&self.computer, ports)))
     }
-    /// What is known by now, and what it means.
+    /// The newest messages, and the status by them.
     fn status(&self) -> Status {
         let ports = self.joined.ports.as_ref().filter(|_| self.runs);
         Status::look(ports.map(|p| &p.observer.snapshot), &self.configured)
     }
 }
 
-/// What the drone's computer has beside diagnostics.
+/// Publishers of the drone's computer in addition to diagnostics.
 struct Drone {
     poses: Poses,
     orders: Orders<Request>,
-    odometry: Topic<Odometry>,
-    deck_odometry: Topic<Odometry>,
-    deck_pose: Topic<PoseWithCovarianceStamped>,
-    transforms: Topic<TfMessage>,
+    odometry: RosTopic<RosOdometry>,
+    deck_odometry: RosTopic<RosOdometry>,
+    deck_pose: RosTopic<PoseWithCovarianceStamped>,
+    transforms: RosTopic<TfMessage>,
 }
 
 impl Drone {
-    fn of(node: &RosNode, args: &Ros2Args, session: &mut Session) -> Drone {
+    fn of(node: &RosNode, args: &Ros2Args, session: &mut RosSession) -> Drone {
         if args.orders {
             session.service(node.private("land"), CommandKind::Land);
             session.service(node.private("abort"), CommandKind::Abort);
@@ -262,35 +263,35 @@ impl Drone {
             transforms: session.topic("/tf".into(), TF_DEPTH),
         }
     }
-    /// Answers every order where there is nobody to give it to.
-    fn refuse(&mut self, session: &Session, why: &str) {
+    /// Answers every order where there is no mission to give it to.
+    fn reject(&mut self, session: &RosSession, why: &str) {
         self.orders.answer(false, why);
         while let Some(request) = session.request() {
             request.reply(false, why);
         }
     }
     /// Passes on what is ordered, and publishes what is new.
-    fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut Session) {
+    fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut RosSession) {
         while let Some(request) = session.request() {
             if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {
                 request.reply(false, &why);
                 continue;
             }
-            // A landing of a wrong number is none; an abort is tried.
+            // A landing of a wrong number is not taken; an abort is tried.
             if !ports.is_known && request.kind != CommandKind::Abort {
                 request.reply(false, UNKNOWN);
                 continue;
             }
             self.orders.take(request.kind, request, computer, steady_ns());
         }
-        let seen = &ports.observer.snapshot;
-        let mission = seen.mission.fresh(steady_ns());
+        let snapshot = &ports.observer.snapshot;
+        let mission = snapshot.mission.fresh(steady_ns());
         let due = self.orders.poll(computer.bridge.drone_id, mission, steady_ns());
         ports.commands.send_any(due.as_ref());
         // The drone's clock against the system's, which may be set at any time.
         let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();
         let stamp = |at: Time<DroneClock>| at.nanos().saturating_add(ahead_ns);
-        let new = self.poses.newer(seen, stamp);
+        let new = self.poses.newer(snapshot, stamp);
         if let Some(drone) = &new.drone {
             session.publish(&self.odometry, drone);
         }

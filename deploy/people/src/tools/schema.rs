@@ -3,15 +3,13 @@
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::table::{Cell, Table};
-use alight_computer::terminal;
+use alight_computer::terminal::{self, WIDTH, wrap};
 use alight_shared::msg::MESSAGE_VERSION;
 use alight_shared::schema;
 use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
 use serde_json::json;
 
-/// Width of a terminal.
-const WIDTH: usize = 80;
 /// Descriptions stand below their fields, so far in.
 const INDENT: usize = 4;
 
@@ -112,24 +110,11 @@ fn fields(topic: &Topic) -> String {
         } else {
             format!("[{}] ", stated.join("; "))
         };
-        lines.extend(wrapped(&format!("{stated}{}", f.description)));
+        let mut text = " ".repeat(INDENT - 1);
+        wrap(&mut text, INDENT, WIDTH, &format!("{stated}{}", f.description));
+        lines.extend((!text.trim().is_empty()).then_some(text));
     }
     lines.join("\n")
-}
-
-/// A description in lines that fit.
-fn wrapped(text: &str) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= WIDTH => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(format!("{:INDENT$}{word}", "")),
-        }
-    }
-    lines
 }
 
 #[cfg(test)]

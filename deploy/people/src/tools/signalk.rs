@@ -51,7 +51,7 @@ pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
             "--connect {url}: write ws://HOST:3000, or ws://HOST:3000?token=FILE"
         )));
     };
-    let mut look = Look::at(&args.subject.fixed()?)?;
+    let mut look = ComputerObserver::at(&args.subject.fixed()?)?;
     runtime::block_on(async {
         let (mut deltas, mut retry) = (Deltas::default(), Retry::default());
         while !end_requested() {
@@ -89,11 +89,11 @@ async fn wait(pause: Duration) {
     }
 }
 
-/// When a server is tried again, and what is said of it.
+/// Time at which a server is tried again, and the report of it.
 #[derive(Debug)]
 struct Retry {
-    /// What was said of it last; None: that it takes what it is sent.
-    said: Option<String>,
+    /// Newest report; None: the server takes the messages.
+    reported: Option<String>,
     pause: Duration,
     connected: bool,
 }
@@ -101,7 +101,7 @@ struct Retry {
 impl Default for Retry {
     fn default() -> Self {
         Retry {
-            said: None,
+            reported: None,
             pause: RETRY,
             connected: false,
         }
@@ -111,7 +111,7 @@ impl Default for Retry {
 impl Retry {
     /// A delta was sent, and the connection is still there: whether that is news.
     fn taken(&mut self) -> bool {
-        (self.said, self.pause) = (None, RETRY);
+        (self.reported, self.pause) = (None, RETRY);
         !core::mem::replace(&mut self.connected, true)
     }
     /// There is no connection, or none any more: whether that is news, and how long to wait.
@@ -119,8 +119,8 @@ impl Retry {
         let pause = self.pause;
         self.pause = (2 * pause).min(MAX_RETRY);
         self.connected = false;
-        let is_news = self.said.as_deref() != Some(why);
-        self.said = Some(why.into());
+        let is_news = self.reported.as_deref() != Some(why);
+        self.reported = Some(why.into());
         (is_news, pause)
     }
 }
@@ -130,7 +130,7 @@ impl Retry {
 async fn publish(
     mut socket: SignalKSocket,
     deltas: &mut Deltas,
-    look: &mut Look,
+    look: &mut ComputerObserver,
     mut taken: impl FnMut(),
 ) -> std::io::Result<()> {
     let mut due = interval(PERIOD);
@@ -155,22 +155,22 @@ async fn publish(
 }
 
 /// Looks at the computer's processes whenever they run.
-struct Look {
+struct ComputerObserver {
     configured: ComputerReport,
     follower: Follower,
 }
 
-impl Look {
-    fn at(subject: &Subject) -> Result<Look, CliError> {
+impl ComputerObserver {
+    fn at(subject: &Subject) -> Result<ComputerObserver, CliError> {
         let computer = subject.computer()?;
-        Ok(Look {
+        Ok(ComputerObserver {
             follower: Follower::of(computer.instance(), "signalk")?,
             configured: configured(&computer),
         })
     }
     fn status(&mut self) -> Status {
-        let seen = self.follower.poll().map(|(_, seen)| seen);
-        Status::look(seen.filter(|s| !s.processes.is_empty()), &self.configured)
+        let snapshot = self.follower.poll().map(|(_, snapshot)| snapshot);
+        Status::look(snapshot.filter(|s| !s.processes.is_empty()), &self.configured)
     }
 }
 
@@ -191,7 +191,7 @@ mod tests {
         let mut retry = Retry::default();
         let pauses: Vec<u64> = (0..6).map(|_| retry.failed("refused").1.as_secs()).collect();
         assert_eq!(pauses, [2, 4, 8, 16, 32, 32]);
-        assert!(!retry.failed("refused").0, "said once");
+        assert!(!retry.failed("refused").0, "reported once");
         assert!(retry.failed("closed").0 && !retry.failed("closed").0);
         assert!(retry.taken() && !retry.taken());
         assert_eq!(retry.failed("closed"), (true, RETRY));
@@ -207,7 +207,7 @@ mod tests {
             config: Some(path.clone()),
             ..Subject::default()
         };
-        let mut look = Look::at(&subject).unwrap();
+        let mut look = ComputerObserver::at(&subject).unwrap();
         std::fs::remove_file(path).unwrap();
         let mut status = look.status();
         assert!(!status.running && status.title == "vessel 7");

@@ -38,7 +38,7 @@ pub struct TagArgs {
 
 /// A paper of ISO 216, upright.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the names say it")]
+#[allow(missing_docs, reason = "the names state it")]
 pub enum Paper {
     A0,
     A1,
@@ -141,7 +141,7 @@ fn listed(tags: &[DeckTag]) -> String {
 
 /// Points of a PDF in a millimetre.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;
-/// Room around a tile for its marks and words, mm; printers leave 5 mm blank.
+/// Room around a tile for its marks and legend, mm; printers leave 5 mm blank.
 const BORDER_MM: f64 = 15.0;
 /// Length of cutting marks, mm, and their distance from the corner.
 const MARK_MM: [f64; 2] = [5.0, 1.0];
@@ -204,7 +204,7 @@ impl Page {
         }
         self.content.set_fill_gray(0.0);
     }
-    /// A line of 100 mm, by which a person sees whether the printer kept the scale.
+    /// A line of 100 mm, which shows whether the printer kept the scale.
     fn ruler(&mut self) {
         let y = 4.0;
         self.line([BORDER_MM, y], [BORDER_MM + 100.0, y]);
@@ -313,14 +313,14 @@ impl Sheets {
                     page.line([corner_x, from[1]], [corner_x, from[1] + out_y * length]);
                 }
             }
-            let words = format!(
+            let legend = format!(
                 "Tag {} of 36h11, black side {:.1} mm; row {} of {rows}, column {} of {columns}; this edge forward",
                 tag.id,
                 1e3 * tag.side_m,
                 row + 1,
                 column + 1
             );
-            page.text(BORDER_MM, y + height + MARK_MM[0] + 3.0, 3.0, &words);
+            page.text(BORDER_MM, y + height + MARK_MM[0] + 3.0, 3.0, &legend);
             page.text(BORDER_MM, y - MARK_MM[0] - 4.0, 3.0, &self.whose);
             page.ruler();
             self.pages.push(page);

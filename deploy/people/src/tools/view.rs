@@ -29,10 +29,10 @@ use crate::status::Status;
 use crate::tools::{flights, view_vessel};
 use crate::view::camera::CameraFeed;
 use crate::view::memory_feed::MemoryFeed;
-use crate::view::server::{Order, Served};
+use crate::view::server::{PageOrder, Served};
 use crate::view::watcher::Watcher;
 
-/// What is to be shown, and where.
+/// Subject of the view, and its address.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight view\n\
@@ -59,12 +59,12 @@ pub struct ViewCommand {
 
 /// Time between two looks; the display rates of recordings lie on this grid.
 const LOOK_PERIOD_NS: i64 = 20_000_000;
-/// The same when there is only the page to show.
+/// The view when there is only the page to show.
 const PAGE_PERIOD: Duration = Duration::from_millis(100);
-/// The name is asked again after this long when nothing runs under it.
+/// The name is asked again after this long when no process runs with it.
 const ABSENT_PAUSE: Duration = Duration::from_millis(500);
 
-/// Where it is served: the flags over the configuration.
+/// Address at which it is served: the flags over the configuration.
 fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     let address = |text: &str| {
         text.parse::<SocketAddr>()
@@ -81,7 +81,7 @@ fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     })
 }
 
-/// Starts the view of a flight that is computed; gives it with the lines that say where it is served.
+/// Starts the view of a flight that is computed; gives it with the lines with its addresses.
 pub fn start_viewer(
     view: &ViewConfig,
     name: &str,
@@ -95,8 +95,8 @@ pub fn start_viewer(
 
 /// Shows until it is asked to end.
 pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
-    // The first question puts the signal's handler in place.
-    let told_to_end = end_with_supervisor(args.supervised);
+    // The first call installs the signal's handler.
+    let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);
     }
@@ -107,7 +107,7 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
         }
         view
     };
-    let ends = || end_requested() || told_to_end.load(Ordering::Relaxed);
+    let ends = || end_requested() || stop_requested.load(Ordering::Relaxed);
     let subject = args.subject.fixed()?;
     match subject.computer()? {
         Computer::Vessel(v) => vessel(&v, &over(v.view.clone()), &ends),
@@ -127,7 +127,7 @@ fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool)
     let served = served(view, "vessel")?;
     let server = crate::view::server::Server::start(served)?;
     server.lines().iter().for_each(terminal::line);
-    let mut look = view_vessel::Look::new(computer, view.abort)?;
+    let mut look = view_vessel::VesselObserver::new(computer, view.abort)?;
     while !ends() {
         server.show(look.picture(steady_ns()));
         look.close_deck(server.order());
@@ -183,7 +183,7 @@ fn drone(
         } else {
             PAGE_PERIOD
         };
-        // Whoever asks consumes the signal: it has to be passed on.
+        // The call consumes the signal: it has to be passed on.
         if !ports.memory.wait(wait) {
             break;
         }
@@ -191,7 +191,7 @@ fn drone(
     Ok(Exit::Success)
 }
 
-fn reject(order: Option<Order>) {
+fn reject(order: Option<PageOrder>) {
     if let Some(order) = order {
         // Who gave it may have gone.
         let _gone = order.reply.send(Err("no mission runs".into()));
@@ -206,7 +206,7 @@ struct Ports {
     commands: Publisher<Command>,
     reports: Publisher<ProcessState>,
     life: Life,
-    abort: Option<(LocalCommand, Order)>,
+    abort: Option<(LocalCommand, PageOrder)>,
 }
 
 impl Ports {
@@ -243,7 +243,7 @@ impl Ports {
     fn order(
         &mut self,
         computer: &DroneComputer,
-        given: Option<Order>,
+        given: Option<PageOrder>,
         mission: Option<&MissionState>,
     ) -> Option<String> {
         if let Some(order) = given {
@@ -327,13 +327,13 @@ mod tests {
         assert_eq!(shown.as_deref(), Some("Descent"));
 
         let (reply, mut answer) = tokio::sync::oneshot::channel();
-        let given = joined.order(&computer, Some(Order { reply }), descends.as_ref());
+        let given = joined.order(&computer, Some(PageOrder { reply }), descends.as_ref());
         assert_eq!(given, None);
         let sent = commands.newest(0).unwrap();
         assert_eq!(sent.kind, CommandKind::Abort);
         assert!(answer.try_recv().is_err(), "answered before the mission did");
         let (reply, mut second) = tokio::sync::oneshot::channel();
-        assert_eq!(joined.order(&computer, Some(Order { reply }), None), None);
+        assert_eq!(joined.order(&computer, Some(PageOrder { reply }), None), None);
         assert!(second.try_recv().unwrap().is_err(), "two at a time");
         let echo = Some([sent.header.boot, sent.header.sequence]);
         let (gave_up, _) = show(&mut joined, State::GaveUp, echo);

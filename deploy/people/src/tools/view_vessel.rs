@@ -17,7 +17,7 @@ use crate::status::Status;
 use crate::tools::flights;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
-use crate::view::server::Order;
+use crate::view::server::PageOrder;
 
 /// Changes of drones' states that are kept.
 const LOG_LINES: usize = 12;
@@ -25,33 +25,33 @@ const LOG_LINES: usize = 12;
 const DRONES: usize = 32;
 
 /// Looks at the vessel's status, again and again.
-pub struct Look<'a> {
+pub struct VesselObserver<'a> {
     computer: &'a VesselComputer,
     aboard: Follower,
     configured: ComputerReport,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
-    seen_ns: i64,
+    ended_ns: i64,
     states: BTreeMap<u32, State>,
     log: VecDeque<(i64, String)>,
     /// Flights that had ended when the look began, as the vessel's own process does.
     earlier: Vec<FlightLine>,
-    /// When the newest flight ended that was seen to, how and why.
+    /// Time at which the newest listed flight ended, how and why.
     result: Option<(i64, &'static str, String)>,
     order: OrderView,
     /// The page's order under way to the vessel's process.
-    given: Option<(OrderOnItsWay, Order)>,
+    given: Option<(OrderOnItsWay, PageOrder)>,
 }
 
-impl<'a> Look<'a> {
+impl<'a> VesselObserver<'a> {
     /// At this vessel; `may_order`: the page may close her deck.
-    pub fn new(computer: &'a VesselComputer, may_order: bool) -> Result<Look<'a>, CliError> {
-        Ok(Look {
+    pub fn new(computer: &'a VesselComputer, may_order: bool) -> Result<VesselObserver<'a>, CliError> {
+        Ok(VesselObserver {
             computer,
             aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
             configured: Facts::vessel(computer).report,
             motion: MotionHistory::default(),
-            seen_ns: i64::MIN,
+            ended_ns: i64::MIN,
             states: BTreeMap::new(),
             log: VecDeque::new(),
             earlier: flights::earlier(&computer.recorder.directory),
@@ -63,8 +63,8 @@ impl<'a> Look<'a> {
             given: None,
         })
     }
-    /// The crew's word on the deck, as `alight command deck closed` gives it.
-    pub fn close_deck(&mut self, order: Option<Order>) {
+    /// The crew's order for the deck, as `alight command deck closed` gives it.
+    pub fn close_deck(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {
             let memory = self.aboard.poll().map(|(memory, _)| memory);
             let given = match memory.filter(|_| self.given.is_none()) {
@@ -88,21 +88,21 @@ impl<'a> Look<'a> {
             self.answer(order, answer);
         }
     }
-    fn answer(&mut self, order: Order, answer: Result<String, String>) {
+    fn answer(&mut self, order: PageOrder, answer: Result<String, String>) {
         self.order.answer = answer.clone().unwrap_or_else(|e| e);
         // Who gave it may have gone.
         let _gone = order.reply.send(answer);
     }
     /// The picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
-        let Some((_, seen)) = self.aboard.poll() else {
+        let Some((_, snapshot)) = self.aboard.poll() else {
             return Picture {
                 status: Status::absent(&self.configured),
                 result: self.result(now_ns),
                 ..Picture::default()
             };
         };
-        let situation = Situation::look(seen, &self.configured, now_ns);
+        let situation = Situation::look(snapshot, &self.configured, now_ns);
         self.take(&situation);
         let ago = |(at, text): &(i64, String)| LogLine {
             ago_s: situation.since_s(*at),
@@ -131,16 +131,16 @@ impl<'a> Look<'a> {
         })
     }
 
-    /// What is new in it.
+    /// News in it.
     fn take(&mut self, s: &Situation) {
         let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
             return;
         };
         let at_ns = process.at_ns;
-        if at_ns <= self.seen_ns {
+        if at_ns <= self.ended_ns {
             return;
         }
-        self.seen_ns = at_ns;
+        self.ended_ns = at_ns;
         let samples = &status.estimator.motion;
         // They were taken evenly over the half second before.
         let step_ns = 500_000_000 / i64::try_from(samples.len().max(1)).unwrap_or(1);
@@ -158,7 +158,7 @@ impl<'a> Look<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                // Whoever looks on since it stood on the deck has seen no flight.
+                // Whoever looks on since it stood on the deck has observed no flight.
                 if let (Some(ended), Some(_)) = (state.ending(), before) {
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));
                 }

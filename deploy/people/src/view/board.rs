@@ -20,7 +20,7 @@ use crate::view::camera_image::ShownImage;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView};
 use crate::view::scene::scene;
-use crate::view::track::Track;
+use crate::view::track::GroundTrack;
 
 /// Changes of state that are kept.
 const LOG_LINES: usize = 12;
@@ -51,14 +51,14 @@ impl Ended {
     }
 }
 
-/// What is known of a flight.
+/// Messages of a flight.
 pub struct Board {
-    /// What is known of the computer.
+    /// Messages of the computer.
     pub situation: Situation,
     /// Roll, pitch (rad) and height (m) by the vessel's own estimate, and when it came.
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
-    track: Track,
+    track: GroundTrack,
     /// The newest motion is the vessel's own estimate of it.
     is_own: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
@@ -88,7 +88,7 @@ impl Board {
             },
             own_motion: None,
             motion: MotionHistory::default(),
-            track: Track::default(),
+            track: GroundTrack::default(),
             is_own: false,
             log: VecDeque::new(),
             flights: VecDeque::new(),
@@ -112,7 +112,7 @@ impl Board {
             heights_m: self.heights_m,
             ..Board::new(known)
         };
-        self.situation.seen.since_ns = t.nanos();
+        self.situation.snapshot.since_ns = t.nanos();
     }
     /// A step of the vessel.
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
@@ -124,18 +124,18 @@ impl Board {
     }
     /// A step of the bridge.
     pub fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
-        let seen = &mut self.situation.seen;
-        seen.link.set(t.nanos(), o.link);
-        seen.grant.set(t.nanos(), o.deck);
-        seen.wave.set(t.nanos(), o.wave);
+        let snapshot = &mut self.situation.snapshot;
+        snapshot.link.set(t.nanos(), o.link);
+        snapshot.grant.set(t.nanos(), o.deck);
+        snapshot.wave.set(t.nanos(), o.wave);
     }
     /// A step of the predictor.
     pub fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
-        self.situation.seen.drone.set(t.nanos(), i.drone);
-        self.situation.seen.forecast.set(t.nanos(), o.forecast);
+        self.situation.snapshot.drone.set(t.nanos(), i.drone);
+        self.situation.snapshot.forecast.set(t.nanos(), o.forecast);
         if let Some(drone) = i.drone {
             let ground = |[north, east, _]: [f64; 3]| [north, east];
-            let forecast = self.situation.seen.forecast.fresh(t.nanos());
+            let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
             let deck = forecast.and_then(|f| f.stages.first());
             let deck = deck.map(|s| ground(s.position));
             self.track
@@ -145,34 +145,34 @@ impl Board {
     }
     /// A step of the mission.
     pub fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        let was_armed = self.situation.seen.autopilot.map(|a| a.armed);
+        let was_armed = self.situation.snapshot.autopilot.map(|a| a.armed);
         if was_armed == Some(false) && i.autopilot.is_some_and(|a| a.armed) {
             self.flight_begins();
         }
-        self.situation.seen.autopilot.set(t.nanos(), i.autopilot);
+        self.situation.snapshot.autopilot.set(t.nanos(), i.autopilot);
         if let Some(m) = &o.state {
             self.entered(t, m);
             self.flare_m = flare_m(m).or(self.flare_m);
         }
-        self.situation.seen.mission.set(t.nanos(), o.state);
+        self.situation.snapshot.mission.set(t.nanos(), o.state);
     }
     /// A step of the planner.
     pub fn planner(&mut self, t: Time<TrueTime>, o: &PlannerOut) {
-        self.situation.seen.plan.set(t.nanos(), o.plan);
+        self.situation.snapshot.plan.set(t.nanos(), o.plan);
     }
     /// A step of the pilot.
     pub fn pilot(&mut self, o: &PilotOut) {
         let newest = o.set_point.map(|s| s.response);
-        self.situation.seen.response = newest.or(self.situation.seen.response);
+        self.situation.snapshot.response = newest.or(self.situation.snapshot.response);
     }
-    /// What the computer reports of itself.
+    /// Report of the computer about itself.
     pub fn reported(&mut self, report: Option<ComputerReport>) {
         self.situation.known = report.unwrap_or(self.situation.known);
     }
     /// Reports of processes.
     pub fn processes(&mut self, reports: Vec<ProcessState>) {
         let reports = reports.into_iter().map(|p| (p.kind, p));
-        self.situation.seen.processes.extend(reports);
+        self.situation.snapshot.processes.extend(reports);
     }
 
     fn moved(&mut self, t: Time<TrueTime>, motion: Option<[f64; 3]>) {
@@ -181,7 +181,7 @@ impl Board {
     }
     /// The motion by the vessel's own estimate; by the drone's forecast where that does not come.
     fn sample(&mut self, t: Time<TrueTime>) {
-        let forecast = self.situation.seen.forecast.fresh(t.nanos());
+        let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
         let of_forecast = stage.map(|s| [s.euler[0], s.euler[1], -s.position[2]]);
         let fresh = |(at, _): &(Time<TrueTime>, _)| t - *at <= topics::ESTIMATE.stale_after;
@@ -212,7 +212,7 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // Who looks on since the drone stood on the deck has seen no flight.
+        // Who looks on since the drone stood on the deck has observed no flight.
         if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
@@ -264,7 +264,7 @@ impl Board {
             feet_m: self.heights_m.map(|[feet, _]| feet),
             freeboard_m: self.heights_m.map(|[_, freeboard]| freeboard),
             flare_m: self.flare_m,
-            ..scene(&self.situation.seen, t.nanos())?
+            ..scene(&self.situation.snapshot, t.nanos())?
         })
     }
 }

@@ -20,7 +20,7 @@ pub struct CameraFeed {
 }
 
 impl CameraFeed {
-    /// Shows the newest image, if there is one; the camera makes none while nobody looks.
+    /// Shows the newest image, if there is one; the camera makes none without a viewer.
     pub fn poll(&mut self, memory: &Memory, t: Time<TrueTime>, now: Time<DroneClock>, watcher: &mut Watcher) {
         if !watcher.server.is_watched() {
             self.images = None;
@@ -90,7 +90,7 @@ mod tests {
             watcher.board.picture(Time::from_secs(50.0)).camera
         };
         assert_eq!(poll(&mut watcher), None);
-        assert!(!camera.is_read(), "the camera works for nobody");
+        assert!(!camera.is_read(), "the camera works without a viewer");
 
         let to = watcher.server.page();
         let ask = |path: &str| {

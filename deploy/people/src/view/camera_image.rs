@@ -9,7 +9,7 @@ use crate::view::picture::CameraView;
 pub struct ShownImage {
     /// Middle of its exposure, on the board's clock.
     pub at: Time<TrueTime>,
-    /// The same on the drone's clock, ns.
+    /// The time on the drone's clock, ns.
     pub at_ns: i64,
     /// Tags and outlines of the deck in it.
     pub marks: [u32; 2],
@@ -27,7 +27,7 @@ impl ShownImage {
     }
 }
 
-/// What is drawn in, for people.
+/// Marks in it, for people.
 fn describe([tags, outlines]: [u32; 2]) -> String {
     let tags = match tags {
         0 => return "no tag of the deck is detected".into(),
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn camera_image_in_words() {
+    fn camera_image_as_text() {
         let shown = |marks| ShownImage {
             at: Time::from_secs(100.0),
             at_ns: 7_000_000,

@@ -2,7 +2,7 @@
 //!
 //! A connection that is accepted when all places are taken gets one all the same: of those that have not asked for anything
 //! yet the one that was silent longest is closed, and only without such a one a viewer. So whoever opens connections and
-//! sends nothing over them keeps nobody out.
+//! sends nothing over them keeps no other out.
 
 use std::future::Future;
 use std::io;
@@ -25,7 +25,7 @@ use tokio::time::{Instant, Sleep};
 const CONNECTIONS: usize = 64;
 /// Connections that wait to be taken.
 const BACKLOG: u32 = 64;
-/// What the kernel keeps for a viewer that does not read, bytes: a few pictures, so that one that reads slowly sees
+/// Buffer of the kernel for a viewer that does not read, bytes: a few pictures, so that one that reads slowly sees
 /// recent ones.
 const SEND_BUFFER_BYTES: u32 = 32 << 10;
 /// A connection over which nothing went for so long is closed, and one whose first request is not complete by then.
@@ -73,7 +73,7 @@ impl Guard {
                 let _ended = self.places.swap_remove(k).close.send(());
             }
         }
-        let peer = Peer::default();
+        let peer = ViewerPeer::default();
         peer.0.active_ns.store(steady_ns(), Ordering::Relaxed);
         let (close, closed) = oneshot::channel();
         self.places.push(Place {
@@ -106,7 +106,7 @@ impl Listener for Guard {
     }
 }
 
-/// What is known of a viewer.
+/// State of a viewer.
 #[derive(Debug, Default)]
 struct State {
     stalled: AtomicBool,
@@ -115,7 +115,7 @@ struct State {
 }
 
 impl State {
-    /// The one with the least of these gives way first: that has not asked, that was silent longest.
+    /// The one with the smallest of these gives way first: that has not asked, that was silent longest.
     fn order(&self) -> (bool, i64) {
         (
             self.asked.load(Ordering::Relaxed),
@@ -126,9 +126,9 @@ impl State {
 
 /// A viewer, as the handlers of its requests see it.
 #[derive(Clone, Debug, Default)]
-pub struct Peer(Arc<State>);
+pub struct ViewerPeer(Arc<State>);
 
-impl Peer {
+impl ViewerPeer {
     /// Whether it has not taken what was sent to it: it is sent nothing more until it has.
     pub fn is_stalled(&self) -> bool {
         self.0.stalled.load(Ordering::Relaxed)
@@ -139,8 +139,8 @@ impl Peer {
     }
 }
 
-impl Connected<IncomingStream<'_, Guard>> for Peer {
-    fn connect_info(stream: IncomingStream<'_, Guard>) -> Peer {
+impl Connected<IncomingStream<'_, Guard>> for ViewerPeer {
+    fn connect_info(stream: IncomingStream<'_, Guard>) -> ViewerPeer {
         stream.io().peer.clone()
     }
 }
@@ -148,7 +148,7 @@ impl Connected<IncomingStream<'_, Guard>> for Peer {
 /// The connection of a viewer.
 pub struct Connection {
     stream: TcpStream,
-    peer: Peer,
+    peer: ViewerPeer,
     /// Comes when its place is given to another.
     closed: Option<oneshot::Receiver<()>>,
     idle: Pin<Box<Sleep>>,

@@ -6,7 +6,7 @@ use alight_computer::record::sink::{Channel, OpenChannels, TakeMessages};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use mcap::McapError;
 
-/// Channels of a server. A message of a channel that nobody has subscribed to is not even encoded.
+/// Channels of a server. A message of a channel without a subscriber is not even encoded.
 pub struct LiveSink {
     context: Arc<Context>,
     channels: Vec<Arc<RawChannel>>,

@@ -77,7 +77,7 @@ impl MemoryFeed {
         };
         watcher.step(t, NodeStep::Bridge(now, &BridgeIn::default(), &bridge));
         watcher.received(t, &bridge);
-        let seen = PredictorIn {
+        let input = PredictorIn {
             tags: self.tags.all(ns),
             uvdar: self.uvdar.all(ns),
             ranges: self.ranges.all(ns),
@@ -88,7 +88,7 @@ impl MemoryFeed {
             forecast: self.forecast.newest(ns),
             ..PredictorOut::default()
         };
-        watcher.step(t, NodeStep::Predictor(now, &seen, &predicted));
+        watcher.step(t, NodeStep::Predictor(now, &input, &predicted));
         let plan = self.plan.newest(ns);
         let planned = PlannerOut { plan };
         watcher.step(t, NodeStep::Planner(now, &PlannerIn::default(), &planned));

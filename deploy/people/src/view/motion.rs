@@ -94,7 +94,7 @@ mod tests {
         let heave: Vec<f64> = view.heave_m.iter().flatten().copied().collect();
         assert!(heave.iter().all(|h| h.abs() <= 1.01), "{heave:?}");
         assert_eq!(view.pitch_deg.last(), Some(&Some(-11.46)));
-        // A jump of the clock begins anew.
+        // A jump of the clock begins again.
         history.add(at(10), Some([0.0; 3]));
         assert_eq!(history.view().roll_deg, [Some(0.0)]);
     }

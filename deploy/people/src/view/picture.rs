@@ -6,18 +6,18 @@ use crate::status::Status;
 
 /// Something on a path or a body: forward of the deck's centre at the same time along the vessel's mean heading, to
 /// starboard, up, m.
-pub type Place = [f64; 3];
+pub type DeckPoint = [f64; 3];
 
-/// The drone beside the deck.
+/// The drone next to the deck.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DroneView {
-    /// Its centre of mass.
-    pub at: Place,
+    /// The centre of mass.
+    pub at: DeckPoint,
     /// The speed at which its height above the deck's centre shrinks, m/s.
     pub closing_mps: f64,
     /// Roll, pitch, and heading against the vessel's mean heading, deg.
     pub euler_deg: [f64; 3],
-    /// Its odometry is old.
+    /// Whether its odometry is old.
     pub stale: bool,
 }
 
@@ -51,17 +51,17 @@ pub struct SceneView {
     pub flare_m: Option<f64>,
     /// The planned contact, while a plan means to touch.
     pub contact: Option<ContactView>,
-    /// No forecast came of late.
+    /// No forecast came recently.
     pub forecast_stale: bool,
-    /// Where the drone's centre of mass is planned to be, until the planned contact.
-    pub plan: Vec<Place>,
-    /// No plan came of late.
+    /// Planned places of the drone's centre of mass, until the planned contact.
+    pub plan: Vec<DeckPoint>,
+    /// No plan came recently.
     pub plan_stale: bool,
     /// The drone.
     pub drone: Option<DroneView>,
 }
 
-/// The deck's motion of late, oldest first; None where nothing was known.
+/// The deck's recent motion, oldest first; None where nothing was known.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MotionView {
     /// Time between two samples, s.
@@ -74,7 +74,7 @@ pub struct MotionView {
     pub heave_m: Vec<Option<f64>>,
 }
 
-/// Where drone and deck were over ground, one sample every two seconds, oldest first: metres to north and east of the newest
+/// Places of drone and deck over ground, one sample every two seconds, oldest first: metres to north and east of the newest
 /// place of the deck; None where it was not known.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TrackView {
@@ -89,7 +89,7 @@ pub struct TrackView {
 pub struct LogLine {
     /// So long ago, s.
     pub ago_s: f64,
-    /// What.
+    /// The text.
     pub text: String,
 }
 
@@ -98,7 +98,7 @@ pub struct LogLine {
 pub struct ResultView {
     /// So long ago, s.
     pub ago_s: f64,
-    /// How: landed, gave up.
+    /// Outcome: landed, gave up.
     pub outcome: &'static str,
     /// Why, and its figures.
     pub text: String,
@@ -109,49 +109,49 @@ pub struct ResultView {
 pub struct FlightLine {
     /// When it ended: so long ago, or a date.
     pub when: String,
-    /// How: landed, gave up.
+    /// Outcome: landed, gave up.
     pub outcome: String,
     /// Why, and its figures.
     pub text: String,
 }
 
-/// The newest image of the drone's camera, which the page asks for by itself; whether the one that it shows is old, it knows.
+/// The newest image of the drone's camera, which the page asks for by itself, and whose age the page computes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraView {
     /// It differs from that of the image before.
     pub number: i64,
     /// Since the middle of its exposure, s.
     pub age_s: f64,
-    /// What is detected in it.
+    /// Detections in it.
     pub text: String,
 }
 
 /// The one order that the page can give.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct OrderView {
-    /// What the button says; None: it may not be given from here.
+    /// Text of the button; None: it may not be given from here.
     pub label: Option<&'static str>,
-    /// What became of the last one that was given; empty: none was.
+    /// Result of the newest order; empty: none was given.
     pub answer: String,
 }
 
 /// All of it: the object of `alight status --json`, and what only the page knows.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Picture {
-    /// When it was sent, on a steady clock, s: whoever shows it late can tell.
+    /// When it was sent, on a steady clock, s: a page that shows it late computes its age.
     pub clock_s: f64,
     /// The status.
     #[serde(flatten)]
     pub status: Status,
     /// Deck and drone; None: not known.
     pub scene: Option<SceneView>,
-    /// What the drone's camera sees; None: it has none, or none that runs.
+    /// Image of the drone's camera; None: it has none, or none that runs.
     pub camera: Option<CameraView>,
     /// The deck's motion.
     pub motion: MotionView,
     /// Over ground.
     pub track: TrackView,
-    /// What happened in this run, the newest first.
+    /// Events of this run, the newest first.
     pub log: Vec<LogLine>,
     /// Flights that ended, the newest first.
     pub flights: Vec<FlightLine>,

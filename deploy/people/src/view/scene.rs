@@ -5,7 +5,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DeckForecast, DeckStage, Plan};
 use alight_shared::time::{DroneClock, Span, Time};
 
-use crate::view::picture::{ContactView, DroneView, Place, SceneView};
+use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
 
 /// Every so many stages of the plan are drawn.
 const PATH_STEP: usize = 2;
@@ -69,7 +69,7 @@ fn deck_at(forecast: &DeckForecast, t: Time<DroneClock>) -> Option<DeckStage> {
 }
 
 /// The plan's stages, each from the deck as it is forecast for that time, until the planned contact.
-fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<Place> {
+fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<DeckPoint> {
     let time = |k: i64| plan.header.at + plan.step * k;
     let stages = (0..).zip(plan.stages.iter());
     let end = i64::try_from(plan.stages.len()).map_or(plan.header.at, |n| time(n - 1));
@@ -111,7 +111,7 @@ fn way(forecast: &DeckForecast) -> [f64; 2] {
 }
 
 /// A place of the NED from the deck at `deck`, on axes along `heading`, rad.
-fn place(at: [f64; 3], deck: [f64; 3], heading: f64) -> Place {
+fn place(at: [f64; 3], deck: [f64; 3], heading: f64) -> DeckPoint {
     let (sin, cos) = heading.sin_cos();
     let [north, east, down] = [at[0] - deck[0], at[1] - deck[1], at[2] - deck[2]];
     [cos * north + sin * east, cos * east - sin * north, -down].map(hundredth)

@@ -25,7 +25,7 @@ use axum::routing::{get, post};
 use foxglove::{Context, WebSocketServer};
 use tokio::sync::{oneshot, watch};
 
-use crate::view::guard::{Guard, Peer};
+use crate::view::guard::{Guard, ViewerPeer};
 use crate::view::picture::Picture;
 
 /// Messages that wait for a viewer with Foxglove; then the oldest give way.
@@ -35,12 +35,12 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// A viewer that has not taken the last picture is looked at again after this long.
 const STALL_PAUSE: Duration = Duration::from_millis(100);
 
-/// What is served where.
+/// Addresses of what is served.
 #[derive(Clone, Debug)]
 pub struct Served {
-    /// Of the page.
+    /// Address of the page.
     pub page: SocketAddr,
-    /// Of Foxglove's protocol.
+    /// Address of Foxglove's protocol.
     pub foxglove: Option<SocketAddr>,
     /// Name towards Foxglove.
     pub name: String,
@@ -49,7 +49,7 @@ pub struct Served {
 }
 
 /// An order of the page; whoever carries it out answers with what became of it, for people.
-pub struct Order {
+pub struct PageOrder {
     /// Takes the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
 }
@@ -59,31 +59,31 @@ pub struct Server {
     pictures: watch::Sender<Bytes>,
     camera: watch::Sender<Bytes>,
     viewers: Viewers,
-    orders: Receiver<Order>,
+    orders: Receiver<PageOrder>,
     context: Option<Arc<Context>>,
     addresses: Addresses,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Where it listens.
+/// Address at which it listens.
 #[derive(Clone, Copy, Debug)]
 struct Addresses {
     page: SocketAddr,
     foxglove: Option<SocketAddr>,
 }
 
-/// What the handlers of requests share.
+/// State that the handlers of requests share.
 #[derive(Clone)]
 struct Shared {
     pictures: watch::Receiver<Bytes>,
     camera: watch::Receiver<Bytes>,
     viewers: Viewers,
-    orders: SyncSender<Order>,
+    orders: SyncSender<PageOrder>,
     may_order: bool,
 }
 
-/// How many look on in a browser.
+/// Number of viewers in a browser.
 #[derive(Clone, Default)]
 struct Viewers(Arc<AtomicUsize>);
 
@@ -110,7 +110,7 @@ impl Server {
         let (camera, newest_image) = watch::channel(Bytes::new());
         let (give, orders) = sync_channel(1);
         let (stop, stopped) = oneshot::channel();
-        let (tell, started) = sync_channel(1);
+        let (result, started) = sync_channel(1);
         let viewers = Viewers::default();
         let shared = Shared {
             pictures: newest,
@@ -123,7 +123,7 @@ impl Server {
         let own = context.clone();
         let thread = std::thread::Builder::new()
             .name("viewers".into())
-            .spawn(move || run(&served, own, shared, stopped, &tell))
+            .spawn(move || run(&served, own, shared, stopped, &result))
             .doing("starting the viewers' server")?;
         let ended = |_| Err("its thread ended".into());
         let addresses = started.recv().unwrap_or_else(ended).map_err(CliError)?;
@@ -151,7 +151,7 @@ impl Server {
         self.pictures
             .send_replace(format!("data: {json}\n\n").into_bytes().into());
     }
-    /// The newest image of the drone's camera, a JPEG, for whoever asks for it.
+    /// The newest image of the drone's camera, a JPEG, for each request.
     pub fn show_camera(&self, jpeg: Vec<u8>) {
         self.camera.send_replace(jpeg.into());
     }
@@ -160,14 +160,14 @@ impl Server {
         self.viewers.0.load(Ordering::Relaxed) > 0
     }
     /// An order that the page gave.
-    pub fn order(&self) -> Option<Order> {
+    pub fn order(&self) -> Option<PageOrder> {
         self.orders.try_recv().ok()
     }
-    /// Where messages for Foxglove go.
+    /// Channel of messages for Foxglove.
     pub fn context(&self) -> Option<&Arc<Context>> {
         self.context.as_ref()
     }
-    /// Where it listens, for people: a line each.
+    /// Addresses at which it listens, for people: a line each.
     pub fn lines(&self) -> Vec<String> {
         let Addresses { page, foxglove } = self.addresses;
         let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
@@ -199,13 +199,13 @@ impl Drop for Server {
     }
 }
 
-/// The thread: tells whether it has started, and serves until it is stopped.
+/// The thread: reports whether it has started, and serves until it is stopped.
 fn run(
     served: &Served,
     context: Option<Arc<Context>>,
     shared: Shared,
     stopped: oneshot::Receiver<()>,
-    tell: &SyncSender<Result<Addresses, String>>,
+    result: &SyncSender<Result<Addresses, String>>,
 ) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_io()
@@ -214,21 +214,21 @@ fn run(
     let runtime = match runtime {
         Ok(runtime) => runtime,
         Err(e) => {
-            let _gone = tell.send(Err(format!("starting the viewers' server: {e}")));
+            let _gone = result.send(Err(format!("starting the viewers' server: {e}")));
             return;
         }
     };
     runtime.block_on(async {
         match listen(served, context).await {
             Ok((guard, addresses)) => {
-                let _gone = tell.send(Ok(addresses));
-                let service = router(shared).into_make_service_with_connect_info::<Peer>();
+                let _gone = result.send(Ok(addresses));
+                let service = router(shared).into_make_service_with_connect_info::<ViewerPeer>();
                 tokio::select! {
                     _ended = axum::serve(guard, service) => {}
                     _stopped = stopped => {}
                 }
             }
-            Err(e) => drop(tell.send(Err(e))),
+            Err(e) => drop(result.send(Err(e))),
         }
     });
     // Connections that are open end with their tasks.
@@ -292,7 +292,7 @@ fn router(shared: Shared) -> Router {
 }
 
 /// A request is complete: its connection keeps its place before those that have sent none.
-async fn complete(ConnectInfo(peer): ConnectInfo<Peer>, request: Request, next: Next) -> Response {
+async fn complete(ConnectInfo(peer): ConnectInfo<ViewerPeer>, request: Request, next: Next) -> Response {
     peer.has_asked();
     next.run(request).await
 }
@@ -315,7 +315,7 @@ fn file(content: &'static str, body: &'static str) -> Response {
 }
 
 /// The pictures, from the newest on.
-async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<Peer>) -> Response {
+async fn events(State(shared): State<Shared>, ConnectInfo(peer): ConnectInfo<ViewerPeer>) -> Response {
     let mut newest = shared.pictures.clone();
     newest.mark_changed();
     let one = (newest, peer, shared.viewers.one_more());
@@ -361,7 +361,7 @@ async fn order(State(shared): State<Shared>, given: HeaderMap) -> Response {
         return (StatusCode::FORBIDDEN, why).into_response();
     }
     let (reply, answer) = oneshot::channel();
-    match shared.orders.try_send(Order { reply }) {
+    match shared.orders.try_send(PageOrder { reply }) {
         Ok(()) => {}
         Err(TrySendError::Full(_)) => {
             return (StatusCode::TOO_MANY_REQUESTS, "one is under way").into_response();

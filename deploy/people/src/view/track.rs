@@ -16,27 +16,27 @@ type Ground = Option<[f64; 2]>;
 
 /// Places at a fixed rate.
 #[derive(Debug, Default)]
-pub struct Track {
+pub struct GroundTrack {
     samples: VecDeque<[Ground; 2]>,
     newest: Option<Time<TrueTime>>,
     frame: u8,
 }
 
-impl Track {
+impl GroundTrack {
     /// Takes where drone and deck are at `t` when a sample is due. `frame` counts the frames that they are given in: with
     /// another the track begins again.
     pub fn add(&mut self, t: Time<TrueTime>, frame: u8, drone: Ground, deck: Ground) {
         if self.newest.is_some_and(|at| t < at) || frame != self.frame {
-            *self = Track {
+            *self = GroundTrack {
                 frame,
-                ..Track::default()
+                ..GroundTrack::default()
             };
         }
         let due = self.newest.is_none_or(|at| t - at >= Span::from_secs(STEP_S));
         if !due || drone.is_none() && deck.is_none() {
             return;
         }
-        // Between places that are further apart in time nobody knows the way.
+        // Between places that are further apart in time the way is unknown.
         let gap = self
             .newest
             .is_some_and(|at| t - at > Span::from_secs(2.0 * STEP_S));
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn track_rate_length_and_frame() {
-        let mut track = Track::default();
+        let mut track = GroundTrack::default();
         for k in 0..10_000_u32 {
             let at = f64::from(k) * 0.1;
             track.add(Time::from_secs(at), 1, Some([at, 0.0]), Some([at - 3.0, 4.0]));

@@ -21,7 +21,7 @@ use crate::view::server::{Served, Server};
 
 /// Time between two pictures, ns.
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
-/// What is computed faster than it flies is held back in steps of at most this.
+/// Longest step in which a flight that is computed faster than real time is held back.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
 /// After the end of what was computed somebody may still look at its last picture for so long.
 const LINGER_NS: i64 = 10_000_000_000;
@@ -29,7 +29,7 @@ const LINGER_NS: i64 = 10_000_000_000;
 /// Period of Foxglove's shapes, ms.
 const SCENE_MS: i64 = 1_000;
 
-/// What Foxglove is shown.
+/// Messages for Foxglove.
 struct Live {
     sink: LiveSink,
     views: Views,
@@ -40,7 +40,7 @@ struct Live {
 pub struct Watcher {
     /// The server.
     pub server: Server,
-    /// What is known.
+    /// The newest messages.
     pub board: Board,
     live: Option<Live>,
     next_ns: i64,
@@ -161,7 +161,7 @@ impl Live {
         let NodeStep::Predictor(_, i, o) = step else {
             return views.step(sink, t, step);
         };
-        // It is where it says it is: its NED is the scene's, but for the water's level.
+        // It is where it reports: its NED is the scene's, but for the water's level.
         let at = i.drone.map(|d| d.position);
         let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
         views.true_drone = at.or(views.true_drone);
@@ -186,7 +186,7 @@ impl Watcher {
 enum Pace {
     /// It is real time.
     Free,
-    /// The drone has not appeared: nothing is to be seen yet.
+    /// The drone has not appeared: there is nothing to show yet.
     Waiting,
     /// Steady clock less the world's time at which the drone appeared, ns.
     From(i64),

@@ -2,8 +2,8 @@
 //! its heading by the magnetometer later.
 //!
 //! Measured with PX4 main of March 2026: 0.4 to 2 s after the origin was reported, by 50 to 118 deg. Until then its attitude
-//! begins at whatever heading, GNSS is not fused and says so, and neither OFFBOARD (GUIDED) nor arming is granted. The drone
-//! meanwhile is where it is: a person holds it.
+//! begins at whatever heading, GNSS is not fused, which it reports, and neither OFFBOARD (GUIDED) nor arming is granted.
+//! The drone meanwhile is where it is: a pilot holds it.
 
 use core::f64::consts::TAU;
 
@@ -48,11 +48,11 @@ impl Unaligned {
             due: first.then_some(now + after),
         }
     }
-    /// It hears and says nothing yet.
+    /// Whether it receives and sends nothing yet.
     pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
         now < self.boots_until
     }
-    /// Its origin is reported.
+    /// Begins to report its origin.
     pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
         self.due.get_or_insert(now + self.after);
     }
@@ -66,7 +66,7 @@ impl Unaligned {
     }
 }
 
-/// What the estimator says of itself, with an aligned heading and without.
+/// The estimator's status flags, with an aligned heading and without.
 pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
     let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
     match (firmware, aligned) {

@@ -1,4 +1,4 @@
-//! Why the autopilot does not arm, in its firmware's own words.
+//! Reasons for which the autopilot does not arm, with its firmware's own texts.
 //!
 //! PX4 (`imuConsistencyCheck`) compares its inertial sensors by COM_ARM_IMU_ACC and COM_ARM_IMU_GYR; two that are turned
 //! against each other by 2 deg differ by 0.3 m/s² at rest, and by more where the deck accelerates and turns them.

@@ -6,7 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::mixer::Mixer;
 use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS};
 
-/// What the outer loop or a set-point asks of the attitude loop.
+/// Target of the attitude loop, by the outer loop or a set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AttitudeTarget {
     /// NED from body.
@@ -31,7 +31,7 @@ pub(super) fn rate_set_point(
 ) -> Vector3<f64> {
     let wanted = target.attitude;
     let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
-    // Shortest rotation that aligns thrust; upside down there is none and heading does not matter.
+    // Shortest rotation that aligns thrust; upside down it is not unique, and heading does not matter.
     let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
     let mix = canonical(&(reduced.inverse() * wanted));
     let half = config.yaw_weight * mix.k.clamp(-1.0, 1.0).asin();
@@ -64,7 +64,7 @@ pub(super) struct RateLoop {
     side: f64,
     moment_per_force: f64,
     rotor_max: f64,
-    /// Its rotors.
+    /// Rotors of the drone.
     pub(super) frame: Frame,
     integral: Vector3<f64>,
     /// Whose mixer.
@@ -89,7 +89,7 @@ impl RateLoop {
         self.integral = Vector3::zeros();
     }
 
-    /// Rotor commands (fractions of the nominal greatest thrust) that bring the body rates `is`
+    /// Rotor commands (fractions of the nominal maximum thrust) that bring the body rates `is`
     /// to `wanted` at the collective `thrust`: `dw = K (w_c - w) + I`, moments by the nominal
     /// inertia, then [`Self::mix`].
     pub(super) fn step(

@@ -25,7 +25,7 @@ pub(super) struct Estimate {
     pub(super) acceleration: Vector3<f64>,
 }
 
-/// What the estimate of attitude (NED, on the left) and rates adds to the truth.
+/// Errors of the estimate of attitude (NED, on the left) and rates against the truth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Errors {
     pub(super) attitude: UnitQuaternion<f64>,
@@ -152,11 +152,11 @@ impl Estimator {
         let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
         self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);
     }
-    /// The estimator begins its heading anew, wrong by this much more, rad.
+    /// The estimator resets its heading, wrong by this much more, rad.
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
     }
-    /// The estimator begins its position anew, by another sensor, which measures it this much further on, m.
+    /// The estimator resets its position to another sensor, which measures it this much further on, m.
     pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
         self.displaced += by;
         self.estimate.position += by;
@@ -170,7 +170,7 @@ impl Estimator {
     }
 
     /// One tick of `dt` that ended at the true motion `m`, over which the mean specific force in
-    /// the body frame was `force` and the collective thrust `thrust` (fraction of the greatest).
+    /// the body frame was `force` and the collective thrust `thrust` (fraction of the maximum).
     pub(super) fn step(&mut self, m: &PlantState, force: &Vector3<f64>, thrust: f64, dt: f64) {
         let c = &self.config;
         let errors = [0, 1, 2].map(|i| {

@@ -25,10 +25,10 @@ const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
 /// A landing target guides for so long.
 const TARGET_STALE: Span = Span::from_millis(1000);
-/// Greatest speed of a hold towards it, m/s, from a metre on.
+/// Maximum speed of a hold towards it, m/s, from a metre on.
 const GUIDED_MPS: f64 = 2.0;
 
-/// What position control follows.
+/// Track that position control follows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Track {
     position: Vector3<f64>,
@@ -122,7 +122,7 @@ pub(super) struct Flight {
     track: Option<Track>,
     /// Outer periods so far.
     period: u32,
-    /// Where to hold in modes of its own and without a usable set-point.
+    /// Place to hold in modes of its own and without a usable set-point.
     hold: Track,
     home: Vector3<f64>,
     /// The landing target, and when it came.
@@ -139,19 +139,19 @@ pub(super) struct Flight {
     shaping: InputShaping,
     /// ArduCopter's motors after arming.
     spool: Spool,
-    /// Its own mission.
+    /// The autopilot's own mission.
     pub(super) own: OwnFlight,
 }
 
 impl Flight {
-    /// Its mixer is set up for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
+    /// Sets its mixer up for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
     /// FRAME_CLASS).
     pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
         let mixer = self.rate_loop.mixer;
         self.rate_loop = RateLoop::new(drone, frame);
         self.rate_loop.mixer = mixer;
     }
-    /// Holds position in the air in a person's mode, armed, with a hover thrust estimate that has settled at
+    /// Holds position in the air in a pilot's mode, armed, with a hover thrust estimate that has settled at
     /// `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
     pub(super) fn new(
         config: &AutopilotConfig,
@@ -227,7 +227,7 @@ impl Flight {
             0.0
         }
     }
-    /// Its rotors.
+    /// Rotors of the drone.
     pub(super) fn frame(&self) -> Frame {
         self.rate_loop.frame
     }
@@ -323,7 +323,7 @@ impl Flight {
             self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
         }
     }
-    /// What ArduCopter divides the thrust of a set-point for a tilted drone by (ATC_ANGLE_BOOST).
+    /// Divisor that ArduCopter applies to a set-point's thrust for a tilted drone (ATC_ANGLE_BOOST).
     fn tilt_compensation(&self, attitude: &UnitQuaternion<f64>) -> f64 {
         match self.firmware() {
             Firmware::Px4 => 1.0,
@@ -432,8 +432,8 @@ impl Flight {
         idles
     }
 
-    /// What the control mode makes of a set-point: where position control does not know that it ends, it and the set-points
-    /// write attitudes by turns; where it does not know that it begins, the last attitude stays.
+    /// Reference of the control mode by a set-point: where position control does not know that it ends, it and the
+    /// set-points write attitudes by turns; where it does not know that it begins, the last attitude stays.
     fn offboard(&mut self, newest: Reference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);

@@ -1,5 +1,5 @@
 //! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and priorities at
-//! saturation. All are fractions of a rotor's greatest thrust.
+//! saturation. All are fractions of a rotor's maximum thrust.
 
 use crate::physics::drone::{Frame, MAX_ROTORS};
 
@@ -131,7 +131,7 @@ fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64>
     rpy.iter().map(|v| collective + v).collect()
 }
 
-/// What the rotors give along an axis.
+/// Authority of the rotors along an axis.
 fn along(frame: Frame, axis: &[f64; MAX_ROTORS], out: &[f64; MAX_ROTORS]) -> f64 {
     axis.iter().zip(out).map(|(a, o)| a * o).sum::<f64>() / frame.count() as f64
 }

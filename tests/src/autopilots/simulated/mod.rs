@@ -57,21 +57,21 @@ const MAX_COMMANDS: usize = 1000;
 
 /// The autopilot; what a test changes is public.
 pub struct SimulatedAutopilot {
-    /// Its address.
+    /// Address of the autopilot.
     pub address: Address,
-    /// Where its NED begins, the height above the sea.
+    /// Origin of its NED, the height above the sea.
     pub origin: Datum,
     /// Height of the sea above the ellipsoid, where its receiver gives both heights, m.
     pub geoid_m: Option<f64>,
-    /// Its receiver reports both heights.
+    /// Whether its receiver reports both heights.
     pub gnss_ellipsoid: bool,
-    /// How far the hull's steel is, m.
+    /// Distance of the hull's steel, m.
     pub steel_m: f64,
-    /// Where the true NED begins; None: its own is the true one.
+    /// Origin of the true NED; None: its own is the true one.
     place: Option<Datum>,
-    /// Its parameters; it does not answer for others.
+    /// Parameters; it does not answer for others.
     pub parameters: BTreeMap<&'static str, f64>,
-    /// Its rangefinder's reading, m; None: it has none.
+    /// Reading of its rangefinder, m; None: without one.
     pub range_m: Option<f64>,
     /// Jumps of its estimate.
     pub resets: u8,
@@ -85,7 +85,7 @@ pub struct SimulatedAutopilot {
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
     pub answer: Option<CommandResult>,
-    /// Fault: does not arm, for this reason in its own words.
+    /// Fault: does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
     /// Home, its height above the sea; None before it was set by a command.
     pub home: Option<Datum>,
@@ -119,7 +119,7 @@ pub struct SimulatedAutopilot {
     estimator: Estimator,
     flight: Flight,
     endurance_s: f64,
-    /// How fast it was turned when it started, rad/s.
+    /// Rate at which it was turned when it started, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
@@ -134,7 +134,7 @@ pub struct SimulatedAutopilot {
 }
 
 impl SimulatedAutopilot {
-    /// An autopilot in a person's position mode, armed in the air at `truth`, with its estimator converged. `hover`: the
+    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged. `hover`: the
     /// collective that hovers, fraction of the nominal maximum. Sensor errors come from streams `drone.*`, its clock from
     /// `autopilot.clock`.
     pub fn new(
@@ -208,11 +208,11 @@ impl SimulatedAutopilot {
         self.decoder = Decoder::signed(signing.clone());
         self.encoder = Encoder::signed(signing);
     }
-    /// Its mixer is set up for this frame; as made, for a quadrotor.
+    /// Sets its mixer up for this frame; as made, for a quadrotor.
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
         self.flight.set_frame(drone, frame);
     }
-    /// Its NED begins at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
+    /// Begins its NED at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
     /// ellipsoid, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
         (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
@@ -226,16 +226,16 @@ impl SimulatedAutopilot {
     pub fn start(&mut self, streams: &Streams) {
         self.unaligned = Some(Unaligned::drawn(streams, self.now));
     }
-    /// Its heading is aligned.
+    /// Whether its heading is aligned.
     pub fn is_aligned(&self) -> bool {
         self.unaligned.is_none()
     }
-    /// Its estimator begins its position anew, this much further on (m); it counts that or not.
+    /// The autopilot's estimator resets its position, this much further on (m); it counts that or not.
     pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// Its estimator begins its heading anew, wrong by this much more (rad), and counts that.
+    /// The autopilot's estimator resets its heading, wrong by this much more (rad), and counts that.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
@@ -259,11 +259,11 @@ impl SimulatedAutopilot {
         let motors = self.flight.inner(self.estimator.errors(), truth, dt);
         motors.filter(|_| !self.is_empty())
     }
-    /// Its battery is empty: nothing turns the motors, whatever it commands.
+    /// Whether its battery is empty: nothing turns the motors, whatever it commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
     }
-    /// The same with the bytes of a wire, both ways.
+    /// A step with the bytes of a wire, both ways.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -277,7 +277,7 @@ impl SimulatedAutopilot {
         let encoded = sent.iter().filter_map(|m| self.encoder.frame(self.address, m));
         (motors, encoded.collect())
     }
-    /// What it has sent since the last call.
+    /// Messages that it has sent since the last call.
     pub fn sent(&mut self) -> Vec<Message> {
         let sent = core::mem::take(&mut self.outbox);
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
@@ -301,7 +301,7 @@ impl SimulatedAutopilot {
         self.report();
     }
 
-    /// Its own mission: places in its own NED, m.
+    /// Uploads a mission of its own: places in its own NED, m.
     pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
         self.flight.own.upload(items);
     }
@@ -332,7 +332,7 @@ impl SimulatedAutopilot {
     pub fn arm(&mut self, armed: bool) {
         self.flight.arm(armed, self.estimator.now());
     }
-    /// In manual modes a person holds it here, its own NED, m.
+    /// In manual modes a pilot holds it here, its own NED, m.
     pub fn hold_at(&mut self, position: Vector3<f64>) {
         self.flight.hold_at(position);
     }
@@ -348,7 +348,7 @@ impl SimulatedAutopilot {
     pub fn hover_thrust(&self) -> f64 {
         self.flight.hover_thrust()
     }
-    /// Where it believes to be, its own NED, m.
+    /// Estimate of its position, its own NED, m.
     pub fn position(&self) -> Vector3<f64> {
         self.estimator.now().position
     }
@@ -361,7 +361,7 @@ impl SimulatedAutopilot {
         self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
         self.streams = protocol::first_streams();
     }
-    /// Its own time.
+    /// Time of its own clock.
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }

@@ -11,7 +11,7 @@ pub const fn own_mission(firmware: Firmware) -> u32 {
     }
 }
 
-/// The firmware's number of a mode; `Other` is the position mode in which a person flies.
+/// The firmware's number of a mode; `Other` is the position mode in which a pilot flies.
 pub const fn mode_number(firmware: Firmware, mode: AutopilotMode) -> u32 {
     match (firmware, mode) {
         (Firmware::Px4, AutopilotMode::Other) => px4_mode(3, 0),

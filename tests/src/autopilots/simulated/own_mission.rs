@@ -15,7 +15,7 @@ const REACHED_M: f64 = 2.0;
 /// The mission, and how far it has come.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OwnFlight {
-    /// Its own NED, m.
+    /// Places in its own NED, m.
     items: Vec<Vector3<f64>>,
     next: usize,
     /// The newest one that was reached, until that was reported.

@@ -40,7 +40,7 @@ const INTEGERS: [&str; 8] = [
 ];
 /// ArduCopter's telemetry gives no stream more often, whatever is requested: 39 to 42 Hz where 100 Hz were, Hz.
 const ARDUCOPTER_HZ: f64 = 40.0;
-/// Greatest value that a set-point may have.
+/// Maximum value that a set-point may have.
 const MAX_VALUE: f64 = 1e5;
 
 /// A message that is sent at a rate.
@@ -61,7 +61,7 @@ impl Stream {
     }
 }
 
-/// What an onboard link sends without being asked.
+/// Streams that an onboard link sends without a request.
 pub(super) fn first_streams() -> Vec<Stream> {
     vec![Stream::new(id::HEARTBEAT, 1.0)]
 }
@@ -145,7 +145,7 @@ impl SimulatedAutopilot {
         let local = at.map_or(*position, |at| self.ellipsoid_origin().to::<DroneNed>(&at).0);
         local.component_div(&self.map_scale())
     }
-    /// Its inverse.
+    /// Inverse of the map.
     fn off_map(&self, reported: &Vector3<f64>) -> Vector3<f64> {
         let local = reported.component_mul(&self.map_scale());
         self.place.map_or(local, |place| {
@@ -393,7 +393,7 @@ impl SimulatedAutopilot {
         let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
         Message::MissionCurrent { total, state }
     }
-    /// How far its own mission is: items that were reached, and unasked, of PX4, its state once a second and when it changes.
+    /// Reports the progress of its own mission: reached items, and for PX4 its state once a second and when it changes.
     fn report_own_mission(&mut self) {
         if self.flight.own.is_empty() {
             return;
@@ -410,7 +410,7 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// What is due of its streams.
+    /// Sends what is due of its streams.
     pub(super) fn report(&mut self) {
         self.report_own_mission();
         for k in 0..self.streams.len() {

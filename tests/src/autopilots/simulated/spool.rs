@@ -13,7 +13,7 @@ pub(super) const PULSE_OFF_US: f64 = 1000.0;
 const PULSE_IDLE_US: f64 = 20.0;
 const PULSE_RANGE_US: f64 = 1000.0;
 
-/// How far the motors are.
+/// Spool-up of the motors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spool {
     /// Armed for so long, s.
@@ -84,6 +84,6 @@ mod tests {
         }
         let mut waits = Spool::begun();
         waits.step(false, 5.0);
-        assert!(!waits.turns(), "nobody asks for thrust");
+        assert!(!waits.turns(), "no thrust is commanded");
     }
 }

@@ -247,8 +247,8 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, least and most over seeds; before it was sent `first`
-/// for 3 s.
+/// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, minimum and maximum over seeds; before it was
+/// sent `first` for 3 s.
 fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
@@ -257,9 +257,7 @@ fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
         f.fly(0.3, |_| Some(tilted.clone()));
         f.drone.truth().attitude.0.angle()
     });
-    tilts.fold([f64::INFINITY, 0.0], |[least, most], t| {
-        [least.min(t), most.max(t)]
-    })
+    tilts.fold([f64::INFINITY, 0.0], |[min, max], t| [min.min(t), max.max(t)])
 }
 
 #[test]
@@ -271,9 +269,9 @@ fn set_point_kind_changed_between_control_modes() {
         // Position control writes attitudes, too, until it learns of the change: at once, or 0.5 s later.
         (Firmware::Px4, hover, true),
     ] {
-        let [least, most] = lean_after(firmware, &first);
-        assert!(most > 0.12, "{firmware:?}: {least} {most}");
-        assert_eq!(least < 0.1, late, "{firmware:?}: {least} {most}");
+        let [min, max] = lean_after(firmware, &first);
+        assert!(max > 0.12, "{firmware:?}: {min} {max}");
+        assert_eq!(min < 0.1, late, "{firmware:?}: {min} {max}");
     }
 }
 

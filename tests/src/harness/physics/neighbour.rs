@@ -1,5 +1,5 @@
-//! A second boat with the same tags, rafted up beside the vessel: it goes where the vessel goes, and rocks in the waves of its
-//! own place.
+//! A second boat with the same tags, rafted up alongside the vessel: it goes where the vessel goes, and rocks in the
+//! waves of its own place.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
 use alight_shared::time::{Span, Time, TrueTime};
@@ -17,7 +17,7 @@ use crate::sensors::noise::Noise;
 pub(super) struct Neighbour {
     carrier: DeckCarrier,
     sea: Sea,
-    /// Its deck's centre from the vessel's, north and east, m.
+    /// Centre of its deck from the vessel's, north and east, m.
     apart: Vector2<f64>,
 }
 
@@ -50,7 +50,7 @@ impl Neighbour {
     pub(super) fn step(&mut self, t: Time<TrueTime>, dt: Span) {
         self.carrier.step(t, dt.secs(), &self.sea);
     }
-    /// Its deck, beside the vessel's.
+    /// The neighbour's deck, at its lateral offset from the vessel's.
     pub(super) fn deck(&self, vessels: &RigidState<Deck>, scenario: &Scenario) -> RigidState<Deck> {
         let own: RigidState<Deck> = self.carrier.state().at(scenario.deck.centre());
         let (place, velocity) = (vessels.position.0, vessels.velocity.0);

@@ -13,7 +13,7 @@ use crate::sensors::noise::Noise;
 config! {
     /// Differences between the simulated world and what the nodes know of it.
     pub struct DrawConfig {
-        /// They are drawn; else the world is as the scenario says.
+        /// Whether they are drawn; otherwise the world is as the scenario has it.
         pub on: bool = false;
         /// Noise of every sensor: a factor between the inverse of this and this, log-uniform.
         /// Chosen: data sheets state typical values; what vibration, sky and mounting make of them
@@ -22,7 +22,7 @@ config! {
         /// Bound of the relative error of the drone's moments of inertia, each axis.
         /// Chosen: a bifilar pendulum is good to some per cent, a sum over parts to 10 or 20.
         pub inertia_error: f64 = 0.15, in 0.0..=0.8;
-        /// The same of its drag.
+        /// Bound of the relative error of its drag.
         /// Chosen: with and without payload, props of another make.
         pub drag_error: f64 = 0.4, in 0.0..=0.9;
         /// Range of the lag with which a tilt set-point is followed, over the nominal one.
@@ -31,7 +31,7 @@ config! {
         /// Bound of the relative error of the friction between feet and deck.
         /// Chosen: wet and dry, paint and rubber of the same kind.
         pub friction_error: f64 = 0.25, in 0.0..=0.9;
-        /// Standard deviation of each tag's place against where it was meant to lie beside the others, each axis, m.
+        /// Standard deviation of each tag's place relative to the printed layout, each axis, m.
         /// Chosen: sheets laid on printed lines.
         pub tag_place_sd_m: f64 = 0.002, in 0.0..=0.1;
         /// Standard deviation of the deck's centre and the tags' against what was measured, each axis, m.
@@ -46,10 +46,10 @@ config! {
         /// Bound of the relative error of the simulated hull's mass and inertia.
         /// Chosen: crew, fuel and payload of a boat of 200 kg.
         pub hull_mass_error: f64 = 0.15, in 0.0..=0.5;
-        /// The same of its added mass and damping.
+        /// Bound of the relative error of its added mass and damping.
         /// Chosen: as far as model tests and strip theory disagree in roll.
         pub hull_damping_error: f64 = 0.3, in 0.0..=0.8;
-        /// The same of its hulls' radius and distance, which make its stiffness.
+        /// Bound of the relative error of its hulls' radius and distance, which make its stiffness.
         pub hull_shape_error: f64 = 0.04, in 0.0..=0.2;
     }
     check |this, at| {
@@ -77,7 +77,7 @@ impl Draws<'_> {
     fn vary(&self, name: &str, value: &mut f64, error: f64) {
         *value *= self.between(name, [1.0 - error, 1.0 + error]);
     }
-    /// The same for every item.
+    /// Varies every item.
     fn vary_each(&self, name: &str, values: &mut [f64], error: f64) {
         let mut noise = self.noise(name);
         for v in values {

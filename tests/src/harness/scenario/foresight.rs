@@ -1,4 +1,4 @@
-//! What the drone's forecasts have of the truth.
+//! Parts of the truth that the drone's forecasts have.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
@@ -37,7 +37,7 @@ pub enum Dof {
 }
 
 config! {
-    /// What the drone's forecasts have of the truth, for an error budget.
+    /// Parts of the truth that the drone's forecasts have, for an error budget.
     pub struct ForesightConfig {
         /// The part that is true: "motion" from now on, "state" now, "whole" (both), or "contact" (the motion of the next
         /// half second).

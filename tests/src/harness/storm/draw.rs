@@ -10,7 +10,7 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::Course;
 use crate::sensors::noise::Noise;
 
-/// Of a hundred faults so many begin at the first entry of their state, and at the first or second.
+/// Percentages of the faults that begin at the first entry of their state, and at the first or second.
 const ENTRIES: [f64; 2] = [85.0, 95.0];
 /// A boat that is steered is under way so fast, m/s, and such a sea makes it worth it: amplitudes, m.
 const STEERED_MPS: f64 = 5.0;
@@ -90,13 +90,13 @@ impl Storm {
             FlightKind::Beacon => self.reserved = false,
             FlightKind::TagAlone => {
                 self.reserved = false;
-                // Nobody follows a vessel before the order.
+                // No drone follows a vessel before the order.
                 (self.course, self.speed_mps) = (Course::Drift, 0.0);
             }
         }
         self
     }
-    /// The same with its last fault of this kind in this state, its times and size drawn by the seed.
+    /// The storm with its last fault of this kind in this state, its times and size drawn by the seed.
     #[must_use]
     pub fn aimed(mut self, (kind, state): Pair) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
@@ -132,7 +132,7 @@ fn fault(flight: FlightKind, kinds: &[Kind], noise: &mut Noise, others: &mut Noi
     of_kind(kind, row, 1 + later as u8, noise)
 }
 
-/// At the `entry`-th entry of the state; every flight begins idle, which is none.
+/// At the `entry`-th entry of the state; every flight begins idle, which does not count as an entry.
 fn of_kind(kind: Kind, (state, _, within_s): Row, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());

@@ -1,4 +1,4 @@
-//! What the kinds of faults do to the world.
+//! Effects of the kinds of faults on the world.
 
 use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
 use alight_shared::process::ProcessKind;
@@ -14,7 +14,7 @@ use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
 use crate::radio::ChannelFault;
 
-/// What a fault does to the world, by its size.
+/// Effect of a fault on the world, by its size.
 #[derive(Clone, Copy, Debug)]
 pub enum Effect {
     /// Something fails as long as it lasts.
@@ -70,7 +70,7 @@ fn occupy(rig: &mut Rig, occupied: bool) {
 macro_rules! effects {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         impl Kind {
-            /// What it does.
+            /// Effect of the kind.
             pub const fn effect(self) -> Effect {
                 match self { $(Kind::$kind => $effect,)* }
             }

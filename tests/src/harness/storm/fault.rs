@@ -1,4 +1,4 @@
-//! One fault: what, when and for how long, the figures that it may have, and how a single one is drawn. A scenario has
+//! One fault: what, when and for how long, the sizes that it may have, and how a single one is drawn. A scenario has
 //! faults, too: nothing here knows the world.
 
 use alight_shared::config::{ConfigError, Keys};
@@ -22,7 +22,7 @@ const CONTACT: &str = "Contact";
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// What.
+    /// Kind of the fault.
     pub kind: Kind,
     /// It begins at this moment ...
     #[serde(rename = "state")]
@@ -33,10 +33,10 @@ pub struct Fault {
     /// ... and so much later, s.
     #[serde(default)]
     pub after_s: f64,
-    /// Its size, in the unit of [`Spec::of`](super::Spec::of).
+    /// Size, in the unit of [`Spec::of`](super::Spec::of).
     #[serde(default)]
     pub size: f64,
-    /// How long it lasts, s; of what happens at once, nothing. In a scenario `inf` is for good.
+    /// Duration, s; of what happens at once, nothing. In a scenario `inf` is for good.
     #[serde(default)]
     pub lasts_s: f64,
 }
@@ -103,10 +103,10 @@ impl From<Moment> for String {
     }
 }
 
-/// How long a frozen process stands still, s: shorter and longer than its readers wait for its messages.
+/// Time for which a frozen process stands still, s: shorter and longer than its readers wait for its messages.
 const FROZEN_S: [f64; 2] = [0.2, 2.0];
-/// How long a killed process is away in lock-step, s: a supervisor starts it again after 0.1 s, and on a busy computer its
-/// start takes most of a second.
+/// Time for which a killed process is away in lock-step, s: a supervisor starts it again after 0.1 s, and on a busy
+/// computer its start takes most of a second.
 const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {

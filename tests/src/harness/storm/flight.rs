@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::kinds::Takes;
 use super::people::People;
 use super::schedule::{Schedule, Scheduled};
-use super::watch::{Ending, Scene, Violation, Watch, end, goes_on, is_stuck, is_unsaid};
+use super::watch::{Ending, Scene, Violation, Watch, end, goes_on, is_stuck, is_unreported};
 use super::{FlightKind, Kind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
@@ -16,12 +16,12 @@ use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 use crate::harness::tap::NoTap;
 
-/// A fault that was over so long ago is none of several any more, s.
+/// A fault that ended longer ago does not count among simultaneous ones any more, s.
 const TOGETHER_S: f64 = 5.0;
 /// An abort from ashore, or over MAVLink, has come to the mission within this time where nothing else fails, s.
 const ASHORE_S: f64 = 2.0;
-/// What lasts longer is seen, s.
-const SEEN_S: f64 = 1.0;
+/// Duration from which a fault is noticed, s.
+const NOTICED_S: f64 = 1.0;
 /// Given up for so long, after the last fault, it waits for the operator, s: longer than it climbs.
 const GIVEN_UP_S: f64 = 20.0;
 /// A descent that began more recently is let come to its end, s.
@@ -30,7 +30,7 @@ const DESCENDS_S: f64 = 30.0;
 /// A flown storm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
-    /// How it ended.
+    /// Ending of the flight.
     pub ending: Ending,
     /// The first rule that was broken.
     pub violation: Option<Violation>,
@@ -73,7 +73,7 @@ struct Run {
     rig: Rig,
     people: People,
     faults: Schedule,
-    /// Of the states that the first drone has entered so many were shown.
+    /// Number of the first drone's entered states that were shown.
     shown: usize,
     watches: Vec<Watch>,
     /// When a fault was active last, s.
@@ -159,7 +159,7 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// How the flight has ended, and what a drone that was left alone for long enough has broken; None: it goes on.
+    /// Ending of the flight, and the rule that a drone that was left alone for long enough has broken; None: it goes on.
     fn over(&mut self) -> Option<(Ending, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = self.faults.0.iter().any(|f| f.began_s.is_some() && !f.over);
@@ -183,7 +183,7 @@ impl Run {
             // A storm that is cut off has not been left alone for long enough to be asked.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
-        Some(match is_stuck(rig).or_else(|| is_unsaid(rig)) {
+        Some(match is_stuck(rig).or_else(|| is_unreported(rig)) {
             Some(violation) => (Ending::Violated, Some(violation)),
             None => (end(rig), None),
         })
@@ -217,7 +217,7 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
     let received = |kind: Kind| kind == Kind::OrderedAshore && !flight.is_silent();
     let orders = |f: &Scheduled| f.fault.kind == Kind::OrderedAgain || received(f.fault.kind);
     let ordered_again =
-        withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - SEEN_S));
+        withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - NOTICED_S));
     Scene {
         flight,
         faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
@@ -237,7 +237,7 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
         began().any(|(f, at)| {
-            hides(f.fault.kind) && at < until_s + SEEN_S && at + f.fault.lasts_s + SEEN_S > from_s
+            hides(f.fault.kind) && at < until_s + NOTICED_S && at + f.fault.lasts_s + NOTICED_S > from_s
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
@@ -262,7 +262,7 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
     let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
         let lasts_s = f.fault.lasts_s;
-        let takes = f.fault.kind == Kind::TakenOver && f.stops && lasts_s > SEEN_S;
+        let takes = f.fault.kind == Kind::TakenOver && f.stops && lasts_s > NOTICED_S;
         takes && !stopped(*at, at + lasts_s, &hides)
     });
     ([aborted_s, last_abort_s], aborted_s.or(taken.map(|(_, at)| at)))

@@ -1,11 +1,11 @@
 //! The kinds of faults: of what each has a size, how large and how long they are drawn, what they excuse, and what they do.
 //!
-//! What they do is a column that `effects.rs` reads, which knows the world; nothing here does, so that a scenario has faults.
+//! Their effects are a column that `effects.rs` reads, which knows the world; nothing here does, so a scenario has faults.
 
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// What a fault takes from the drone, so that not every rule can hold meanwhile.
+/// Means that a fault takes from the drone, so that not every rule can hold meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
     /// Nothing: all rules hold.
@@ -16,16 +16,16 @@ pub enum Takes {
     Power,
 }
 
-/// How a kind is drawn, and what it excuses.
+/// Distribution of a kind, and what it excuses.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
-    /// Of what the size is.
+    /// Unit of the size, with its meaning.
     pub of: &'static str,
     /// Sizes are drawn between these.
     pub size: [f64; 2],
     /// Durations are drawn between these, s.
     pub lasts_s: [f64; 2],
-    /// What it takes.
+    /// Means that the fault takes.
     pub takes: Takes,
 }
 
@@ -73,7 +73,7 @@ macro_rules! names {
             pub const fn empties(self) -> bool {
                 matches!(self, Kind::BatteryAt | Kind::BatterySags)
             }
-            /// How it is drawn, and what it excuses.
+            /// Distribution of the kind, and what it excuses.
             pub const fn spec(self) -> Spec {
                 match self {
                     $(Kind::$kind => Spec {
@@ -85,7 +85,7 @@ macro_rules! names {
     };
 }
 
-/// Of a fault that has no size, or no duration.
+/// Range of a fault without size, or without duration.
 const NONE: [f64; 2] = [0.0, 0.0];
 /// A process is started again after so long, s.
 const RESTART: [f64; 2] = [0.1, 1.0];
@@ -100,7 +100,7 @@ const WRONG: [f64; 2] = [2.0, 30.0];
 /// Somebody or something pushes the vessel for so long, s.
 const PUSH: [f64; 2] = [0.5, 15.0];
 
-/// What happens to a process.
+/// Stop of a process.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stop {
     /// It is gone at once, and started again.
@@ -251,25 +251,25 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The vessel's inertial sensor repeats a sample.
     VesselImuStuck, "vessel-imu-stuck", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.vessel.stuck[0] = true);
-    /// Its receiver repeats a fix.
+    /// The vessel's receiver repeats a fix.
     VesselGnssStuck, "vessel-gnss-stuck", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.vessel.stuck[1] = true);
-    /// Its compass repeats a heading.
+    /// The vessel's compass repeats a heading.
     VesselHeadingStuck, "vessel-heading-stuck", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.vessel.stuck[2] = true);
-    /// Its rate of roll is off.
+    /// The vessel's rate of roll is off.
     VesselGyroOff, "vessel-gyro-off", "deg/s", [-2.0, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.gyro_off_radps = size.to_radians());
-    /// Its accelerometer clips.
+    /// The vessel's accelerometer clips.
     VesselImuClipped, "vessel-imu-clipped", "at, m/s2", [8.0, 10.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.clip_mps2 = size);
-    /// Its measurements arrive late, and are stamped then.
+    /// The vessel's measurements arrive late, and are stamped then.
     VesselStampedLate, "vessel-stamped-late", "s", [0.02, 0.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.late_s = size);
-    /// Its inertial sensor was knocked about the bow's axis.
+    /// The vessel's inertial sensor was knocked about the bow's axis.
     VesselMountingOff, "vessel-mounting-off", "deg", [-5.0, 5.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.mounting_rad = size.to_radians());
-    /// The weight of a person heels it.
+    /// The weight of a crew member heels it.
     VesselHeels, "vessel-heels", "Nm", [-900.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.push[3] += size);
     /// Something turns it.
@@ -287,9 +287,9 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// Images are stamped late.
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
-    /// A deck next to the vessel's is seen in its place.
+    /// A deck next to the vessel's is detected in its place.
     NeighbourSeen, "neighbour-seen", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
-        Lasting(|f, size| f.drone.beside_m[1] = size);
+        Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
     /// Images are lost.
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.lost = size);
@@ -350,10 +350,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// It denies every command.
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
         Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
-    /// Its battery is as empty as that.
+    /// The drone's battery is as empty as that.
     BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Nothing,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
-    /// Its battery empties fast.
+    /// The drone's battery empties fast.
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
     /// It reports the charge that it had.

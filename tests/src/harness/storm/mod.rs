@@ -45,16 +45,16 @@ pub const MAX_FAULTS: usize = 16;
 pub struct Storm {
     /// Seed of the world.
     pub seed: u64,
-    /// What is flown.
+    /// Kind of the flight.
     #[serde(default)]
     pub flight: FlightKind,
     /// Whose character the autopilot has.
     pub autopilot: Firmware,
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
     pub sea: [f64; 2],
-    /// What the vessel does.
+    /// Course of the vessel.
     pub course: Course,
-    /// Its speed, m/s.
+    /// Speed of the vessel, m/s.
     pub speed_mps: f64,
     /// Mean wind, m/s.
     pub wind_mps: f64,

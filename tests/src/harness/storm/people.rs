@@ -28,7 +28,7 @@ const TRIES: u32 = 3;
 const ANSWERS_S: f64 = 3.0;
 /// A ground station repeats an order that is not taken at this period, s.
 const REPEATS_S: f64 = 1.0;
-/// How far the autopilot's own mission leads away, and how high above the place of its beginning, m.
+/// Distance to which the autopilot's own mission leads, and its height above the place of its beginning, m.
 const FAR_M: f64 = 40.0;
 const HIGH_M: f64 = 20.0;
 /// The ground station.
@@ -40,7 +40,7 @@ const BY_MAVLINK: [(Kind, u16); 3] = [
     (Kind::OrderedAgain, command::USER_1),
 ];
 
-/// What was done last.
+/// Last act of the people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Step {
     /// Nothing.
@@ -194,13 +194,13 @@ impl People {
     fn answer(&mut self, rig: &mut Rig) {
         let (t_s, asked) = (rig.t_s(), rig.world.helm().asked());
         self.asked_s = asked.map(|_| self.asked_s.unwrap_or(t_s));
-        let seen = self.asked_s.is_some_and(|at| t_s >= at + ANSWERS_S);
-        if let Some(course) = asked.filter(|_| seen) {
+        let ready = self.asked_s.is_some_and(|at| t_s >= at + ANSWERS_S);
+        if let Some(course) = asked.filter(|_| ready) {
             rig.world.deck_order(DeckOrder::Helm(HelmAnswer::Yes(course)));
         }
     }
 
-    /// Gives the order that a fault of this kind is, as this flight's orders come; false where it is none, or comes as in any flight.
+    /// Gives the order of a fault of this kind as this flight's orders come; false for other kinds and orders of any flight.
     pub(super) fn give(&self, rig: &mut Rig, kind: Kind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
@@ -230,7 +230,7 @@ impl People {
     }
 }
 
-/// The first drone holds, and nobody has ordered that.
+/// The first drone holds without an order.
 fn holds(rig: &Rig) -> bool {
     rig.state(0) == State::Hold && rig.mission(0).waiting.code == ReasonCode::NotCommanded
 }

@@ -1,4 +1,4 @@
-//! What a storm flies: where the drone begins, what its nodes permit, and in which states faults begin.
+//! Flight of a storm: where the drone begins, what its nodes permit, and in which states faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use alight_usv::helm::HelmOutput;
@@ -8,7 +8,7 @@ use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::physics::sea::SeaConfig;
 use crate::sensors::beacon::BeaconConfig;
 
-/// What is flown.
+/// Kind of a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlightKind {
@@ -17,7 +17,7 @@ pub enum FlightKind {
     Landing,
     /// A take-off from the deck, up to the hold in which it ends.
     TakeOff,
-    /// The same, then away in the autopilot's own mission, and back onto the deck without an order.
+    /// A take-off, then away in the autopilot's own mission, and back onto the deck without an order.
     Sortie,
     /// A minute on a station next to the vessel, then a landing.
     Station,
@@ -126,11 +126,11 @@ const CYCLES: [Row; 12] = [
     (State::Hold, 2, 5.0),
 ];
 
-/// How long a drone stands on the deck before a take-off, s: its autopilot has aligned its heading by then.
+/// Time for which a drone stands on the deck before a take-off, s: its autopilot has aligned its heading by then.
 const STANDS_S: f64 = 20.0;
 /// The hull that is steered.
 const STEERED: &str = "mono-5m";
-/// Where the vessel's computer is told that the boat's autopilot is: in lock-step nobody opens it.
+/// Address of the boat's autopilot for the vessel's computer: in lock-step it is never opened.
 const BOAT: &str = "udpin://127.0.0.1:14560";
 
 impl FlightKind {
@@ -163,7 +163,7 @@ impl FlightKind {
             FlightKind::Cycles => &CYCLES,
         }
     }
-    /// How often it is drawn, in parts: a third are landings.
+    /// Frequency of the kind, in parts: a third are landings.
     pub(super) fn parts(&self) -> u32 {
         if *self == FlightKind::Landing { 4 } else { 1 }
     }

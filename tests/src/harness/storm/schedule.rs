@@ -11,9 +11,9 @@ pub(super) struct Scheduled {
     /// When it began, s.
     pub(super) began_s: Option<f64>,
     pub(super) over: bool,
-    /// An abort, or a person who took over, stopped something when it began.
+    /// An abort, or a pilot who took over, stopped something when it began.
     pub(super) stops: bool,
-    /// What it has left of the battery where it met that, 0 to 1.
+    /// Charge left where the fault met the battery, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
@@ -72,7 +72,7 @@ impl Schedule {
             rig.world.fail(&self.failing(rig.t_s()));
         }
     }
-    /// What fails now, of all that are active.
+    /// Present faults, of all that are active.
     pub(super) fn failing(&self, t_s: f64) -> Failing {
         let mut failing = Failing::default();
         for f in self.0.iter().filter(|f| f.is_active(t_s)) {

@@ -33,7 +33,7 @@ const LOW_M: f64 = 1.5;
 /// ... for at most so long, s: a climb takes less.
 const LOW_S: f64 = 3.0;
 
-/// How a storm's flight ended.
+/// Ending of a storm's flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
@@ -120,7 +120,7 @@ impl fmt::Display for Violation {
             Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
             Rule::WaitsUnsaid => write!(
                 f,
-                "waits at {:.0} % of its battery, and says nothing of that or of its next step",
+                "waits at {:.0} % of its battery, and reports neither that nor its next step",
                 100.0 * figure
             ),
         }?;
@@ -131,17 +131,17 @@ impl fmt::Display for Violation {
 /// The faults as the rules see them.
 #[derive(Clone, Copy, Debug)]
 pub struct Scene {
-    /// What is flown.
+    /// Kind of the flight.
     pub flight: FlightKind,
     /// Faults that are active, or were a moment ago.
     pub faults: usize,
-    /// When the newest of them began or ended, s.
+    /// Time at which the newest of them began or ended, s.
     pub newest_s: f64,
-    /// Nobody commands, or has not for long.
+    /// No set-points are sent, or have been for a moment only.
     pub uncommanded: bool,
     /// Thrust is taken.
     pub without_power: bool,
-    /// What a fault has left of the battery, 0 to 1: nothing while it lasts; None: no fault met it.
+    /// Charge that a fault has left in the battery, 0 to 1: nothing while it lasts; None: no fault met it.
     pub charge_left: Option<f64>,
     /// When the mission received an abort, s.
     pub aborted_s: Option<f64>,
@@ -152,12 +152,12 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// What is left of the battery is enough to land with: the mission's reserve.
+    /// Whether the charge left is enough to land with: the mission's reserve.
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= reserve)
     }
-    /// What of it excuses another drone than the one that faults meet.
+    /// Part that excuses another drone than the one that faults meet.
     const fn of_others(&self) -> Scene {
         Scene {
             uncommanded: false,
@@ -186,7 +186,7 @@ pub struct Watch {
     armed_since_s: Option<f64>,
     /// When it first began to land because its battery is spent, s.
     spent_s: Option<f64>,
-    /// Its battery, of which a fault has taken, sends it to another place than the deck, which it may not know.
+    /// A battery that a fault has drained sends it to another place than the deck, which it may not know.
     elsewhere: bool,
 }
 
@@ -250,8 +250,8 @@ impl Watch {
         }
         (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))
     }
-    /// Where a drone that may not know its deck goes for its battery: the autopilot flies it home or down, until it descends to the
-    /// deck after all.
+    /// Watches where a drone that may not know its deck goes for its battery: the autopilot flies it home or down, until
+    /// it descends to the deck after all.
     fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &Scene) {
         let goes = matches!(
             rig.mission(k).low_battery,
@@ -303,7 +303,7 @@ impl Watch {
         descends.then_some((Rule::Unordered, t_s - at))
     }
 
-    /// Where it may not be, and the set-points that it flies.
+    /// Checks the places that it may not be at, and the set-points that it flies.
     fn places(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -332,7 +332,7 @@ impl Watch {
     }
 }
 
-/// Its battery is empty.
+/// Whether its battery is empty.
 fn is_empty(rig: &Rig, k: usize) -> bool {
     let drone = rig.world.drones().get(k);
     drone
@@ -352,8 +352,8 @@ fn is_spent(rig: &Rig, k: usize) -> bool {
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// What an abort stops goes on: a landing, or a take-off before the feet have left the deck. Of a flight that takes off the hold for
-/// the next order is none.
+/// Whether what an abort stops goes on: a landing, or a take-off before the feet have left the deck. Of a flight that
+/// takes off the hold for the next order does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
     let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
@@ -362,7 +362,7 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     on_deck || state.is_landing() && !rests
 }
 
-/// How the first drone ended that has broken no rule, and of which nobody has seen that it rests on the deck for long.
+/// Ending of the first drone, which has broken no rule and was not observed to rest on the deck for long.
 pub fn end(rig: &Rig) -> Ending {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
@@ -406,7 +406,7 @@ const fn names_battery(why: ReasonCode) -> bool {
 /// Long after the last fault: broken by a drone that follows our set-points in the air and is asked in vain. Its charge is known,
 /// which the status compares with what the way to the deck and one attempt take; or time is left before it turns back on a sortie;
 /// or it has raised its alarm, a place for its low battery or a reason that names that. And it states what its next step waits for.
-pub fn is_unsaid(rig: &Rig) -> Option<Violation> {
+pub fn is_unreported(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let waits = o.motors_on && !o.in_water && autopilot.is_some_and(SimulatedAutopilot::in_offboard);
@@ -415,8 +415,8 @@ pub fn is_unsaid(rig: &Rig) -> Option<Violation> {
         .into_iter()
         .chain(mission.rejected);
     let alarms = mission.low_battery.is_some() || reasons.map(|why| why.code).any(names_battery);
-    let says = (promised || alarms) && mission.waiting.code != ReasonCode::None;
-    (waits && !says).then(|| Violation {
+    let reports = (promised || alarms) && mission.waiting.code != ReasonCode::None;
+    (waits && !reports).then(|| Violation {
         rule: Rule::WaitsUnsaid,
         t_s: rig.t_s(),
         figure: mission.battery.unwrap_or(0.0),

@@ -45,7 +45,7 @@ const BLEND_S: f64 = 5.0;
 /// Step of the numerical derivatives of the sea's elevation, s: their error is (w h)²/6, below 1e-3 for
 /// waves longer than 2 s.
 const SEA_STEP_S: f64 = 0.02;
-/// Greatest tilt that a scaled recording may reach, rad (60 deg).
+/// Maximum tilt that a scaled recording may reach, rad (60 deg).
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
 config! {
@@ -90,14 +90,14 @@ config! {
     }
 }
 
-/// What a person should know of a recording before it is flown.
+/// Facts about a recording before it is flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFacts {
     /// Length, s.
     pub duration_s: f64,
     /// It has heave.
     pub heave: bool,
-    /// What was done to channels that carry less than their rows say, and what else is not as it seems.
+    /// Remarks on changes to channels that carry less than their rows suggest, and on other irregularities.
     pub remarks: Vec<String>,
 }
 
@@ -128,7 +128,7 @@ impl DeckMotionConfig {
     }
 }
 
-/// What carries the deck.
+/// Carrier of the deck.
 #[derive(Clone)]
 pub enum DeckCarrier {
     /// The simulated vessel.
@@ -194,7 +194,7 @@ impl DeckCarrier {
             DeckCarrier::Responding(_) | DeckCarrier::Recorded(_) => {}
         }
     }
-    /// How far the water's surface is lifted above the sea's now, m.
+    /// Height by which the water's surface is lifted above the sea's now, m.
     pub fn water_lift(&self) -> f64 {
         match self {
             DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
@@ -218,7 +218,7 @@ struct Rounds {
     /// One round, s of the recording, and the blend at its start.
     period: f64,
     blend: f64,
-    /// How far heading, surge and sway get in one round.
+    /// Change of heading, surge and sway in one round.
     per_round: [f64; CHANNELS],
 }
 
@@ -241,7 +241,7 @@ impl Rounds {
     }
 }
 
-/// Where the motion comes from.
+/// Source of the motion.
 #[derive(Clone)]
 enum Source {
     Recording(Rounds),
@@ -257,7 +257,7 @@ pub struct RecordedMotion {
     mean_heading: f64,
     heave_recorded: bool,
     water_follows: bool,
-    /// How far it is lifted now, m.
+    /// Present lift of the water, m.
     water_lift: f64,
     /// Deck centre in the body frame, m.
     deck: Vector3<f64>,
@@ -265,7 +265,7 @@ pub struct RecordedMotion {
 }
 
 impl RecordedMotion {
-    /// Plays `recording` as `config` says, at time zero.
+    /// Plays `recording` with `config`, at time zero.
     pub fn new(
         config: &DeckMotionConfig,
         recording: Recording,
@@ -340,7 +340,7 @@ impl RecordedMotion {
         .begun(sea))
     }
 
-    /// Rocks as `rocking` says, heaving with the sea, at a heading drawn per seed.
+    /// Rocks according to `rocking`, heaving with the sea, at a heading drawn per seed.
     pub fn rocking(
         config: &DeckMotionConfig,
         rocking: &RockingConfig,

@@ -4,7 +4,7 @@ mod quality;
 
 use std::path::{Path, PathBuf};
 
-use alight_usv::log::table::{Quantity, Row, Table, TableError};
+use alight_usv::log::table::{CsvRow, CsvTable, Quantity, TableError};
 use thiserror::Error;
 
 use self::quality::Knots;
@@ -25,7 +25,7 @@ pub const SWAY: usize = 5;
 /// Number of channels.
 pub const CHANNELS: usize = 6;
 
-/// What is read, in the order of the degrees of freedom.
+/// Quantities that are read, in the order of the degrees of freedom.
 const QUANTITIES: [Quantity; CHANNELS] = [
     Quantity::Roll,
     Quantity::Pitch,
@@ -49,7 +49,7 @@ pub enum DeckMotionError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The header is not what is expected.
@@ -60,9 +60,9 @@ pub enum DeckMotionError {
     Header {
         /// The file.
         origin: String,
-        /// Its line, counted from 1.
+        /// Line of the header, counted from 1.
         line: u64,
-        /// What is wrong.
+        /// Fault of the header.
         message: String,
     },
     /// A row that cannot be used.
@@ -70,9 +70,9 @@ pub enum DeckMotionError {
     Row {
         /// The file.
         origin: String,
-        /// Its line, counted from 1.
+        /// Line of the row, counted from 1.
         line: u64,
-        /// What is wrong.
+        /// Fault of the row.
         message: String,
     },
     /// Usable, but not as a whole.
@@ -80,7 +80,7 @@ pub enum DeckMotionError {
     Whole {
         /// The file.
         origin: String,
-        /// What is wrong.
+        /// Fault of the recording.
         message: String,
     },
 }
@@ -90,15 +90,15 @@ pub enum DeckMotionError {
 pub struct Recording {
     /// Times, s.
     pub t: Vec<f64>,
-    /// Values by channel; zero where [`Recording::has`] says no.
+    /// Values by channel; zero where [`Recording::has`] is false.
     pub y: Vec<[f64; CHANNELS]>,
     /// Which channels the file has.
     pub has: [bool; CHANNELS],
     /// Time average per channel, of the recorded stretches.
     pub mean: [f64; CHANNELS],
-    /// How many stretches without data were bridged.
+    /// Number of stretches without data that were bridged.
     pub gaps: usize,
-    /// What was done to channels that carry less than their rows say.
+    /// Remarks on changes to channels that carry less than their rows suggest.
     pub remarks: Vec<String>,
 }
 
@@ -181,7 +181,7 @@ impl Recording {
 }
 
 /// The file's table: every row is sound, and none lies before the row above.
-fn table(bytes: &[u8], origin: &str) -> Result<Table, DeckMotionError> {
+fn table(bytes: &[u8], origin: &str) -> Result<CsvTable, DeckMotionError> {
     let origin = || origin.to_owned();
     let error = |e: TableError| match e {
         TableError::Header { line, message } => DeckMotionError::Header {
@@ -196,7 +196,7 @@ fn table(bytes: &[u8], origin: &str) -> Result<Table, DeckMotionError> {
         },
     };
     let row = |line: u64, message: String| error(TableError::Row { line, message });
-    let mut table = Table::read(bytes).map_err(error)?;
+    let mut table = CsvTable::read(bytes).map_err(error)?;
     for quantity in [Quantity::Roll, Quantity::Pitch] {
         if !table.has(quantity) {
             let message = format!("column `{}` is missing", quantity.name());
@@ -224,9 +224,9 @@ struct Channels {
 }
 
 impl Channels {
-    /// Of the rows with a roll; what has rows of its own is interpolated to their times.
-    fn of(table: &Table) -> Result<Channels, String> {
-        let knots: Vec<&Row> = table
+    /// Channels of the rows with a roll; those with rows of their own are interpolated to their times.
+    fn of(table: &CsvTable) -> Result<Channels, String> {
+        let knots: Vec<&CsvRow> = table
             .rows
             .iter()
             .filter(|r| r.get(Quantity::Roll).is_some())
@@ -290,7 +290,7 @@ struct Own {
 }
 
 impl Own {
-    fn of(rows: &[Row], quantity: Quantity, turn: f64) -> Result<Own, String> {
+    fn of(rows: &[CsvRow], quantity: Quantity, turn: f64) -> Result<Own, String> {
         let name = quantity.name();
         let (mut t, mut y): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
         for row in rows {

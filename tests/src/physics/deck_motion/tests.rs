@@ -315,14 +315,14 @@ fn recording_with_a_bad_header_or_too_few_rows() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// The real recording beside the project.
+/// The real recording, outside the repository.
 fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     Recording::load(&path).unwrap()
 }
 
 #[test]
-#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
+#[ignore = "needs ../shared/data/tank-platform.csv"]
 fn tank_recording_at_twice_its_size() {
     let recording = tank();
     assert_eq!(recording.gaps, 0);
@@ -456,7 +456,7 @@ fn recording_with_whole_second_stamps() {
     for part in ["line 3: 810 of 900 rows", "`python -m alight.convert FILE`"] {
         assert!(coarse.contains(part), "{part}: {coarse}");
     }
-    // Too few rows a second, and a few stamps twice: played, and said.
+    // Too few rows a second, and a few stamps twice: played, with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
         slow.remarks.iter().any(|r| r.contains("below 5")),
@@ -478,13 +478,13 @@ const UNDER_WAY: &str = include_str!("../../../tests/flights/data/figure-of-eigh
 #[test]
 fn recording_of_quantities_on_rows_of_their_own() {
     let recording = Recording::parse(UNDER_WAY.as_bytes(), "under-way.csv").unwrap();
-    let said = recording.remarks.join("\n");
-    for says in [
+    let remarks = recording.remarks.join("\n");
+    for expected in [
         "heave_m comes at 1.0 Hz on rows of its own",
         "left out: gyro_x_radps",
         "north_mps",
     ] {
-        assert!(said.contains(says), "{says}: {said}");
+        assert!(remarks.contains(expected), "{expected}: {remarks}");
     }
     assert_eq!(recording.has, [true, true, true, true, false, false]);
     assert!(
@@ -521,7 +521,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
 
 #[test]
 fn recording_of_another_program() {
-    for (text, says) in [
+    for (text, expected) in [
         ("time,roll,pitch\n0.1,1,2\n", "`t_s` is missing"),
         (
             "t_s,roll_deg,pitch_deg,heave\n0,1,2,3\n",
@@ -531,8 +531,8 @@ fn recording_of_another_program() {
     ] {
         let e = rejection(text);
         assert!(
-            e.contains(says) && e.contains("`python -m alight.convert FILE`"),
-            "{says}: {e}"
+            e.contains(expected) && e.contains("`python -m alight.convert FILE`"),
+            "{expected}: {e}"
         );
     }
     let rows: String = (0..60)

@@ -50,7 +50,7 @@ pub(crate) struct Airframe {
     pub(crate) mass: f64,
     /// True moments of inertia, kg m².
     pub(crate) inertia: Vector3<f64>,
-    /// Greatest true thrust of one rotor, N.
+    /// Maximum true thrust of one rotor, N.
     pub(crate) rotor_max: f64,
     frame: Frame,
     hubs: Vec<Vector3<f64>>,
@@ -61,7 +61,7 @@ pub(crate) struct Airframe {
     parked_drag: f64,
     radius: f64,
     deck_half: [f64; 2],
-    /// Rotor speeds as fractions of the greatest.
+    /// Rotor speeds as fractions of the maximum.
     speeds: [f64; MAX_ROTORS],
 }
 
@@ -98,11 +98,11 @@ impl Airframe {
         }
     }
 
-    /// Collective thrust that hovers in still air, as a fraction of the true greatest.
+    /// Collective thrust that hovers in still air, as a fraction of the true maximum.
     pub(crate) fn hover(&self) -> f64 {
         self.mass * GRAVITY / (self.rotor_max * self.hubs.len() as f64)
     }
-    /// Collective thrust now, as a fraction of the true greatest.
+    /// Collective thrust now, as a fraction of the true maximum.
     pub(crate) fn thrust(&self) -> f64 {
         self.speeds.iter().map(|s| s * s).sum::<f64>() / self.hubs.len() as f64
     }
@@ -120,7 +120,7 @@ impl Airframe {
         &self.hubs
     }
 
-    /// Turns rotor commands (fractions of the greatest thrust, or None with the motors stopped)
+    /// Turns rotor commands (fractions of the maximum thrust, or None with the motors stopped)
     /// into speeds: `T ~ n²` and `dn/dt = (n_c - n) / lag`, exact over `dt`.
     pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();

@@ -29,7 +29,7 @@ config! {
         pub frame: Frame = Frame::QuadX;
         /// The true mass as a multiple of the nominal one, before the error drawn per seed.
         pub mass_factor: f64 = 1.0, in 0.3..=2.0;
-        /// The same of the true thrust.
+        /// The true thrust as a multiple of the nominal one, before the error drawn per seed.
         pub thrust_factor: f64 = 1.0, in 0.3..=2.0;
         /// Bound of the relative error of the true mass, drawn uniformly per seed.
         /// Source: +-5 % unknown to the nodes.
@@ -40,13 +40,13 @@ config! {
         /// First-order lag of the rotor speed, s.
         /// Source: Ctu-mrs t650.
         pub rotor_lag_s: f64 = 0.03, in 0.002..=0.5;
-        /// Idle thrust of a running rotor as a fraction of its greatest.
+        /// Idle thrust of a running rotor as a fraction of its maximum.
         /// Source: (875 / 5832 rpm)², ctu-mrs t650.
         pub idle_thrust: f64 = 0.0225, in 0.0..=0.2;
         /// Quadratic drag on the velocity relative to the air, N/(m/s)².
         /// Source: Ctu-mrs t650.
         pub drag_n_per_mps2: f64 = 0.0995, in 0.0..=10.0;
-        /// The same of the drone on its feet with the rotors stopped: the body alone, without what rotors turn into drag.
+        /// Quadratic drag of a standing drone with stopped rotors: the body alone, without what rotors turn into drag.
         /// Source: sum over its parts (Hoerner 1965, sections 3 and 8), air of 1.225 kg/m³: body 0.24 x 0.15 m (1.05), four
         /// legs and four arms askew of 16 and 25 mm (1.2, cross-flow), motors and blades at rest: 0.082 m².
         pub parked_drag_n_per_mps2: f64 = 0.05, in 0.0..=10.0;
@@ -82,7 +82,7 @@ config! {
         /// Direction it blows to, deg from north towards east; drawn per seed when missing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub to_deg: Option<f64> = None;
-        /// It blows where the waves go, whatever `to_deg` says.
+        /// It blows where the waves go, whatever `to_deg` is.
         pub with_waves: bool = false;
         /// Dryden gusts on the mean wind.
         pub gusts: bool = true;
@@ -92,7 +92,7 @@ config! {
     }
 }
 
-/// What the autopilot does when set-points stop coming.
+/// Action of the autopilot when set-points stop coming.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossAction {
@@ -127,7 +127,7 @@ config! {
         /// Bandwidth of the rate loop of roll and pitch, 1/s.
         /// Source: MC_ROLLRATE_P in units of angular acceleration.
         pub rate_gain_hz: f64 = 20.0, in 2.0..=40.0;
-        /// The same of yaw, 1/s.
+        /// Bandwidth of the rate loop of yaw, 1/s.
         /// Chosen: what the rotors' drag moment allows.
         pub yaw_rate_gain_hz: f64 = 8.0, in 1.0..=40.0;
         /// Integral gain of the rate loop, 1/s².
@@ -156,10 +156,10 @@ config! {
         /// Limits of the vertical velocity set-point: up, down, m/s.
         /// Source: The paper's |vz| <= 4 m/s (PX4's MPC_Z_VEL_MAX_* raised to it).
         pub max_climb_mps: [f64; 2] = [4.0, 4.0], in 0.1..=20.0;
-        /// Greatest tilt that position control commands, deg.
+        /// Maximum tilt that position control commands, deg.
         /// Source: MPC_TILTMAX_AIR.
         pub max_tilt_deg: f64 = 45.0, in 5.0..=80.0;
-        /// Least collective thrust that position control commands, 0 to 1.
+        /// Minimum collective thrust that position control commands, 0 to 1.
         /// Source: MPC_THR_MIN.
         pub min_thrust: f64 = 0.12, in 0.0..=0.5;
         /// Tilt from the horizontal acceleration alone, as PX4 does; else from the whole vector.
@@ -170,7 +170,7 @@ config! {
         /// sinking. With the pilot frozen for 2 s in descent or flare, 100 seeds: 11 hard contacts
         /// at 0.5 s, 3 at 0.25 s.
         pub loss_after_s: f64 = 0.25, in 0.02..=60.0;
-        /// What the failsafe does.
+        /// Action of the failsafe.
         /// Source: COM_OBL_RC_ACT.
         pub loss_action: LossAction = LossAction::Hold;
         /// Deceleration with which it comes to rest when it begins to hold: horizontally, vertically, m/s².
@@ -242,7 +242,7 @@ config! {
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
-        /// Its receiver gives the height above the ellipsoid beside that above the sea (`alt_ellipsoid` of `GPS_RAW_INT`).
+        /// The receiver also gives the height above the ellipsoid (`alt_ellipsoid` of `GPS_RAW_INT`).
         pub gnss_ellipsoid: bool = true;
         /// GNSS rate, Hz.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;

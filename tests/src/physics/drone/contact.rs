@@ -36,11 +36,11 @@ pub struct Impact {
     pub normal_mps: f64,
     /// Relative speed across the normal just before, m/s.
     pub tangential_mps: f64,
-    /// Where, deck frame, m.
+    /// Place, deck frame, m.
     pub position: Point<Deck>,
 }
 
-/// Where the deck's surface is at both ends of a sub-step. NED, SI.
+/// Deck's surface at both ends of a sub-step. NED, SI.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckSpan {
     /// Centre of the upper surface at the start.
@@ -96,7 +96,7 @@ pub(crate) struct Contact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
-    /// What holds each foot on the deck, N.
+    /// Force that holds each foot on the deck, N.
     holds: [f64; 4],
 }
 
@@ -210,8 +210,8 @@ impl Contact {
         self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
 
-    /// What the deck holds the feet with that touch it: force and moment about the centre of mass, NED. It acts along the
-    /// deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
+    /// Hold of the deck on the feet that touch it: force and moment about the centre of mass, NED. It acts along
+    /// the deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
     /// pulls a foot off with more ends it.
     fn hold(&self, before: &Motion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
         let down = deck.turn * Vector3::z();

@@ -38,7 +38,7 @@ const HEXA_X: [[f64; 3]; 6] = [
 
 impl Frame {
     /// Position in units of arm / sqrt 2 and sense of each rotor: `[forward, right, yaw]`; a rotor that turns
-    /// counter-clockwise seen from above turns the body clockwise (+yaw in FRD). In these units the sum of the squares
+    /// counter-clockwise from above turns the body clockwise (+yaw in FRD). In these units the sum of the squares
     /// along each of the three is the number of rotors.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
@@ -50,7 +50,7 @@ impl Frame {
     pub fn count(self) -> usize {
         self.rotors().len()
     }
-    /// What each rotor adds for a unit of roll, pitch and yaw: lift at (x, y) gives the moment (-y T, x T).
+    /// Thrust that each rotor adds for a unit of roll, pitch and yaw: lift at (x, y) gives the moment (-y T, x T).
     pub(crate) fn axes(self) -> [[f64; MAX_ROTORS]; 3] {
         let mut axes = [[0.0; MAX_ROTORS]; 3];
         for (i, [x, y, sense]) in self.rotors().iter().enumerate() {

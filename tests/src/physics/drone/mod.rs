@@ -40,7 +40,7 @@ const GROUND_EFFECT_M: f64 = 3.0;
 /// margin.
 const CONTACT_MARGIN_M: f64 = 0.05;
 
-/// Where the drone starts, hovering.
+/// Start of the drone, hovering.
 #[derive(Clone, Copy, Debug)]
 pub struct DroneStart {
     /// Centre of mass, true NED, m.
@@ -49,7 +49,7 @@ pub struct DroneStart {
     pub yaw: f64,
 }
 
-/// What happened in one tick.
+/// Report of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepReport {
     /// Parts that met the deck in this tick, in order.
@@ -70,7 +70,7 @@ pub struct SimulatedDrone {
     airframe: Airframe,
     contact: Contact,
     wind: Wind,
-    /// What stands around the deck, and makes wakes.
+    /// Obstacles around the deck, which make wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
     /// Reach of its parts below and above the centre of mass, m.
@@ -85,7 +85,7 @@ pub struct SimulatedDrone {
     specific_force: Vector3<f64>,
 }
 
-/// What the sensors of a firmware are moved by: the true state of the drone.
+/// Input of a firmware's sensors: the true state of the drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     /// When.
@@ -121,7 +121,7 @@ pub fn wind_to_deg(streams: &Streams) -> f64 {
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start` beside what stands around the deck. True mass and thrust and wind come from named
+    /// A drone that hovers at `start` among the obstacles around the deck. True mass and thrust and wind come from named
     /// streams (`drone.airframe`, `wind`, `wind/wake`).
     pub fn new(
         config: &DroneConfig,
@@ -177,7 +177,7 @@ impl SimulatedDrone {
     pub fn snag(&mut self, foot: usize, newton: f64) {
         self.contact.snag(foot, newton);
     }
-    /// What sensors are moved by.
+    /// Input of the sensors.
     pub fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
         PlantState {
             at,
@@ -339,7 +339,7 @@ impl SimulatedDrone {
     pub fn hover_thrust(&self) -> f64 {
         self.airframe.hover()
     }
-    /// Greatest nominal thrust, N: what a normalised thrust of 1 commands.
+    /// Maximum nominal thrust, N: what a normalised thrust of 1 commands.
     pub fn nominal_max_n(&self) -> f64 {
         self.nominal_max_n
     }

@@ -13,7 +13,7 @@ const INTENSITY: [f64; 3] = [0.08, 0.08, 0.06];
 const NEAR: f64 = 1.7;
 /// Exponent with which deficit and turbulence decay with the distance.
 const DECAY: f64 = 2.0 / 3.0;
-/// The least part of the wind that is left in a wake.
+/// Minimum fraction of the wind that is left in a wake.
 const MIN_SPEED: f64 = 0.01;
 
 /// A place in a wake.
@@ -44,7 +44,7 @@ pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
     ((up_to(high) - up_to(low)) / (high - low)).sqrt()
 }
 
-/// How far a place over a deck of these half lengths is from its edge against the direction `towards`, m; None beside it.
+/// Distance from a place over a deck of these half lengths to its edge against the direction `towards`, m; None off it.
 pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>) -> Option<f64> {
     let to_edge = |i: usize| (half[i] + place[i] * towards[i].signum()) / towards[i].abs().max(1e-9);
     let over = (0..2).all(|i| place[i].abs() <= half[i]);

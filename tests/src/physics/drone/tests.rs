@@ -179,7 +179,7 @@ fn hold_under_a_greater_pull() {
 
 #[test]
 fn parked_drone_under_drag_and_friction() {
-    // At 0.1 friction holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s at the least.
+    // At 0.1 friction holds 3.4 N: 0.05 N/(m/s)² times the square of 8.1 m/s or more.
     for (mean_mps, slides) in [(9.0, false), (13.0, true)] {
         let mut c = ideal();
         c.contact.friction = 0.1;

@@ -14,7 +14,7 @@ const FOOT_M: f64 = 0.3048;
 /// Height of the speed that a scenario states, and of the one that the gusts go by (20 ft), m.
 const STATED_M: f64 = 10.0;
 const DRYDEN_M: f64 = 20.0 * FOOT_M;
-/// Lowest height of the profile, m: below the crests there is none.
+/// Lowest height of the profile, m: below the wave crests there is no wind.
 const LOWEST_M: f64 = 0.1;
 /// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
 const KARMAN: f64 = 0.4;
@@ -56,18 +56,18 @@ pub(crate) struct OverDeck<'a> {
     pub(crate) velocity: Vector3<f64>,
     /// The drone's centre of mass in the deck's axes, m.
     pub(crate) place: Vector3<f64>,
-    /// Its parts reach so far below and above that, m.
+    /// Reach of its parts below and above that, m.
     pub(crate) reach: [f64; 2],
     /// Half of the deck's length and width, m.
     pub(crate) half: [f64; 2],
-    /// What stands around the deck; each volume is a solid body in the wind.
+    /// Obstacles around the deck; each volume is a solid body in the wind.
     pub(crate) bodies: &'a [KeepOut],
 }
 
 /// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of what stands upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct Wind {
-    /// Where the mean wind blows to, unit vector NED, and its profile.
+    /// Direction towards which the mean wind blows, unit vector NED, and its profile.
     ahead: Vector3<f64>,
     profile: Profile,
     gusts: bool,
@@ -129,7 +129,7 @@ impl Wind {
     /// `sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4`, `L_w = h`,
     /// `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal form is first-order with
     /// `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. The gusts are taken as frozen
-    /// and carried by the mean wind: V is the drone's speed relative to it, 1 m/s at the least.
+    /// and carried by the mean wind: V is the drone's speed relative to it, at least 1 m/s.
     fn gust(&mut self, dt: f64, height: f64, airspeed: f64) -> (Vector3<f64>, [f64; 3]) {
         let h = (height / FOOT_M).clamp(10.0, 1000.0);
         let k = 0.177 + 0.000_823 * h;
@@ -158,7 +158,7 @@ impl Wind {
         (gust, [sigma_u, sigma_u, sigma_w])
     }
 
-    /// What the vessel leaves of the `wind` (NED) with gusts of the standard deviation `sd`: its part along the deck is
+    /// Wind over the deck, of the `wind` (NED) with gusts of the standard deviation `sd`: its part along the deck is
     /// slower in the boundary layer and in a wake (of several the deepest), whose eddies make up what the gusts lack of the
     /// wake's turbulence and pass at the wind's speed.
     fn over_deck(&mut self, dt: f64, wind: Vector3<f64>, sd: [f64; 3], over: &OverDeck<'_>) -> Vector3<f64> {

@@ -56,7 +56,7 @@ config! {
         pub gamma: f64 = 3.3, in 1.0..=7.0;
         /// Exponent s of the directional spread cos^2s((direction - mean)/2).
         pub spread: f64 = 10.0, in 1.0..=100.0;
-        /// Where it goes, clockwise from the sea's mean direction, deg.
+        /// Direction towards which it runs, clockwise from the sea's mean direction, deg.
         pub from_mean_deg: f64 = 0.0, in -360.0..=360.0;
     }
 }
@@ -99,7 +99,7 @@ config! {
         pub spread: f64 = 10.0, in 1.0..=100.0;
         /// Irregular seas: number of components.
         pub components: usize = 24;
-        /// Where the waves go, clockwise from north, deg; drawn per seed where absent.
+        /// Direction towards which the waves run, clockwise from north, deg; drawn per seed where absent.
         pub mean_direction_deg: Option<f64> = None;
         /// Wave systems of the kind `systems`; `components` is for each of them.
         #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -34,7 +34,7 @@ use crate::physics::streams::Streams;
 /// Density of sea water at 15 °C, kg/m³ (ITTC 2011).
 pub const WATER_DENSITY: f64 = 1026.0;
 
-/// Greatest sum of q k A: 1 is where the surface starts to fold.
+/// Maximum sum of q k A: 1 is where the surface starts to fold.
 const MAX_STEEPNESS: f64 = 0.9;
 
 /// One wave.
@@ -65,12 +65,12 @@ impl Component {
     }
 }
 
-/// What the water does at one place.
+/// State of the water at one place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WaterSample {
     /// Elevation of the surface above the rest level, m, up.
     pub elevation_m: f64,
-    /// Its gradient towards north and east (up per horizontal), -.
+    /// Gradient of the surface towards north and east (up per horizontal), -.
     pub slope: Vector2<f64>,
     /// Velocity of the water, NED, m/s.
     pub velocity: Vector3<f64>,
@@ -102,7 +102,7 @@ pub struct Water {
     pub acceleration: Vector<TrueNed>,
     /// Pressure above the atmosphere's, Pa; zero at the surface and above it.
     pub pressure_pa: f64,
-    /// Its part from the waves: [`Water::pressure_pa`] minus the hydrostatic pressure under the rest
+    /// Part of the pressure from the waves: [`Water::pressure_pa`] minus the hydrostatic pressure under the rest
     /// level, Pa.
     pub dynamic_pressure_pa: f64,
 }
@@ -115,7 +115,7 @@ pub struct Sea {
     steepness_factor: f64,
     /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the place itself.
     linear: bool,
-    /// Where the waves go, clockwise from north, rad.
+    /// Direction towards which the waves run, clockwise from north, rad.
     mean_direction: f64,
 }
 
@@ -135,7 +135,7 @@ impl Sea {
         }
     }
 
-    /// The same sea as linear (Airy) waves with [`LINEAR_COMPONENTS`] or more where it is irregular: for a
+    /// This sea as linear (Airy) waves with [`LINEAR_COMPONENTS`] or more where it is irregular: for a
     /// vessel whose response is linear in the very waves that the water shows.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
@@ -181,7 +181,7 @@ impl Sea {
         }
     }
 
-    /// The same sea about another place: what it has at `by` (north, east, m) this one has at its origin.
+    /// This sea about another place: what it has at `by` (north, east, m) this one has at its origin.
     #[must_use]
     pub fn about(&self, by: &Vector2<f64>) -> Sea {
         let mut sea = self.clone();
@@ -190,11 +190,11 @@ impl Sea {
         }
         sea
     }
-    /// Where the waves go, clockwise from north, rad.
+    /// Direction towards which the waves run, clockwise from north, rad.
     pub fn mean_direction(&self) -> f64 {
         self.mean_direction
     }
-    /// Its waves.
+    /// Waves of the sea.
     pub fn components(&self) -> &[Component] {
         &self.components
     }
@@ -404,7 +404,7 @@ impl Fold {
     }
 }
 
-/// Where the waves go: as given, else drawn.
+/// Direction towards which the waves run: as given, else drawn.
 fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
     let drawn = streams.stream("sea/mean-direction").random::<f64>() * TAU;
     config.mean_direction_deg.map_or(drawn, f64::to_radians)

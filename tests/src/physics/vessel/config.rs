@@ -3,7 +3,7 @@
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 
-/// What the vessel's own autopilot does.
+/// Course by the vessel's own autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Course {
@@ -56,7 +56,7 @@ pub struct Push {
     pub at_s: f64,
     /// For how long, s.
     pub for_s: f64,
-    /// How hard: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    /// Force and moment: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
     pub by_n_nm: [f64; 6],
 }
 
@@ -95,16 +95,16 @@ config! {
         pub linear_yaw_drag_nms: f64 = 400.0, in 0.0..=2e4;
         /// Quadratic yaw drag, Nm/(rad/s)².
         pub quadratic_yaw_drag_nms2: f64 = 800.0, in 0.0..=2e4;
-        /// How much of the water's horizontal motion reaches surge, sway and yaw: 1 is physics, 0 the stock
+        /// Fraction of the water's horizontal motion that reaches surge, sway and yaw: 1 is physics, 0 the stock
         /// simulator whose buoyancy is purely vertical.
         pub sideways_coupling: f64 = 1.0, in 0.0..=1.0;
-        /// Greatest forward thrust of each of the two engines, N.
+        /// Maximum forward thrust of each of the two engines, N.
         pub thrust_forward_n: f64 = 250.0, in 0.0..=1e5;
-        /// Greatest reverse thrust of each, N.
+        /// Maximum reverse thrust of each, N.
         pub thrust_reverse_n: f64 = 100.0, in 0.0..=1e5;
-        /// What the vessel's autopilot does.
+        /// Course by the vessel's autopilot.
         pub course: Course = Course::Drift;
-        /// Its speed through the water, m/s.
+        /// Speed of the vessel through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
         /// When the one turn or change of speed of such a course begins, s of true time; where absent, a drawn 0 to
         /// 6 s after the first descent of a trial, of which no node knows.

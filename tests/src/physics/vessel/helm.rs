@@ -10,7 +10,7 @@ use super::path::{MeanPath, PathPoint};
 use super::steering::{STEP_S, SetPoint, Steered};
 use crate::physics::streams::Streams;
 
-/// Where it is steering.
+/// State of the steering.
 #[derive(Clone, Debug)]
 pub struct Helm {
     course: Course,
@@ -25,7 +25,7 @@ pub struct Helm {
     inertia: [f64; 3],
     /// Start of the present leg, north and east, m.
     from: Vector2<f64>,
-    /// Its direction, rad.
+    /// Direction of the leg, rad.
     leg: f64,
     /// Speed through the water without the waves' share, m/s.
     smooth_speed: f64,
@@ -147,7 +147,7 @@ impl Helm {
         }
     }
 
-    /// What rode, wind and thrusters do together: a soft spring towards the mean path, which the waves do not feel.
+    /// Joint effect of rode, wind and thrusters: a soft spring towards the mean path, which the waves do not feel.
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
         let body = |v: Vector2<f64>| Vector2::new(c * v.x + s * v.y, c * v.y - s * v.x);

@@ -77,12 +77,12 @@ pub struct Vessel {
     /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
     steering: Vector3<f64>,
     pushes: Vec<Push>,
-    /// What pushes it by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
+    /// Force and moment by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
     /// Force of the pushes now.
     pushing: Vector6<f64>,
     motion: Motion,
-    /// Its derivative of body velocity.
+    /// Derivative of the body velocity.
     nu_dot: Vector6<f64>,
     before: WaterAt,
     after: WaterAt,
@@ -232,7 +232,7 @@ impl Vessel {
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
-    /// Its autopilot steers to a set-point from now on; None: as its course has it.
+    /// Makes its autopilot steer to a set-point from now on; None: as its course has it.
     pub fn steer_to(&mut self, set_point: Option<SetPoint>) {
         let heading = self.motion.attitude.euler_angles().2;
         self.helm.steer_to(set_point, self.motion.position.xy(), heading);

@@ -233,7 +233,7 @@ fn straight(from: Vector2<f64>, speed: f64, heading: f64, since: f64) -> PathPoi
 /// The limit cycle of a thruster with a dead band against a steady wind, in one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 struct Cycle {
-    /// Of the first harmonic, m or rad.
+    /// Amplitude of the first harmonic, m or rad.
     amplitude: f64,
     /// rad/s.
     omega: f64,

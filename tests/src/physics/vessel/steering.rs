@@ -8,7 +8,7 @@
 use alight_shared::frames::wrap_angle;
 use nalgebra::Vector2;
 
-/// Where the mean path is.
+/// Point of the mean path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathPoint {
     /// North and east, m.
@@ -42,7 +42,7 @@ pub const STEP_S: f64 = 0.01;
 /// Heading and speed on their way to a set-point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steered {
-    /// Where it is.
+    /// Position on the path.
     pub position: Vector2<f64>,
     /// Heading (rad) and rate of turn (rad/s).
     pub heading: [f64; 2],

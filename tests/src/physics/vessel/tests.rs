@@ -307,7 +307,7 @@ proptest::proptest! {
         let l2 = mass * 4.9 * 4.9;
         let config = VesselConfig {
             mass_kg: mass,
-            // From the least allowed inertia to one a quarter of the greatest.
+            // From the minimum inertia allowed to a quarter of the maximum.
             inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
             damping_ratio: [damping; 3],
             sideways_coupling: coupling,

@@ -9,14 +9,14 @@ use super::{StatedErrors, put};
 
 /// A message: its number and the byte that its definition adds to the checksum (CRC_EXTRA).
 #[derive(Clone, Copy, Debug)]
-pub struct Message(pub u32, pub u8);
+pub struct MavlinkId(pub u32, pub u8);
 
 /// A system is there.
-pub const HEARTBEAT: Message = Message(0, 50);
+pub const HEARTBEAT: MavlinkId = MavlinkId(0, 50);
 /// Accelerometers and gyroscopes.
-pub const HIGHRES_IMU: Message = Message(105, 93);
+pub const HIGHRES_IMU: MavlinkId = MavlinkId(105, 93);
 /// A receiver's fix.
-pub const GPS_RAW_INT: Message = Message(24, 24);
+pub const GPS_RAW_INT: MavlinkId = MavlinkId(24, 24);
 
 /// The boat's autopilot.
 const SYSTEM: u8 = 1;
@@ -35,7 +35,7 @@ pub fn checksum(bytes: impl IntoIterator<Item = u8>) -> u16 {
 }
 
 /// A frame of version 2 without signature; zeros at the payload's end are left out.
-pub fn frame(sequence: u8, Message(id, extra): Message, payload: &[u8]) -> Vec<u8> {
+pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> Vec<u8> {
     // The first byte stays.
     let zeros = payload.iter().skip(1).rev().take_while(|b| **b == 0).count();
     let length = payload.len() - zeros;
@@ -56,7 +56,7 @@ pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]
     p
 }
 
-/// Of a surface boat under ArduPilot that is active.
+/// Heartbeat of an active surface boat under ArduPilot.
 pub fn boat_heartbeat() -> [u8; 9] {
     heartbeat(0, [11, 3, 0, 4])
 }

@@ -2,7 +2,7 @@
 //! Signal K, UBX or MAVLink, for the program that a vessel installs.
 //!
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
-//! writer and reader shared would not be seen.
+//! writer and reader shared would not be found.
 
 pub mod mavlink;
 pub mod n2k;
@@ -35,7 +35,7 @@ pub struct Carries {
 }
 
 impl Carries {
-    /// What each of a vessel's sources carries, by its format: every kind comes from one source, from the one that is
+    /// Kinds that each of a vessel's sources carries, by its format: every kind comes from one source, from the one that is
     /// made for it first. None where no source has a format for inertial samples.
     pub fn assign(formats: &[Format]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| wanted.iter().find_map(|w| formats.iter().position(|f| f == w));
@@ -63,17 +63,17 @@ impl Carries {
     }
 }
 
-/// What a receiver states of its errors, the slow ones included, m and m/s.
+/// Errors that a receiver states, the slow ones included, m and m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StatedErrors {
-    /// Of the position, each axis.
+    /// Error of the position, each axis.
     pub position_m: f64,
-    /// Of the velocity, each axis.
+    /// Error of the velocity, each axis.
     pub velocity_mps: f64,
 }
 
 impl StatedErrors {
-    /// Of the receiver with these errors.
+    /// Errors stated by the receiver with these errors.
     pub fn of(config: &GnssErrorConfig) -> StatedErrors {
         StatedErrors {
             position_m: config.white_sd_m.hypot(config.bias_sd_m),
@@ -196,7 +196,7 @@ impl BoatSensor {
             }
         }
     }
-    fn frame(&mut self, message: mavlink::Message, payload: &[u8]) -> Vec<u8> {
+    fn frame(&mut self, message: mavlink::MavlinkId, payload: &[u8]) -> Vec<u8> {
         let bytes = mavlink::frame(self.sequence, message, payload);
         self.sequence = self.sequence.wrapping_add(1);
         bytes

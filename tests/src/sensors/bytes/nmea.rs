@@ -10,7 +10,7 @@ const KNOTS: f64 = 3600.0 / 1852.0;
 const KMH: f64 = 3.6;
 /// Digits of minutes and of metres: as receivers show them, and in their mode of high precision.
 pub const USUAL: [usize; 2] = [5, 1];
-/// The same in their mode of high precision.
+/// Digits in their mode of high precision.
 pub const FINE: [usize; 2] = [7, 3];
 
 /// `$`, the body, `*`, the exclusive or of the body's bytes in two hexadecimal digits, carriage return and line feed.
@@ -61,7 +61,7 @@ pub struct Gga {
 }
 
 impl Gga {
-    /// Of a fix without corrections (quality 1), with so many digits of minutes and of metres.
+    /// Sentence of a fix without corrections (quality 1), with so many digits of minutes and of metres.
     pub fn sentence(&self, [minutes, metres]: [usize; 2]) -> Vec<u8> {
         let Gga {
             place,

@@ -8,7 +8,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_usv::sensors::{
-    Decoder, Measurement, Mount, Mounting, N2kDecoder, Readings, SignalKDecoder, SourceMeasurement,
+    Measurement, Mount, Mounting, N2kDecoder, Readings, SensorDecoder, SignalKDecoder, SourceMeasurement,
 };
 use alight_usv::{VesselNode, VesselNodeConfig};
 
@@ -19,7 +19,7 @@ const TICK: Span = Span::from_millis(10);
 /// A velocity goes with a position of about its time, ns.
 const PAIR_NS: i64 = 300_000_000;
 
-/// How a network writes a measurement of this time, ns, and number.
+/// Writer of a network's measurement of this time, ns, and number.
 type Writer = fn(i64, &Measurement, u8) -> Vec<u8>;
 
 fn is_place(g: &GnssFix) -> bool {
@@ -108,8 +108,12 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
     all
 }
 
-/// What the vessel's decoder makes of the recording on this network.
-fn received(mut decoder: impl Decoder, columns: &[Measurement], write: Writer) -> Vec<(i64, Measurement)> {
+/// Measurements that the vessel's decoder makes of the recording on this network.
+fn received(
+    mut decoder: impl SensorDecoder,
+    columns: &[Measurement],
+    write: Writer,
+) -> Vec<(i64, Measurement)> {
     let mut out: Vec<SourceMeasurement> = Vec::new();
     for (m, number) in columns.iter().zip((0..=u8::MAX).cycle()) {
         decoder.push(&write(m.at().nanos(), m, number), &mut out);
@@ -188,7 +192,7 @@ fn apart(a: &[VesselEstimate<VesselClock>], b: &[VesselEstimate<VesselClock>]) -
 }
 
 #[test]
-#[ignore = "needs ../shared/data/underway beside the project"]
+#[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_as_frames_and_deltas() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/underway");
     // One has no place: nothing is estimated, and its measurements are compared.
@@ -238,7 +242,7 @@ fn recorded_boats_as_frames_and_deltas() {
 #[test]
 fn rate_of_turn_on_both_networks() {
     let mounting = Mounting::new(&Mount::default());
-    let networks: [(Box<dyn Decoder>, Vec<u8>); 2] = [
+    let networks: [(Box<dyn SensorDecoder>, Vec<u8>); 2] = [
         (
             Box::new(N2kDecoder::new(&mounting)),
             [n2k::rate_of_turn(0, 0.1), n2k::heading(0, 1.0)].concat(),

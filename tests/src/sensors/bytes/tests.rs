@@ -2,7 +2,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::Header;
 use alight_shared::time::{Time, VesselClock};
 use alight_usv::sensors::{
-    Decoder, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, SignalKDecoder,
+    MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, SensorDecoder, SignalKDecoder,
     SourceMeasurement, UbxDecoder,
 };
 use proptest::prelude::*;
@@ -95,7 +95,7 @@ fn kinds_of_measurements_of_each_source() {
 fn header(at_ns: i64) -> Header<VesselClock> {
     Header::new(1, 0, 1, 0, Time::from_nanos(at_ns))
 }
-fn decoded(mut decoder: impl Decoder, bytes: &[u8]) -> Vec<SourceMeasurement> {
+fn decoded(mut decoder: impl SensorDecoder, bytes: &[u8]) -> Vec<SourceMeasurement> {
     let mut out = Vec::new();
     decoder.push(bytes, &mut out);
     let counts = decoder.decoded();
@@ -151,7 +151,7 @@ proptest! {
                         // 1e-7 deg is 1.1 cm.
                         prop_assert!((g.datum.latitude_deg - datum.latitude_deg).abs() < 1e-7, "{:?} {:?}", format, g);
                         prop_assert!((g.datum.longitude_deg - datum.longitude_deg).abs() < 1e-7, "{:?}", g);
-                        // Neither says what a height counts from; both are tried where it is read.
+                        // Neither states what a height counts from; both are tried where it is read.
                         let apart_m = (g.datum.height_m - datum.height_m).abs();
                         prop_assert!(apart_m < 2e-3 || matches!(format, Format::N2k | Format::SignalK), "{:?}", g);
                         for (k, v) in [velocity.0, velocity.1].into_iter().enumerate() {
@@ -169,7 +169,7 @@ proptest! {
                             prop_assert!((i.gyro[k] - gyro[k]).abs() < 1e-5, "{:?}", i);
                         }
                     }
-                    Measurement::Attitude(_) => prop_assert!(false, "nobody sent an attitude"),
+                    Measurement::Attitude(_) => prop_assert!(false, "no attitude was sent"),
                 }
             }
         }

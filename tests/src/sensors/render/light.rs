@@ -4,7 +4,7 @@ use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::super::camera::View;
+use super::super::camera::CameraMotion;
 use super::super::night::{NightConfig, veil};
 use super::rays::Ray;
 use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
@@ -14,7 +14,7 @@ const SQUARE_PX: usize = 16;
 /// Squares whose light is below this part of the brightest one's scatter nothing that matters.
 const FAINT: f32 = 0.01;
 
-/// What makes grey levels and noise of light.
+/// Sensor that makes grey levels and noise of light.
 pub(super) struct Sensor {
     /// Grey levels of one unit of light.
     scale: f32,
@@ -66,7 +66,7 @@ fn direction(ray: &Ray) -> Vector3<f32> {
 
 impl Renderer {
     /// The sun in the deck as a mirror; None when it is dry.
-    pub(super) fn glare_on(&self, view: &View, deck_in_camera: &DeckInCamera) -> Option<Glare> {
+    pub(super) fn glare_on(&self, view: &CameraMotion, deck_in_camera: &DeckInCamera) -> Option<Glare> {
         if !(self.config.glare > 0.0) || self.night.is_some() {
             return None;
         }
@@ -128,7 +128,7 @@ impl Renderer {
             }
         });
     }
-    /// What the scene scatters into each square of pixels: `Σ veil(θ) ω E/π` of the others' light `E` and solid angle `ω`.
+    /// Light scattered into each square of pixels: `Σ veil(θ) ω E/π` of the others' light `E` and solid angle `ω`.
     fn own_scatter(&self, light: &[f32], width: usize) -> Vec<f32> {
         let (columns, rows) = (width.div_ceil(SQUARE_PX), light.len().div_ceil(width * SQUARE_PX));
         let height = light.len() / width.max(1);
@@ -151,7 +151,7 @@ impl Renderer {
             .collect();
         let into = |(at, _): &(Vector3<f32>, f32)| {
             let from = |(toward, sum): &&(Vector3<f32>, f32)| {
-                // A pixel off the axis is seen under the cube of the cosine.
+                // A pixel off the axis subtends the cube of the cosine.
                 sum * toward.z.powi(3) * veil(f64::from((toward - at).norm())) as f32
             };
             pixel * sources.iter().map(from).sum::<f32>()

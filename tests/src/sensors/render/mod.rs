@@ -7,6 +7,7 @@
 
 mod light;
 mod paint;
+mod plane;
 mod rays;
 pub mod ultraviolet;
 
@@ -16,30 +17,30 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_uav::camera::metering::Setting;
 use alight_uav::camera::{GreyImage, Lens};
-use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
-use super::camera::{CameraMount, View};
+use super::camera::{CameraMotion, CameraMount};
 use super::clocks::ClockModel;
 use super::night::NightConfig;
-use super::noise::{Noise, Schedule};
+use super::noise::{Noise, SampleSchedule};
 use super::occlusion::{Occlusion, Shadow};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use light::{Glare, Sensor};
-use paint::{DeckPaint, Paint, Patch, Sea, SeaScene};
-use rays::{Pattern, Ray, Rays, Sample};
+use paint::{DeckPaint, Paint, Patch, SeaPaint, SeaScene};
+use plane::{DeckInCamera, ToDeck};
+use rays::{Pattern, Ray, RaySample, Rays};
 
 config! {
     /// The camera and the light, as they are.
     pub struct RenderConfig {
         /// Images take the place of the tag's measurement model.
         pub on: bool = false;
-        /// The same of the UV markers.
+        /// Images take the place of the UV markers' measurement model, too.
         pub markers: bool = false;
         /// Glints of the sun in an ultraviolet image.
         pub glints: u32 = 10, in 0.0..=1e4;
-        /// The lens as it is; the node has what its calibration says.
+        /// The true lens; the node has the calibrated one.
         pub lens: Lens;
         /// Grey level of a white surface in the light; above 255 is clipped.
         /// Chosen: a usual machine-vision sensor and a lens of moderate quality in daylight.
@@ -59,24 +60,24 @@ config! {
     }
 }
 
-/// What an image is made from.
+/// Input of an image.
 #[derive(Clone, Copy)]
 pub struct Shot {
     /// Middle of the exposure, true.
     pub t: Time<TrueTime>,
-    /// The same on the drone's clock.
+    /// Time on the drone's clock.
     pub at: Time<DroneClock>,
     /// Length of the exposure, s.
     pub exposure_s: f64,
-    /// Gain over the sensor's least; of no effect by day.
+    /// Gain over the sensor's minimum; of no effect by day.
     pub gain: f64,
     /// The camera at that time.
-    pub view: View,
+    pub view: CameraMotion,
     /// The deck at that time.
     pub deck: RigidState<Deck>,
 }
 
-/// Of one world: the same instant is the same shot.
+/// Equality within one world: the same time is the same shot.
 impl PartialEq for Shot {
     fn eq(&self, o: &Shot) -> bool {
         self.t == o.t
@@ -91,14 +92,14 @@ impl core::fmt::Debug for Shot {
 /// Begins an image each period.
 #[derive(Clone, Debug)]
 pub(super) struct Shutter {
-    schedule: Schedule,
+    schedule: SampleSchedule,
     clock: ClockModel,
 }
 
 impl Shutter {
     pub(super) fn new(rate_hz: f64, clock: ClockModel) -> Shutter {
         Shutter {
-            schedule: Schedule::new(rate_hz),
+            schedule: SampleSchedule::new(rate_hz),
             clock,
         }
     }
@@ -106,7 +107,7 @@ impl Shutter {
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
-        view: &View,
+        view: &CameraMotion,
         deck: &RigidState<Deck>,
         setting: impl FnOnce() -> Setting,
     ) -> Vec<Shot> {
@@ -135,7 +136,7 @@ pub struct Renderer {
     rays: Rays,
     patterns: Vec<Pattern>,
     paint: DeckPaint,
-    sea: Sea,
+    sea: SeaPaint,
     sun: Vector<TrueNed>,
     /// The drone, and the pixels that its legs cover.
     drone: Option<(Occlusion, Vec<bool>)>,
@@ -160,74 +161,6 @@ fn sun_of(config: &RenderConfig, light: &mut Noise) -> Vector<TrueNed> {
     Vector::new(cos * north, cos * east, -sin)
 }
 
-/// What is seen, in the camera's axes.
-struct DeckInCamera {
-    /// Deck's centre, m, and its axes.
-    at: Vector3<f64>,
-    axes: Rotation3<f64>,
-    /// Velocity of the centre, m/s, and rate of turn, rad/s, as the camera sees them.
-    drift: Vector3<f64>,
-    turn: Vector3<f64>,
-}
-
-impl DeckInCamera {
-    fn new(view: &View, deck: &RigidState<Deck>) -> DeckInCamera {
-        let at = view.to_camera_frame(deck.position);
-        let axes = view.camera_from_world * deck.attitude;
-        DeckInCamera {
-            at,
-            drift: view.drift(at, deck.velocity),
-            turn: (axes * deck.rates).0 - view.rates.0,
-            axes: axes.0.to_rotation_matrix(),
-        }
-    }
-    /// Where a ray meets the deck's plane, m.
-    fn meet(&self, [u, v]: [f32; 2]) -> Option<Vector3<f64>> {
-        let (ray, normal) = (
-            Vector3::new(f64::from(u), f64::from(v), 1.0),
-            self.axes.matrix().column(2),
-        );
-        let depth = normal.dot(&self.at) / normal.dot(&ray);
-        (depth > 0.0).then(|| ray * depth)
-    }
-    /// Deck's centre and axes `s` seconds from the middle of the exposure.
-    fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
-        (
-            self.at + self.drift * s,
-            Rotation3::from_scaled_axis(self.turn * s) * self.axes,
-        )
-    }
-}
-
-/// The homography from directions at unit distance to the deck's plane, as rows: a ray `d` meets the
-/// plane at `x = (X . d) / (Z . d)`, `y = (Y . d) / (Z . d)` where `Z . d > 0`.
-#[derive(Clone, Copy)]
-struct ToDeck {
-    x: [f32; 3],
-    y: [f32; 3],
-    z: [f32; 3],
-}
-
-impl ToDeck {
-    /// None when the camera is not above the deck.
-    fn new(at: &Vector3<f64>, axes: &Rotation3<f64>) -> Option<ToDeck> {
-        let m = axes.matrix();
-        let [a, b, c] = [0, 1, 2].map(|k| m.column(k).into_owned());
-        let height = c.dot(at);
-        let row = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
-        (height > 1e-3).then(|| ToDeck {
-            x: row(a * height - c * a.dot(at)),
-            y: row(b * height - c * b.dot(at)),
-            z: row(c),
-        })
-    }
-    fn meet(&self, u: f32, v: f32) -> Option<[f32; 2]> {
-        let dot = |r: &[f32; 3]| r[0] * u + r[1] * v + r[2];
-        let z = dot(&self.z);
-        (z > 1e-4).then(|| [dot(&self.x) / z, dot(&self.y) / z])
-    }
-}
-
 /// Side of the largest block of pixels that is drawn at once, px.
 const BLOCK_PX: usize = 16;
 /// The lens bends a straight line by less than this within a block, px.
@@ -243,7 +176,7 @@ struct Block {
 }
 
 impl Block {
-    /// Its quarters; of a line of pixels its halves.
+    /// Quarters of the block; of a line of pixels its halves.
     fn parts(&self) -> impl Iterator<Item = Block> {
         let halves = |from: usize, to: usize| {
             let middle = from + (to - from) / 2;
@@ -265,7 +198,7 @@ impl Block {
 /// The light of some rows of an image.
 struct Band<'a> {
     light: &'a mut [f32],
-    /// Its first row.
+    /// First row of the band.
     top: usize,
     /// Width of the image, px.
     width: usize,
@@ -284,7 +217,7 @@ impl Band<'_> {
     }
 }
 
-/// What one image shows.
+/// Content of one image.
 struct Scene<'a> {
     sea: SeaScene<'a>,
     /// The deck, and the pixels that may show it: left, top, right, bottom.
@@ -295,10 +228,10 @@ struct Scene<'a> {
 struct DeckScene<'a> {
     deck: DeckInCamera,
     /// Rays of a pixel, each with the deck at its time.
-    rays: Vec<(ToDeck, &'a Sample)>,
+    rays: Vec<(ToDeck, &'a RaySample)>,
     /// Rays are at most so far from their pixel's middle, px.
     reach_px: f32,
-    /// What moves is smeared so far, px.
+    /// Length of the motion blur, px.
     blur_px: f64,
     shadow: Option<Shadow>,
     glare: Option<Glare>,
@@ -307,8 +240,8 @@ struct DeckScene<'a> {
 impl DeckScene<'_> {
     /// The deck at both ends of the exposure: between them is what moves.
     fn ends(&self) -> Option<[&ToDeck; 2]> {
-        let time = |(_, sample): &&(ToDeck, &Sample)| sample.time;
-        let by_time = |a: &&(ToDeck, &Sample), b: &&(ToDeck, &Sample)| time(a).total_cmp(&time(b));
+        let time = |(_, sample): &&(ToDeck, &RaySample)| sample.time;
+        let by_time = |a: &&(ToDeck, &RaySample), b: &&(ToDeck, &RaySample)| time(a).total_cmp(&time(b));
         let (first, last) = (
             self.rays.iter().min_by(by_time)?,
             self.rays.iter().max_by(by_time)?,
@@ -342,7 +275,7 @@ impl Renderer {
                 .map(|n| Pattern::new(n, config.optics_sd_px, &mut light))
                 .collect(),
             paint: DeckPaint::new(deck),
-            sea: Sea::new(&mut light),
+            sea: SeaPaint::new(&mut light),
             sun,
             drone: None,
             night: None,
@@ -352,7 +285,7 @@ impl Renderer {
         }
     }
 
-    /// The same below this drone, whose camera is mounted so.
+    /// The scene below this drone, whose camera is mounted so.
     pub fn below(mut self, drone: &DroneGeometry, mount: &CameraMount) -> Renderer {
         let occlusion = Occlusion::new(drone, mount, self.sun);
         let lens = &self.config.lens;
@@ -372,7 +305,7 @@ impl Renderer {
         self.drone = Some((occlusion, covered));
         self
     }
-    /// The same by night, if it is night.
+    /// The scene by night, if it is night.
     pub fn at_night(mut self, night: Option<&NightConfig>) -> Renderer {
         if let Some(night) = night {
             self.paint = self.paint.at_night(night);
@@ -473,11 +406,16 @@ impl Renderer {
         }
     }
     /// None when the camera is not above the deck.
-    fn deck_scene(&self, view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Option<DeckScene<'_>> {
+    fn deck_scene(
+        &self,
+        view: &CameraMotion,
+        deck: &RigidState<Deck>,
+        exposure_s: f64,
+    ) -> Option<DeckScene<'_>> {
         let deck = DeckInCamera::new(view, deck);
         let focal = self.config.lens.focal_px[0];
         let distance = deck.at.norm().max(0.1);
-        let cell_px = self.paint.least_cell_px(focal / distance);
+        let cell_px = self.paint.min_cell_px(focal / distance);
         let speed = deck.drift.norm() / distance + deck.turn.norm();
         let blur_px = speed * exposure_s * focal;
         // Enough rays for cells of few pixels, and for every half pixel of a smear.
@@ -490,7 +428,7 @@ impl Renderer {
         };
         let side = side.max((2.0 * blur_px).sqrt().ceil().min(5.0) as usize);
         let pattern = self.patterns.iter().find(|p| p.side >= side)?;
-        let deck_at = |ray: &'_ Sample| {
+        let deck_at = |ray: &'_ RaySample| {
             let (at, axes) = deck.after(ray.time * exposure_s);
             ToDeck::new(&at, &axes)
         };
@@ -517,7 +455,7 @@ impl Renderer {
             .patch(scene, block, band.width)
             .map_or(Paint::Edges, |p| self.paint.within(&p));
         match paint {
-            Paint::Beside => {}
+            Paint::Outside => {}
             Paint::Even(even) => band.pixels(block, |k, out| {
                 if let Some(ray) = self.rays.all.get(k) {
                     *out = scene.lit(ray, even, 1.0);
@@ -552,7 +490,7 @@ impl Renderer {
             *out = *out * (1.0 - hits * fraction) + scene.lit(ray, sum * fraction, hits * fraction);
         }
     }
-    /// Where on the deck's plane all rays of a block's pixels meet it; None where one does not.
+    /// Patch of the deck's plane that all rays of a block's pixels meet; None where one does not.
     fn patch(&self, scene: &DeckScene, block: &Block, width: usize) -> Option<Patch> {
         let mut patch = Patch {
             x: [f32::INFINITY, f32::NEG_INFINITY],

@@ -7,12 +7,12 @@ use alight_shared::tags::{DeckTag, MARGIN};
 use alight_uav::camera::layout::{CELLS, cells};
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::camera::View;
+use super::super::camera::CameraMotion;
 use super::super::night::{NightConfig, TAG};
 use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
-/// Least size of a cell in the image with which a tag may be decoded, px.
+/// Minimum size of a cell in the image with which a tag may be decoded, px.
 const DECODED_CELL_PX: f64 = 1.5;
 /// Width of the deck's planks, m.
 const PLANK_M: f32 = 0.14;
@@ -35,7 +35,7 @@ impl Painted {
     fn light(&self, white: bool) -> f32 {
         self.light[usize::from(!white)]
     }
-    /// Light from a point of the deck; None beside it.
+    /// Light from a point of the deck; None off the deck.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let [row, column] = [self.row(x), self.column(y)];
         let across = 0.0..CELLS as f32;
@@ -49,7 +49,7 @@ impl Painted {
     fn column(&self, y: f32) -> f32 {
         (y - self.centre[1]) / self.cell + 0.5 * CELLS as f32
     }
-    /// What a patch shows of it.
+    /// Content of a patch.
     fn within(&self, patch: &Patch) -> Paint {
         let rows = [self.row(patch.x[1]), self.row(patch.x[0])];
         let columns = [self.column(patch.y[0]), self.column(patch.y[1])];
@@ -58,7 +58,7 @@ impl Painted {
             .iter()
             .any(|[from, to]| *to < 0.0 || *from >= across.end)
         {
-            return Paint::Beside;
+            return Paint::Outside;
         }
         if ![rows, columns].as_flattened().iter().all(|v| across.contains(v)) {
             return Paint::Edges;
@@ -79,11 +79,11 @@ pub(super) struct Patch {
     pub(super) y: [f32; 2],
 }
 
-/// What is within a patch.
+/// Content of a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Paint {
     /// Nothing of the deck.
-    Beside,
+    Outside,
     /// The deck, of one light everywhere.
     Even(f32),
     /// Edges.
@@ -132,7 +132,7 @@ impl DeckPaint {
             scene: 1.0,
         }
     }
-    /// The same by night: light in lux of white.
+    /// The paint by night: light in lux of white.
     pub(super) fn at_night(mut self, night: &NightConfig) -> DeckPaint {
         self.scene = night.scene_lux() as f32;
         let light = night.tag_lux().map(|lux| lux as f32);
@@ -140,14 +140,14 @@ impl DeckPaint {
         self
     }
     /// Side of the smallest of the tags' cells that may be decoded with `px` per metre; of the largest where none may.
-    pub(super) fn least_cell_px(&self, px: f64) -> f64 {
+    pub(super) fn min_cell_px(&self, px: f64) -> f64 {
         let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
         let most = cells().fold(0.0, f64::max);
         cells()
             .filter(|cell| *cell >= DECODED_CELL_PX)
             .fold(most, f64::min)
     }
-    /// Light from the point `x` forward and `y` to starboard, m; None beside the deck.
+    /// Light from the point `x` forward and `y` to starboard, m; None off the deck.
     #[inline]
     pub(super) fn at(&self, x: f32, y: f32) -> Option<f32> {
         if !(x.abs() <= self.half[0] && y.abs() <= self.half[1]) {
@@ -180,11 +180,11 @@ impl DeckPaint {
             .iter()
             .all(|([from, to], half)| -half <= *from && to <= half)
     }
-    /// What is within a patch; edges where that would take long to tell.
+    /// Content of a patch; edges where an exact answer would take long.
     pub(super) fn within(&self, patch: &Patch) -> Paint {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
-            return Paint::Beside;
+            return Paint::Outside;
         }
         if !self.covers(patch) {
             return Paint::Edges;
@@ -192,7 +192,7 @@ impl DeckPaint {
         // The first tag that has something of it decides, as at a point.
         for tag in &self.tags {
             match tag.within(patch) {
-                Paint::Beside => {}
+                Paint::Outside => {}
                 paint => return paint,
             }
         }
@@ -223,12 +223,12 @@ const TILE: usize = 128;
 
 /// The sea: patches of light and dark that move, glitter towards the sun, haze far away.
 #[derive(Clone, Debug)]
-pub(super) struct Sea {
+pub(super) struct SeaPaint {
     tile: Vec<f32>,
 }
 
-impl Sea {
-    pub(super) fn new(draw: &mut Noise) -> Sea {
+impl SeaPaint {
+    pub(super) fn new(draw: &mut Noise) -> SeaPaint {
         let rough: Vec<f32> = (0..TILE * TILE).map(|_| draw.normal() as f32).collect();
         // Smooth over three points, round the edges.
         let at = |x: usize, y: usize| rough.get((y % TILE) * TILE + x % TILE).copied().unwrap_or(0.0);
@@ -237,7 +237,7 @@ impl Sea {
             let cross = at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1);
             0.4 * (at(x, y) + 0.5 * cross)
         });
-        Sea { tile: tile.collect() }
+        SeaPaint { tile: tile.collect() }
     }
     fn noise(&self, x: f32, y: f32) -> f32 {
         let (column, row) = (floor(x), floor(y));
@@ -245,7 +245,7 @@ impl Sea {
         self.tile.get(k).copied().unwrap_or(0.0)
     }
     /// The sea at a time, as the camera sees it.
-    pub(super) fn scene(&self, view: &View, sun: Vector<TrueNed>, t_s: f32) -> SeaScene<'_> {
+    pub(super) fn scene(&self, view: &CameraMotion, sun: Vector<TrueNed>, t_s: f32) -> SeaScene<'_> {
         let world = view.camera_from_world.inverse().0.to_rotation_matrix();
         let centre = view.centre.0.map(|v| v as f32);
         SeaScene {
@@ -267,7 +267,7 @@ fn floor(x: f32) -> i64 {
 
 /// The sea in one image.
 pub(super) struct SeaScene<'a> {
-    sea: &'a Sea,
+    sea: &'a SeaPaint,
     /// Rotation from the camera's axes to the world's.
     world: Matrix3<f32>,
     /// The camera, m; its height above the sea, m.

@@ -31,7 +31,7 @@ pub(super) struct Rays {
     furthest: f64,
 }
 
-/// Where the distortion moves a point at unit distance.
+/// Point to which the distortion moves a point at unit distance.
 fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let [k1, k2, p1, p2, k3] = lens.distortion;
     let r2 = x * x + y * y;
@@ -42,7 +42,7 @@ fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     ]
 }
 
-/// Its inverse by fixed-point iteration, damped, until nothing changes.
+/// Inverse of the distortion by fixed-point iteration, damped, until nothing changes.
 fn straight(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let mut n = [x, y];
     for _ in 0..60 {
@@ -99,7 +99,7 @@ impl Rays {
 
 /// One ray of a pixel: where in it, px, and when, as a share of the exposure from its middle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sample {
+pub(super) struct RaySample {
     pub(super) right: f32,
     pub(super) down: f32,
     pub(super) time: f64,
@@ -109,13 +109,13 @@ pub(super) struct Sample {
 #[derive(Clone, Debug)]
 pub(super) struct Pattern {
     pub(super) side: usize,
-    pub(super) rays: Vec<Sample>,
+    pub(super) rays: Vec<RaySample>,
 }
 
 impl Pattern {
     /// The furthest of its rays from the pixel's middle along an axis, px.
     pub(super) fn reach_px(&self) -> f32 {
-        let furthest = |r: &Sample| r.right.abs().max(r.down.abs());
+        let furthest = |r: &RaySample| r.right.abs().max(r.down.abs());
         self.rays.iter().map(furthest).fold(0.0, f32::max)
     }
     pub(super) fn new(side: usize, optics_sd_px: f64, draw: &mut Noise) -> Pattern {
@@ -155,7 +155,7 @@ impl Pattern {
         Pattern {
             side,
             rays: rays
-                .map(|(k, t)| Sample {
+                .map(|(k, t)| RaySample {
                     right: at(k)[0] as f32,
                     down: at(k)[1] as f32,
                     time: time(*t, count),

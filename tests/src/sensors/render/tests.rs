@@ -4,12 +4,12 @@ use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
 use alight_shared::msg::TagPose;
 use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings};
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::*;
 use crate::sensors::camera::{CameraMount, body_from_camera};
 
-fn shot(view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Shot {
+fn shot(view: &CameraMotion, deck: &RigidState<Deck>, exposure_s: f64) -> Shot {
     Shot {
         t: Time::EPOCH,
         at: Time::EPOCH,
@@ -36,7 +36,7 @@ fn distorted() -> Lens {
 }
 
 /// A camera at `up` m above the origin, `aside` m north of it, on a drone with these angles.
-fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> View {
+fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> CameraMotion {
     let mount = CameraMount {
         position: Vector3::zeros(),
         attitude: body_from_camera(),
@@ -83,14 +83,14 @@ fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
 }
 
 /// Errors of a detection: position, m, and attitude, rad.
-fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
+fn errors(pose: &TagPose, view: &CameraMotion, deck: &RigidState<Deck>) -> (f64, f64) {
     let [w, x, y, z] = pose.attitude;
-    let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+    let detected = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let truth: Rotation<Camera, Deck> = view.camera_from_world * deck.attitude;
     let at = view.to_camera_frame(deck.position);
     (
         (Vector3::from(pose.position) - at).norm(),
-        seen.angle_to(&truth.0),
+        detected.angle_to(&truth.0),
     )
 }
 
@@ -108,7 +108,7 @@ fn rendered_deck_through_any_lens() {
                 .renderer
                 .image(&shot(&view, &deck, 0.004))
                 .expect("an image");
-            let pose = setup.node.detect(&image).expect("seen");
+            let pose = setup.node.detect(&image).expect("detected");
             let (moved, turned) = errors(&pose, &view, &deck);
             assert!(moved < 0.01 * up, "{moved} m at {up} m");
             assert!(turned < 0.012 * up, "{turned} rad at {up} m");
@@ -142,8 +142,8 @@ fn rendered_deck_with_a_turned_mount() {
         .expect("an image");
     let pose = CameraNode::new(&settings, &one_tag().tags(), NAMES)
         .detect(&image)
-        .expect("seen");
-    let shifted = View {
+        .expect("detected");
+    let shifted = CameraMotion {
         centre: drone.position,
         ..designed
     };
@@ -161,7 +161,7 @@ fn rendered_motion_blur() {
         .renderer
         .image(&shot(&view, &deck, 0.004))
         .expect("an image");
-    let pose = setup.node.detect(&image).expect("seen");
+    let pose = setup.node.detect(&image).expect("detected");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
     // 9 px in any direction: whatever way the edges are shifted together is an error of the drawing.
@@ -173,7 +173,7 @@ fn rendered_motion_blur() {
             .renderer
             .image(&shot(&turning, &deck, 0.004))
             .expect("an image");
-        let pose = setup.node.detect(&image).expect("seen");
+        let pose = setup.node.detect(&image).expect("detected");
         sum += (Vector3::from(pose.position) - turning.to_camera_frame(deck.position)) / 12.0;
     }
     // A fifth of a pixel.
@@ -216,7 +216,7 @@ fn rendered_glare_partial_view_and_open_sea() {
 fn rendered_tag_metering_in_any_light() {
     use alight_uav::camera::metering::{Metering, Range, Setting};
     let range = |most, step| Range {
-        least: step,
+        low: step,
         most,
         step,
     };
@@ -250,7 +250,7 @@ fn rendered_tag_metering_in_any_light() {
 }
 
 /// A camera that looks straight down from where the deck mirrors the sun.
-fn view_along(sun: &Vector3<f64>) -> View {
+fn view_along(sun: &Vector3<f64>) -> CameraMotion {
     let height = 4.0;
     let away = -sun.xy() / -sun.z * height;
     let mut v = view(height, 0.0, [0.0; 3], [0.0; 3]);
@@ -288,7 +288,7 @@ fn rendered_tags_from_contact_to_10_m() {
         };
         let (view, level) = (mount.view(&at), deck([0.0; 3]));
         let image = renderer.image(&shot(&view, &level, 0.004)).expect("an image");
-        let pose = node.detect(&image).expect("seen");
+        let pose = node.detect(&image).expect("detected");
         let (moved, turned) = errors(&pose, &view, &level);
         assert!(
             moved < 0.002 + 0.004 * up && turned < 0.01 + 0.002 * up,
@@ -299,7 +299,7 @@ fn rendered_tags_from_contact_to_10_m() {
 
 /// Every pixel drawn by its own rays over the sea, as blocks of one light are not.
 fn by_pixels(renderer: &Renderer, scene: &Scene) -> Vec<f32> {
-    let (deck, _) = scene.deck.as_ref().expect("seen");
+    let (deck, _) = scene.deck.as_ref().expect("detected");
     let pixel = |ray| {
         let mut light = scene.sea.light(ray);
         renderer.draw_pixel(&mut light, deck, ray);

@@ -9,7 +9,7 @@ use super::Shot;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Light of a marker at 1 m, grey levels times pixels (ours: seen to 35 m above the threshold).
+/// Light of a marker at 1 m, grey levels times pixels (ours: above the threshold up to 35 m).
 const LIGHT: f64 = 6e5;
 /// Standard deviation of a spot, px.
 const SPOT_SD_PX: f64 = 1.0;
@@ -17,7 +17,7 @@ const SPOT_SD_PX: f64 = 1.0;
 const REACH_PX: i64 = 6;
 /// The sensor's noise, grey levels.
 const NOISE_SD: f64 = 3.0;
-/// Its black level.
+/// Black level of the sensor.
 const BLACK: f64 = 8.0;
 
 /// The camera and the markers as they are.
@@ -71,9 +71,9 @@ impl Ultraviolet {
         let above = axes.down().0.dot(&centre) > 0.0;
         for (k, marker) in self.settings.markers_m.iter().enumerate() {
             let belly = axes.0 * Vector3::from(*marker) + centre - Vector3::from(self.settings.offset_m);
-            let seen = self.uv_from_belly * belly;
-            let range = seen.norm().max(0.3);
-            if let (true, Some(px)) = (above, lens.project(&seen)) {
+            let direction = self.uv_from_belly * belly;
+            let range = direction.norm().max(0.3);
+            if let (true, Some(px)) = (above, lens.project(&direction)) {
                 spot(&mut light, width, px, LIGHT / (range * range) * self.lit(k, shot));
             }
         }

@@ -60,8 +60,8 @@ fn ideal_tag_detection() {
             let at = s.clocks.drone.true_time(m.header.at);
             assert!(((t - at).secs() - 0.05).abs() < 1e-8);
             let (d, deck) = (drone(at.secs()), rocking::<Deck>(at.secs()));
-            let seen = Vector::<Camera>::from(Vector3::from(m.position));
-            let body = camera::body_from_camera() * seen;
+            let measured = Vector::<Camera>::from(Vector3::from(m.position));
+            let body = camera::body_from_camera() * measured;
             let centre = d.position
                 + d.attitude * (Vector::<DroneBody>::from(Vector3::from(geometry.camera_m)) + body);
             assert!(
@@ -189,7 +189,7 @@ fn tag_detection_variance() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
-    // Where what is stated is not the least that is.
+    // Where the stated deviation is not the minimum one.
     config.tag.corner_sd_px = 1.0;
     for height in [1.5, 3.0, 7.0, 12.0] {
         let drone = still([0.3, -0.2, -height], [0.05, 0.1, 0.6]);
@@ -269,7 +269,7 @@ fn uvdar_range() {
 fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
-    // Where what is stated is not the least that is.
+    // Where the stated deviation is not the minimum one.
     (config.uvdar.bearing_sd_deg, config.uvdar.distance_sd) = (0.5, 0.07);
     config.uvdar.aside_sd_m = 0.0;
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);
@@ -391,10 +391,10 @@ fn simulated_tags_from_contact_to_10_m() {
             .collect();
         // The image's right is to starboard, its lower edge aft; the camera is 0.08 m below the centre of mass.
         let truth = Vector3::new(0.5 * aside, aside, up + 0.22);
-        let seen = tags.first().map(|m| Vector3::from(m.position));
+        let measured = tags.first().map(|m| Vector3::from(m.position));
         assert!(
-            seen.is_some_and(|p| (p - truth).norm() < 1e-3),
-            "{up} m: {seen:?}"
+            measured.is_some_and(|p| (p - truth).norm() < 1e-3),
+            "{up} m: {measured:?}"
         );
     }
 }

@@ -32,7 +32,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
 fn sensors_over(deck: &DeckGeometry, config: &SensorConfig, seed: u64) -> Rig {
     let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
     let clocks = clocks::Clocks::new(&config.clocks, &streams);
-    let id = |drone, clock| Identity {
+    let id = |drone, clock| SenderIdentity {
         vessel: 1,
         drone,
         boot: 1,

@@ -1,4 +1,4 @@
-//! The belly camera by night: rendered images beside the measurement model.
+//! The belly camera by night: rendered images compared with the measurement model.
 
 use alight_shared::geometry::DeckGeometry;
 use alight_uav::camera::CameraSettings;

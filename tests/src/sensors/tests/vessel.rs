@@ -19,7 +19,7 @@ fn ideal_imu_on_its_lever_arm() {
         let t = tick(k);
         for m in s.vessel.step(t, &rocking(t.secs())).imu {
             assert_eq!(m.check(), Ok(()));
-            assert_eq!(m.header.at, s.clocks.vessel_time(t));
+            assert_eq!(m.header.at, s.clocks.vessel.read(t));
             if let Some(l) = last {
                 // Trapezoidal rule in rate and in specific force turned to NED.
                 let mean = (Vector3::from(l.gyro) + Vector3::from(m.gyro)) * 0.5;

@@ -202,7 +202,7 @@ fn disarm_without_the_pilot_evidence() {
 }
 
 #[test]
-fn abort_on_the_deck_begins_the_disarm_anew() {
+fn abort_on_the_deck_restarts_the_disarm() {
     for firmware in BOTH {
         let c = config();
         let mut p = stopped(firmware, &c);

@@ -85,7 +85,7 @@ fn thrust_of_a_tilted_drone() {
     }
 }
 
-/// What each firmware takes of a LANDING_TARGET whose position is valid, by its source text. PX4,
+/// Use that each firmware makes of a LANDING_TARGET whose position is valid, by its source text. PX4,
 /// `MavlinkReceiver::handle_message_landing_target`: `frame == MAV_FRAME_LOCAL_NED` (1), and the position counts from the
 /// origin. ArduPilot, `AC_PrecLand_MAVLink::handle_msg`: `frame == MAV_FRAME_BODY_FRD` (12) or, in newer ones,
 /// `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, by which the position is divided.
@@ -178,11 +178,11 @@ fn deck_for_a_target_estimator() {
     p.run(0.8);
     assert!(p.targets.is_empty() && p.relative.len() > 30 && p.absolute.len() > 30);
     let own = p.odometry.last().expect("odometry").1;
-    let seen = p.relative.last().expect("a target");
-    let apart = Vector3::from(seen.position) - Vector3::new(2.0, -1.0, -own.position[2]);
-    assert!(apart.norm() < 0.1, "{seen:?} {own:?}");
+    let target = p.relative.last().expect("a target");
+    let apart = Vector3::from(target.position) - Vector3::new(2.0, -1.0, -own.position[2]);
+    assert!(apart.norm() < 0.1, "{target:?} {own:?}");
     // Of our clock, which PX4 knows by our answers to TIMESYNC.
-    let late_s = p.t_s - 1e-6 * seen.time_us as f64;
+    let late_s = p.t_s - 1e-6 * target.time_us as f64;
     assert!((0.0..0.2).contains(&late_s), "{late_s}");
     let received = p.absolute.last().expect("a target");
     let deck = Vector3::from(own.position) + Vector3::new(2.0, -1.0, -own.position[2]);

@@ -1,20 +1,13 @@
 //! Reports to a ground station through the autopilot, and commands by the remote control's switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
-use alight_shared::msg::{AutopilotMode, CommandKind, LandingMode, ReasonCode, State};
-use alight_sim::autopilots::simulated::mode_number;
+use alight_shared::msg::{CommandKind, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
-use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, LandingTarget, Message, ParameterValue, RC_RECEIVER, RcChannels,
-    TargetFrame, command, severity,
-};
-use alight_uav::autopilot::wire::{Decoder, Encoder};
-
-use nalgebra::Vector3;
+use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT};
+use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message, command, severity};
+use alight_uav::autopilot::wire::Encoder;
 
 use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
@@ -151,7 +144,7 @@ fn rc_switch_commands() {
             p.notes
                 .contains(&(severity::WARNING, "the remote control commands an abort".into()))
         );
-        // Nobody shows that it was received: it is repeated as the same command, and given up.
+        // Without an acknowledgement it is repeated as the same command, and given up.
         let first = p.orders[0];
         assert!(
             p.orders.len() > 2 && p.orders.iter().all(|c| *c == first),
@@ -209,20 +202,20 @@ fn landing_and_abort_by_rc_switch() {
     assert!(landed, "{:?}", rig.state(0));
 }
 
-/// What a ground station orders of the companion.
-fn order(number: u16) -> Message {
+/// Order of a ground station to the companion.
+pub(super) fn order(number: u16) -> Message {
     Message::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
-const STATION: Address = Address::new(255, 190);
+pub(super) const STATION: Address = Address::new(255, 190);
 /// The simulated vehicle's system.
-const VEHICLE: u8 = 3;
+pub(super) const VEHICLE: u8 = 3;
 
 #[test]
 fn orders_of_a_ground_station() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(3.0);
-        // Nobody shows that it was taken: it is repeated as one command, rejected after 5 s, and the reason reported.
+        // Without an acknowledgement it is repeated as one command, rejected after 5 s, and the reason reported.
         p.waits_for_flight = false;
         p.inject(STATION, &order(command::USER_1));
         p.run(0.5);
@@ -292,9 +285,9 @@ fn orders_of_a_link_as_shipped() {
     }
 }
 
-/// What is not taken is answered with a text that says why.
+/// A rejected order is answered with a text that has the reason.
 #[test]
-fn refusals_say_why() {
+fn rejections_state_their_reason() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.run(3.0);
@@ -393,140 +386,8 @@ fn answers_to_another_station() {
     }
 }
 
-fn set(component: u8, name: &str, value: f32) -> Message {
-    Message::ParameterSet {
-        to: Address::new(VEHICLE, component),
-        name: name.into(),
-        value: ParameterValue {
-            bits: value.to_bits(),
-            integer: false,
-        },
-    }
-}
-/// A link that has found a drone which is disarmed.
-fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
-    let mut p = LinkRig::new(firmware, 0.3, &config());
-    p.linked.autopilot.arm(false);
-    p.run(4.0);
-    assert!(!p.state().armed, "{firmware:?}");
-    p
-}
-
-#[test]
-fn parameters_of_the_companion() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        let own = Address::new(VEHICLE, 191);
-        let expected: Vec<(String, f32)> = [
-            ("ALIGHT_MODE", 2.0),
-            ("ALIGHT_APPR_H", 15.0),
-            ("ALIGHT_TRACK_H", 7.0),
-            ("ALIGHT_MATCH_H", 2.0),
-        ]
-        .map(|(name, value)| (name.to_owned(), value))
-        .into();
-        // Of this component, and of all.
-        for to in [own, Address::new(VEHICLE, 0)] {
-            p.inject(STATION, &Message::ParameterList { to });
-            p.run(0.1);
-            assert_eq!(core::mem::take(&mut p.parameters), expected, "{firmware:?}");
-        }
-        let read = |name: &str, index| Message::ParameterRequest {
-            to: own,
-            name: name.into(),
-            index,
-        };
-        for request in [read("", Some(3)), read("ALIGHT_MATCH_H", None), read("", Some(4))] {
-            p.inject(STATION, &request);
-        }
-        p.run(0.1);
-        let twice = [expected[3].clone(), expected[3].clone()];
-        assert_eq!(core::mem::take(&mut p.parameters), twice, "{firmware:?}");
-
-        // Set, and answered once the mission shows it.
-        p.inject(STATION, &set(191, "ALIGHT_MODE", 1.0));
-        p.run(0.05);
-        assert!(p.parameters.is_empty());
-        p.mission_settings = p.settings.last().expect("an order").settings;
-        assert_eq!(p.mission_settings.mode, LandingMode::Match);
-        p.run(0.1);
-        let mode = |value| vec![("ALIGHT_MODE".to_owned(), value)];
-        assert_eq!(core::mem::take(&mut p.parameters), mode(1.0), "{firmware:?}");
-        let text = "ground station 255 sets ALIGHT_MODE to 1 (match)";
-        assert!(p.texts.iter().any(|t| t == text), "{:?}", p.texts);
-    }
-}
-
-#[test]
-fn parameter_set_back_while_its_change_is_under_way() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        let before_m = p.mission_settings.approach_height_m;
-        let ordered_m = |p: &mut LinkRig, value| {
-            p.inject(STATION, &set(191, "ALIGHT_APPR_H", value));
-            p.run(0.05);
-            let order = p.settings.last().expect("an order");
-            order.settings.approach_height_m
-        };
-        assert_eq!(ordered_m(&mut p, 12.0), 12.0, "{firmware:?}");
-        assert_eq!(ordered_m(&mut p, before_m as f32), before_m, "{firmware:?}");
-    }
-}
-
-#[test]
-fn mode_lost_with_mission_and_link() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        p.mission_settings.mode = LandingMode::Shadow;
-        p.run(1.0);
-        p.notes.clear();
-        // Both crash for so long that no checkpoint counts: the file's mode is back.
-        p.mission_settings.mode = LandingMode::Land;
-        p.restart_link(10.0);
-        p.run(3.0);
-        let reported = (
-            severity::WARNING,
-            "ALIGHT_MODE is 2 (land) now: mission restarted".into(),
-        );
-        assert!(p.notes.contains(&reported), "{firmware:?}: {:?}", p.notes);
-    }
-}
-
-#[test]
-fn parameters_that_stay() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        let rejected = |p: &mut LinkRig, component, value, why: &str| {
-            p.notes.clear();
-            p.inject(STATION, &set(component, "ALIGHT_APPR_H", value));
-            p.run(0.1);
-            let text = format!("ALIGHT_APPR_H stays: {why}");
-            let known = core::mem::take(&mut p.parameters);
-            assert!(p.settings.is_empty(), "{firmware:?} {why}");
-            (p.notes.iter().any(|(_, t)| *t == text), known.len())
-        };
-        assert_eq!(rejected(&mut p, 191, 500.0, "500 not in 2 to 200"), (true, 1));
-        // Another component's, and everybody's: not even answered.
-        assert_eq!(rejected(&mut p, 1, 12.0, ""), (false, 0));
-        assert_eq!(rejected(&mut p, 0, 12.0, ""), (false, 0));
-        p.settable = false;
-        p.run(0.1);
-        assert_eq!(
-            rejected(&mut p, 191, 12.0, "landing or take-off ordered"),
-            (true, 1)
-        );
-        p.settable = true;
-        p.linked.autopilot.arm(true);
-        p.run(1.5);
-        assert_eq!(rejected(&mut p, 191, 12.0, "the drone is armed"), (true, 1));
-        p.mission_silent = true;
-        p.run(1.0);
-        assert_eq!(rejected(&mut p, 191, 12.0, "no mission reports"), (true, 1));
-    }
-}
-
 /// Orders of a link that is not signed count.
-fn by_mavlink() -> NodeConfigs {
+pub(super) fn by_mavlink() -> NodeConfigs {
     NodeConfigs {
         autopilot: config(),
         ..NodeConfigs::default()
@@ -555,130 +416,4 @@ fn landing_and_abort_by_ground_station() {
     send(&mut rig, command::USER_1);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
     assert!(landed, "{:?}", rig.state(0));
-}
-
-/// A person takes off from the pad and gives the mode that takes set-points.
-fn take_off(rig: &mut Rig) {
-    let autopilot = &mut rig.world.linked(0).expect("a link").autopilot;
-    let firmware = autopilot.firmware();
-    let [by_hand, offboard] =
-        [AutopilotMode::Other, AutopilotMode::Offboard].map(|mode| mode_number(firmware, mode));
-    autopilot.arm(true);
-    autopilot.choose(by_hand);
-    autopilot.hold_at(autopilot.position() - 3.0 * Vector3::z());
-    rig.run(5.0);
-    let mut given = false;
-    rig.each(5.0, |rig| {
-        given = rig.world.linked(0).expect("a link").autopilot.choose(offboard);
-        given
-    });
-    assert!(given, "the mode was denied");
-    rig.run(2.0);
-}
-
-#[test]
-fn landing_from_a_height_of_a_ground_station() {
-    // The file has 15 m.
-    let height_m = 25.0;
-    let mut rig = Rig::new(&Scenario::default(), &by_mavlink(), 1).expect("a world");
-    rig.world.stand_on_pad(0);
-    assert!(rig.until(5.0, |r| r.mission(0).settable));
-    let t = rig.world.physics().now();
-    let setting = set(191, "ALIGHT_APPR_H", height_m as f32);
-    rig.world.linked(0).expect("a link").up.send(t, STATION, &setting);
-    let is_set = rig.until(2.0, |r| r.mission(0).settings.approach_height_m == height_m);
-    assert!(is_set, "{:?}", rig.mission(0));
-    take_off(&mut rig);
-    rig.world.command(CommandKind::Land);
-    let over_deck = rig.until(90.0, |r| r.state(0) == State::Tracking);
-    assert!(over_deck, "{:?}", rig.mission(0));
-    let above_m = rig.world.observation().feet_height_m();
-    assert!((above_m - height_m).abs() < 4.0, "{above_m} m");
-}
-
-#[test]
-fn message_values_over_the_wire() {
-    let target = |frame| {
-        Message::LandingTarget(LandingTarget {
-            time_us: 123_456_789_012,
-            frame,
-            position: [1.5, -2.25, 4.0],
-            distance_m: 4.75,
-            attitude: [0.5, -0.5, 0.5, -0.5],
-            size_m: 1.5,
-        })
-    };
-    let mut sent: Vec<Message> = TargetFrame::ALL.into_iter().map(target).collect();
-    let pulses_us: [u16; 18] = core::array::from_fn(|k| 1000 + 10 * k as u16);
-    sent.extend([
-        Message::RemoteControl(RcChannels { count: 16, pulses_us }),
-        Message::RemoteControlOverride {
-            to: Address::new(3, 1),
-            pulses_us: core::array::from_fn(|k| pulses_us[k]),
-        },
-        order(command::USER_1),
-        order(command::USER_2),
-        order(command::USER_3),
-        Message::CommandInt {
-            to: Address::new(VEHICLE, 191),
-            command: command::USER_4,
-            first: [25.0, -30.0, 10.0, 20.0],
-        },
-        Message::CommandAck {
-            command: command::USER_2,
-            result: CommandResult::InProgress,
-            to: STATION,
-        },
-        Message::ParameterList {
-            to: Address::new(VEHICLE, 0),
-        },
-        Message::ParameterRequest {
-            to: Address::new(VEHICLE, 191),
-            name: "ALIGHT_MODE".into(),
-            index: None,
-        },
-        Message::ParameterRequest {
-            to: Address::new(VEHICLE, 191),
-            name: String::new(),
-            index: Some(3),
-        },
-        set(191, "ALIGHT_MODE", 1.0),
-        Message::Parameter {
-            name: "ALIGHT_MODE".into(),
-            value: ParameterValue {
-                bits: 2.0_f32.to_bits(),
-                integer: false,
-            },
-            index: 1,
-            count: 4,
-        },
-        Message::SystemStatus {
-            present: RC_RECEIVER | 1,
-            healthy: RC_RECEIVER,
-        },
-        Message::NamedValue {
-            time_ms: 77,
-            name: AGE.into(),
-            value: 0.25,
-        },
-        Message::Text {
-            severity: severity::WARNING,
-            text: "x".repeat(MAX_TEXT),
-        },
-    ]);
-    for message in sent {
-        let mut decoder = Decoder::default();
-        decoder.push(
-            &Encoder::default()
-                .frame(Address::new(3, 191), &message)
-                .expect("a frame"),
-        );
-        assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
-    }
-    // Names of named values have ten characters.
-    assert!(
-        [DISTANCE, AGE, WIND[0], WIND[1]]
-            .iter()
-            .all(|name| name.len() <= 10)
-    );
 }

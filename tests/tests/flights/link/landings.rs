@@ -46,7 +46,7 @@ fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
 
 #[test]
 fn landing_after_the_failsafe_parameter() {
-    // Its timeout is the firmware's default until a person sets it, 10 s after the landing was commanded.
+    // Its timeout is the firmware's default until the pilot sets it, 10 s after the landing was commanded.
     let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
     let mut world = World::new(&scenario, &nodes, 300).unwrap();
     let waited_s = 10.0;

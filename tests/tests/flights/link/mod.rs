@@ -2,25 +2,29 @@
 //! denial, loss, takeover and disarm; and whole landings over it.
 
 mod arbitrary;
+mod battery;
 mod checkpoint;
 mod disarm;
 mod firmwares;
 mod ground;
 mod home;
 mod landings;
+mod parameters;
 mod rig;
 mod silence;
+mod station_parameters;
 mod takeoff;
+mod wire;
 
 use super::BOTH;
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
-use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
+use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
+use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, hover, lead, press};
 
 /// On a link that is not signed, and takes orders nevertheless.
@@ -84,7 +88,7 @@ fn px4_offboard_after_streamed_set_points() {
     let from = p.t_s;
     p.run(2.0);
     assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
-    // Nobody but the person chose a mode or armed.
+    // Only the pilot chose a mode or armed.
     assert!(p.commands_of(command::SET_MODE).is_empty() && p.commands_of(command::ARM_DISARM).is_empty());
 }
 
@@ -191,7 +195,7 @@ fn autopilot_failsafes() {
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
-        // A Hold or a Brake that a person chose while set-points came.
+        // A Hold or a Brake that the pilot chose while set-points came.
         assert!(p.states.iter().all(|s| !s.lapsed), "{firmware:?} {mode:?}");
     }
 }
@@ -243,19 +247,6 @@ fn lapse_of_a_restarted_link() {
         assert_eq!(p.state().mode, AutopilotMode::Hold);
         assert_eq!(p.state().lapsed, lapsed, "{away_s} s");
     }
-}
-
-#[test]
-fn battery_at_0_percent_and_without_a_gauge() {
-    let mut c = config();
-    c.battery.diversion = Diversion::None;
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
-    p.linked.autopilot.battery = 0.0;
-    p.run(4.0);
-    assert_eq!(p.state().battery, Some(0.0));
-    p.linked.autopilot.battery_reported = false;
-    p.run(4.0);
-    assert_eq!(p.state().battery, None);
 }
 
 #[test]
@@ -317,101 +308,6 @@ fn link_without_timesync() {
 }
 
 #[test]
-fn ardu_copter_without_the_thrust_option() {
-    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
-    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
-    p.run(5.0);
-    assert_eq!(p.authority(), ControlAuthority::OptionMissing);
-    assert!(
-        p.texts.iter().any(|t| t.contains("GUID_OPTIONS bit 3")),
-        "{:?}",
-        p.texts
-    );
-    p.choose(AutopilotMode::Offboard);
-    p.run(2.0);
-    assert!(p.sent.is_empty());
-    // The mission does not have the drone.
-    assert_eq!(p.state().mode, AutopilotMode::Other);
-    // The person sets it.
-    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
-    p.run(2.0);
-    p.assert_commanding();
-}
-
-#[test]
-fn unsuitable_parameters_until_set() {
-    for (firmware, name, wrong, good) in [
-        (Firmware::Px4, "COM_OF_LOSS_T", 1.0, 0.25),
-        (Firmware::Px4, "COM_OBL_RC_ACT", 0.0, 5.0),
-        (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
-        (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
-    ] {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
-        p.linked.autopilot.parameters.insert(name, wrong);
-        p.run(3.0);
-        let why = p.state().rejection;
-        assert_eq!(why.code, ReasonCode::AutopilotParameter, "{firmware:?}: {why}");
-        let text = format!("{name} is {wrong}");
-        assert!(why.to_string().starts_with(&text), "{firmware:?}: {why}");
-        assert_eq!(
-            p.texts.iter().filter(|t| t.contains(&text)).count(),
-            1,
-            "{:?}",
-            p.texts
-        );
-        // Who commands does not depend on it: a descent under way goes on.
-        p.give_the_mode();
-        p.run(1.0);
-        p.assert_commanding();
-        p.linked.autopilot.parameters.insert(name, good);
-        p.run(1.5);
-        assert_eq!(p.state().rejection, Reason::default(), "{firmware:?}");
-        // It was not saved.
-        p.linked.autopilot.parameters.insert(name, wrong);
-        p.linked.autopilot.restart();
-        p.run(5.0);
-        assert_eq!(p.state().rejection, why, "{firmware:?}");
-    }
-}
-
-#[test]
-fn missing_parameter_and_disabled_check() {
-    for check_parameters in [true, false] {
-        let c = AutopilotLinkConfig {
-            check_parameters,
-            ..config()
-        };
-        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
-        p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
-        p.run(8.0);
-        assert!(
-            p.texts.iter().any(|t| t.contains("MPC_ACC_UP_MAX")),
-            "{:?}",
-            p.texts
-        );
-        let why = p.state().rejection;
-        assert_eq!(
-            why.to_string().contains("has not reported MPC_ACC_UP_MAX"),
-            check_parameters,
-            "{why}"
-        );
-    }
-}
-
-#[test]
-fn parameter_with_a_warning() {
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
-    p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
-    p.run(3.0);
-    assert_eq!(p.state().rejection, Reason::default());
-    assert!(
-        p.texts.iter().any(|t| t.contains("MC_AIRMODE is 0")),
-        "{:?}",
-        p.texts
-    );
-}
-
-#[test]
 fn firmware_without_optional_messages() {
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
@@ -457,7 +353,7 @@ fn arming_when_configured() {
         p.run(5.0);
         assert!(
             p.commands_of(command::ARM_DISARM).is_empty(),
-            "armed in a person's mode"
+            "armed in a pilot's mode"
         );
         p.linked.autopilot.answer = denied.then_some(CommandResult::Denied);
         p.choose(AutopilotMode::Offboard);
@@ -477,7 +373,7 @@ fn arming_when_configured() {
     }
 }
 
-/// On the deck, or where no deck is known, an order to land arms nothing: nobody aboard has cleared it.
+/// On the deck, or where no deck is known, an order to land arms nothing: the crew has not cleared it.
 #[test]
 fn arming_on_the_deck() {
     for (firmware, forecast) in BOTH.into_iter().flat_map(|f| [(f, true), (f, false)]) {
@@ -494,110 +390,6 @@ fn arming_on_the_deck() {
         p.run(20.0);
         let sent = p.commands_of(command::ARM_DISARM).len();
         assert_eq!(sent, 0, "{firmware:?}, forecast: {forecast}");
-    }
-}
-
-#[test]
-fn battery_reserve_diversions() {
-    for (firmware, to, mode) in [
-        (Firmware::Px4, Diversion::Return, AutopilotMode::Return),
-        (Firmware::Px4, Diversion::Land, AutopilotMode::Land),
-        (Firmware::ArduCopter, Diversion::Return, AutopilotMode::Return),
-        (Firmware::ArduCopter, Diversion::Land, AutopilotMode::Land),
-    ] {
-        let mut c = config();
-        c.battery.diversion = to;
-        let mut p = LinkRig::commanding(firmware, 5.0, &c);
-        p.mission = State::Tracking;
-        p.linked.autopilot.battery = 0.05;
-        p.run(6.0);
-        assert_eq!(p.mode(), mode);
-        assert_eq!(p.commands_of(command::SET_MODE).len(), 1);
-        let at = p.t_s;
-        p.run(10.0);
-        assert_eq!(p.sent_since(at), 0);
-    }
-    let mut none = config();
-    none.battery.diversion = Diversion::None;
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
-    p.linked.autopilot.battery = 0.05;
-    p.run(10.0);
-    assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
-}
-
-#[test]
-fn low_battery_return_and_landing() {
-    for (place, mode) in [
-        (BatteryPlace::Home, AutopilotMode::Return),
-        (BatteryPlace::Here, AutopilotMode::Land),
-        (BatteryPlace::Deck, AutopilotMode::Offboard),
-    ] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        p.mission = State::GaveUp;
-        // Below the mission's reserve, then for the deck below the link's own.
-        p.linked.autopilot.battery = 0.15;
-        p.run(1.0);
-        p.assert_commanding();
-        p.low_battery = Some(place);
-        p.run(1.0);
-        assert_eq!(p.mode(), mode, "{place:?}");
-        p.linked.autopilot.battery = 0.05;
-        p.run(6.0);
-        assert_eq!(p.mode(), mode, "{place:?}");
-    }
-}
-
-/// A gauge that steps below the last reserve: the mission, which counts what has lasted, chooses before the link does.
-#[test]
-fn diversion_after_the_mission_has_counted() {
-    for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
-        p.mission = State::Tracking;
-        p.counted = Some(0.6);
-        p.linked.autopilot.battery = 0.08;
-        p.run(5.5);
-        p.assert_commanding();
-        p.counted = Some(0.08);
-        p.low_battery = Some(BatteryPlace::Deck);
-        p.run(10.0);
-        p.assert_commanding();
-        // One that has counted it and chooses nothing, and one that never counts it.
-        p.low_battery = None;
-        p.run(4.0);
-        assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
-    }
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-    p.counted = Some(0.6);
-    p.linked.autopilot.battery = 0.08;
-    p.run(70.0);
-    assert_eq!(p.mode(), AutopilotMode::Return);
-}
-
-#[test]
-fn denied_diversion_attempts() {
-    let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
-    p.linked.autopilot.battery = 0.05;
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
-    p.run(20.0);
-    assert_eq!(p.commands_of(command::SET_MODE).len(), 3);
-    assert_eq!(p.sent_since(p.t_s - 10.0), 0);
-    assert_eq!(p.authority(), ControlAuthority::Diverted(Diversion::Return));
-}
-
-#[test]
-fn battery_reserve_in_descent_and_flare() {
-    for state in [State::Descent, State::Flare] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        p.mission = state;
-        p.linked.autopilot.battery = 0.05;
-        p.run(6.0);
-        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
-        // Nor while the pilot goes on without the mission.
-        p.mission_silent = true;
-        p.run(3.0);
-        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
-        p.run(2.0);
-        assert!(!p.commands_of(command::SET_MODE).is_empty());
     }
 }
 

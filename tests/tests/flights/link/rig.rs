@@ -26,7 +26,7 @@ use alight_uav::mission::MissionConfig;
 use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
-/// Of the first link.
+/// Boot id of the first link.
 const BOOT: u32 = 7;
 /// A step of the link, of so many turns of the autopilot.
 pub const STEP: Span = Span::from_millis(5);
@@ -49,13 +49,13 @@ fn quiet(firmware: Firmware) -> DroneConfig {
 }
 
 /// The pilot's set-point for a state of the drone.
-pub type Pilot = fn(&DroneState) -> SetPoint;
+pub type PilotControl = fn(&DroneState) -> SetPoint;
 
 pub struct LinkRig {
     pub linked: LinkedAutopilot,
     /// None: its process is dead.
     pub link: Option<AutopilotLink>,
-    /// What its supervisor keeps of it.
+    /// Checkpoint that its supervisor keeps of it.
     pub kept: LinkCheckpoint,
     make: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
@@ -63,14 +63,14 @@ pub struct LinkRig {
     drone: SimulatedDrone,
     /// A foot touches the deck.
     pub on_deck: bool,
-    pub pilot: Option<Pilot>,
+    pub pilot: Option<PilotControl>,
     pub mission: State,
     /// When that state was entered.
     since: Time<DroneClock>,
     published: State,
     /// The link's computer stands still: what arrives waits.
     pub stands_still: bool,
-    /// Its clock with it, and how far that is behind.
+    /// Whether its clock is suspended with it, and by how much it is behind.
     pub suspended: bool,
     behind: Span,
     /// The mission publishes nothing any more.
@@ -109,7 +109,7 @@ pub struct LinkRig {
     pub answered: Vec<Address>,
     /// Parameters of the companion: name and value.
     pub parameters: Vec<(String, f32)>,
-    /// What stations set of the mission.
+    /// Settings of the mission by stations.
     pub settings: Vec<SettingsOrder>,
     /// The mission's settings, which may be changed.
     pub mission_settings: MissionSettings,
@@ -120,7 +120,7 @@ pub struct LinkRig {
     pub deck_offset: [f64; 2],
     /// Landing targets sent by the link.
     pub targets: Vec<LandingTarget>,
-    /// The same for a target estimator.
+    /// Targets for a target estimator.
     pub relative: Vec<TargetRelative>,
     pub absolute: Vec<TargetAbsolute>,
     sequence: u32,
@@ -269,7 +269,7 @@ impl LinkRig {
         let a = &self.linked.autopilot;
         a.firmware().mode(a.mode())
     }
-    /// Its true place and attitude.
+    /// True place and attitude of the drone.
     pub fn truth(&self) -> RigidState<alight_shared::frames::DroneBody> {
         self.drone.truth()
     }

@@ -1,4 +1,4 @@
-//! What stops coming: reports of one kind, all of them for a moment, and the steps of the link's own computer.
+//! Messages that stop coming: reports of one kind, all of them for a moment, and the steps of the link's own computer.
 
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_uav::autopilot::message::id;
@@ -74,7 +74,7 @@ fn standstill_of_either_computer() {
             .filter(|s| s.mode == AutopilotMode::Hold);
         assert!(
             held.clone().all(|s| s.lapsed),
-            "own {own}, {gap_s} s, suspended {suspended}: taken for a person's choice"
+            "own {own}, {gap_s} s, suspended {suspended}: taken for a pilot's choice"
         );
         assert_eq!(
             p.mode(),

@@ -161,7 +161,7 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
     }
 }
 
-/// Nobody is disarmed in the air, whatever the mission reports.
+/// No drone is disarmed in the air, whatever the mission reports.
 #[test]
 fn stand_down_in_the_air() {
     for firmware in BOTH {
@@ -172,7 +172,7 @@ fn stand_down_in_the_air() {
     }
 }
 
-/// Its autopilot has lifted it for lack of set-points: none that lets it fall is passed on, and nothing disarms it.
+/// The autopilot has lifted the drone for lack of set-points: none that lets it fall is passed on, and nothing disarms it.
 #[test]
 fn set_points_that_come_back_in_the_air() {
     for firmware in BOTH {
@@ -216,7 +216,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// What the pilot may have ended meanwhile is not begun again: by a link that is restarted, or after a disarm.
+/// An arming that the pilot may have ended meanwhile is not begun again: by a link that is restarted, or after a disarm.
 #[test]
 fn arming_that_a_person_may_have_ended() {
     for firmware in BOTH {

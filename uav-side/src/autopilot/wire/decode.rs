@@ -17,7 +17,7 @@ use super::{text, wide};
 /// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
 const MILLI_G: f64 = 9.806_65e-3;
 
-/// What of a message landing needs; extension fields are looked up in its payload.
+/// Decodes the part of a message that landing needs; extension fields are looked up in its payload.
 pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Message> {
     use m::MavMessage as M;
     Some(match message {
@@ -61,7 +61,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
             Message::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
-                // No rangefinder measures 0 m: it is the word for no reading.
+                // No rangefinder measures 0 m: it stands for no reading.
                 range_m: if is_invalid {
                     0.0
                 } else {
@@ -291,7 +291,7 @@ fn parameter(value: f32, kind: m::MavParamType) -> ParameterValue {
     }
 }
 
-/// Voltage of a pack, V, from its cells' in mV; a pack without cells reports in the first one's place, 65535 is none.
+/// Voltage of a pack, V, from its cells' in mV; a pack without cells reports in the first one's place, 65535: not measured.
 fn volts(cells: &[u16]) -> Option<f64> {
     let known = cells.iter().filter(|v| !matches!(**v, 0 | u16::MAX));
     let sum: f64 = known.map(|v| f64::from(*v)).sum();
@@ -334,7 +334,7 @@ mod tests {
     /// `DISTANCE_SENSOR` of a rangefinder that looks down, m, with `signal_quality`, as it is read.
     fn range_m(reading_cm: u16, quality: u8) -> f64 {
         let mut payload = vec![0; 39];
-        // Time 0; least 0, greatest 30 m.
+        // Time 0; minimum 0, maximum 30 m.
         payload[6..8].copy_from_slice(&3000_u16.to_le_bytes());
         payload[8..10].copy_from_slice(&reading_cm.to_le_bytes());
         payload[12] = 25;
@@ -354,7 +354,7 @@ mod tests {
 
     #[test]
     fn rangefinder_reading_marked_invalid() {
-        assert_eq!(range_m(350, 1), 0.0, "invalid, whatever it says");
+        assert_eq!(range_m(350, 1), 0.0, "invalid, whatever the distance");
         for quality in [0, 2, 100] {
             assert!((range_m(350, quality) - 3.5).abs() < 1e-9, "{quality}");
         }

@@ -135,7 +135,7 @@ pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
         .floats(values.as_flattened())
         .0
 }
-/// `GPS_RAW_INT`: time, latitude, longitude, height, four figures not used, fix and satellites; then the extension: height
+/// `GPS_RAW_INT`: time, latitude, longitude, height, four fields not used, fix and satellites; then the extension: height
 /// above the ellipsoid.
 pub(super) fn gnss_heights(sea_m: f64, ellipsoid_m: f64) -> Vec<u8> {
     let mm = |m: f64| ((m * 1e3).round() as i32).to_le_bytes();

@@ -18,7 +18,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Of frames that are signed, where a key is set; an abort of a ground station counts whatever its clock shows.
+    /// A decoder of signed frames, where a key is set; an abort of a ground station counts whatever its clock shows.
     pub fn signed(signing: Option<Signing>) -> Decoder {
         Decoder {
             frames: FrameReader::signed(signing).whenever(is_abort),
@@ -53,7 +53,7 @@ impl Decoder {
     pub fn signatures(&self) -> Signatures {
         self.frames.signatures()
     }
-    /// Bytes lost because nobody read.
+    /// Bytes lost because they were not read in time.
     pub fn lost(&self) -> u64 {
         self.frames.lost()
     }
@@ -67,7 +67,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Of frames that are signed, where a key is set.
+    /// An encoder of signed frames, where a key is set.
     pub fn signed(signing: Option<Signing>) -> Encoder {
         Encoder { sequence: 0, signing }
     }

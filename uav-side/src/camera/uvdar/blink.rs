@@ -36,7 +36,7 @@ impl Code {
     pub fn lit(&self, k: u64) -> bool {
         (self.bits >> (k % self.length as u64)) & 1 == 1
     }
-    /// Its length, images.
+    /// Length of the sequence, images.
     pub fn images(&self) -> usize {
         self.length
     }
@@ -93,7 +93,7 @@ struct Track {
 pub struct IdentifiedMarker {
     /// Which marker.
     pub marker: usize,
-    /// Where, px.
+    /// Place in the image, px.
     pub at: Vector2<f64>,
 }
 
@@ -197,7 +197,7 @@ impl Tracker {
         }
         taken
     }
-    /// Spots that are lit now and blink like one marker; a marker that two spots claim is none of them.
+    /// Spots that are lit now and blink like one marker; a marker that two spots claim is left out.
     fn known(&self) -> Vec<IdentifiedMarker> {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {

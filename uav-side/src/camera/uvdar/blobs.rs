@@ -19,10 +19,10 @@ pub struct Blob {
     pub light: f64,
 }
 
-/// What a spot must be.
+/// Limits of a spot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlobLimits {
-    /// Least grey level of its middle.
+    /// Minimum grey level of its middle.
     pub threshold: u8,
     /// Most pixels above the threshold: a marker is small, the sun and its image are not.
     pub max_pixels: usize,

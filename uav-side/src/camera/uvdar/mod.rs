@@ -34,15 +34,15 @@ const MIN_CODE_DISTANCE: u32 = 3;
 config! {
     /// The ultraviolet camera and the deck's markers.
     pub struct UvdarSettings {
-        /// Its lens.
+        /// Lens of the camera.
         pub lens: Fisheye;
-        /// Its axis below the body's forward axis, deg.
+        /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in -90.0..=90.0;
-        /// Its optical centre relative to the belly camera's, in that camera's axes (right, aft, down), m.
+        /// Optical centre relative to the belly camera's, in that camera's axes (right, aft, down), m.
         pub offset_m: [f64; 3] = [0.0; 3], in -5.0..=5.0;
         /// Images per second, which is the markers' bits per second.
         pub rate_hz: f64 = 20.0, in 1.0..=200.0;
-        /// Least grey level of a marker.
+        /// Minimum grey level of a marker.
         pub threshold: u8 = 80, in 5.0..=255.0;
         /// Most pixels of a marker.
         pub max_pixels: u16 = 200, in 1.0..=1e4;
@@ -62,7 +62,7 @@ config! {
                 .to_vec();
         /// Wrong bits that are tolerated.
         pub wrong_bits: u32 = 1, in 0.0..=3.0;
-        /// Greatest deviation of a spot from its predicted position between images, px.
+        /// Maximum deviation of a spot from its predicted position between images, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
         /// Standard deviation of a spot's position, each coordinate, px.
         /// Chosen: three times what rendered images give.
@@ -138,7 +138,7 @@ pub struct UvdarNode {
     pub counts: UvdarCounts,
 }
 
-/// What was detected.
+/// Detections of the node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UvdarOut {
     /// Positions of the deck.
@@ -146,7 +146,7 @@ pub struct UvdarOut {
 }
 
 wiring! {
-    /// What the ultraviolet camera's node writes; it reads images alone.
+    /// Topics that the ultraviolet camera's node writes; it reads images alone.
     UvdarPorts of UvdarNode: CameraIn => UvdarOut {
         reads {}
         edge { frames, exposed }

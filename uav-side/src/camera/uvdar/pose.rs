@@ -33,13 +33,13 @@ const RIVAL_TURNS: f64 = 2.0;
 /// A marker and its direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerBearing {
-    /// Its place in the deck's axes, m.
+    /// Place of the marker in the deck's axes, m.
     pub marker: Vector3<f64>,
-    /// Its direction in the camera's axes, a unit vector.
+    /// Direction of the marker in the camera's axes, a unit vector.
     pub direction: Vector3<f64>,
 }
 
-/// What is known besides the directions.
+/// Knowledge in addition to the directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.
@@ -53,7 +53,7 @@ pub struct PosePrior {
 /// The deck as the markers show it.
 #[derive(Clone, Copy, Debug)]
 pub struct MarkerPose {
-    /// Its centre in the camera's axes, m.
+    /// Centre of the deck in the camera's axes, m.
     pub position: Vector3<f64>,
     /// Covariance of the same, m².
     pub covariance: Matrix3<f64>,
@@ -80,7 +80,7 @@ fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
 
 /// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the
 /// camera's axes).
-fn equations(s: &CameraPose, seen: &[MarkerBearing], known: &PosePrior) -> Option<NormalEquations> {
+fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> Option<NormalEquations> {
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
     let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
         for i in 0..2 {
@@ -98,7 +98,7 @@ fn equations(s: &CameraPose, seen: &[MarkerBearing], known: &PosePrior) -> Optio
             b.axpy(-e, &j, 1.0);
         }
     };
-    for one in seen {
+    for one in bearings {
         let lever_arm = s.attitude * one.marker;
         let p = lever_arm + s.position;
         let range = p.norm();
@@ -130,7 +130,7 @@ fn equations(s: &CameraPose, seen: &[MarkerBearing], known: &PosePrior) -> Optio
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// Of solutions that fit alike, the first of them best, the one that goes on from the attitude `last`; None
+/// The solution, of several that fit alike with the best first, that goes on from the attitude `last`; None
 /// when none does, or more than one.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
@@ -142,29 +142,29 @@ fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Opt
         .map(|found| (found.0.attitude.angle_to(last), *found))
         .collect();
     turned.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let [(least, found), (next, _), ..] = turned.as_slice() else {
+    let [(smallest, found), (next, _), ..] = turned.as_slice() else {
         return None;
     };
-    (*least < CONTINUITY_RAD && *next > RIVAL_TURNS * least).then_some(found)
+    (*smallest < CONTINUITY_RAD && *next > RIVAL_TURNS * smallest).then_some(found)
 }
 
 /// Solves from two markers or more; None when nothing fits, or when several places fit alike and not just one
 /// of them goes on from the attitude `last`.
 pub fn solve(
-    seen: &[MarkerBearing],
+    bearings: &[MarkerBearing],
     known: &PosePrior,
     last: Option<&UnitQuaternion<f64>>,
 ) -> Option<MarkerPose> {
-    if seen.len() < 2 {
+    if bearings.len() < 2 {
         return None;
     }
     let mut range: f64 = 0.0;
     let mut middle = Vector3::zeros();
     let mut centre = Vector3::zeros();
-    for (k, a) in seen.iter().enumerate() {
-        middle += a.direction / seen.len() as f64;
-        centre += a.marker / seen.len() as f64;
-        for b in seen.iter().skip(k + 1) {
+    for (k, a) in bearings.iter().enumerate() {
+        middle += a.direction / bearings.len() as f64;
+        centre += a.marker / bearings.len() as f64;
+        for b in bearings.iter().skip(k + 1) {
             let angle = a.direction.cross(&b.direction).norm().max(1e-4);
             range = range.max((a.marker - b.marker).norm() / angle);
         }
@@ -182,13 +182,13 @@ pub fn solve(
                 position: direction * (range * fraction).clamp(0.5, 500.0) - attitude * centre,
                 attitude,
             };
-            all.extend(refine(start, &LIMITS, |pose| equations(pose, seen, known)));
+            all.extend(refine(start, &LIMITS, |pose| equations(pose, bearings, known)));
         }
     }
     all.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let least = all.first()?.1;
+    let smallest = all.first()?.1;
     let mut rivals: Vec<&Solution> = Vec::new();
-    for found in all.iter().take_while(|(_, cost)| *cost < least + RIVAL) {
+    for found in all.iter().take_while(|(_, cost)| *cost < smallest + RIVAL) {
         let apart = |other: &&Solution| {
             (other.0.position - found.0.position).norm() > SAME_FRACTION * found.0.position.norm()
         };
@@ -197,7 +197,7 @@ pub fn solve(
         }
     }
     let (state, misfit) = *which(&rivals, last)?;
-    let (a, _, _) = equations(&state, seen, known)?;
+    let (a, _, _) = equations(&state, bearings, known)?;
     let all = a.cholesky()?.inverse();
     let covariance = all.fixed_view::<3, 3>(0, 0).into_owned();
     covariance.iter().all(|v| v.is_finite()).then_some(MarkerPose {
@@ -228,7 +228,7 @@ mod tests {
             tilt_sd: 0.2,
         }
     }
-    fn seen(t: Vector3<f64>, r: UnitQuaternion<f64>, markers: usize) -> Vec<MarkerBearing> {
+    fn bearings(t: Vector3<f64>, r: UnitQuaternion<f64>, markers: usize) -> Vec<MarkerBearing> {
         CORNERS
             .iter()
             .take(markers)
@@ -255,8 +255,8 @@ mod tests {
             let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
             // From afar the rectangle's shape hardly depends on its tilt, and two positions may fit alike: then the
             // attitude of a moment before selects one.
-            let followed = || solve(&seen(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
-            let pose = solve(&seen(t, r, 4), &known, None).or_else(followed).unwrap();
+            let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
+            let pose = solve(&bearings(t, r, 4), &known, None).or_else(followed).unwrap();
             // A tilted deck is drawn towards level, by less than the stated uncertainty.
             let e = pose.position - t;
             let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
@@ -264,7 +264,7 @@ mod tests {
             prop_assert!(pose.misfit < 1.0);
             // Two are enough for one who knows how the deck lay a moment ago.
             let before = UnitQuaternion::from_euler_angles(0.02, -0.02, 0.03) * r;
-            if let Some(two) = solve(&seen(t, r, 2), &known, Some(&before)) {
+            if let Some(two) = solve(&bearings(t, r, 2), &known, Some(&before)) {
                 prop_assert!(two.covariance.trace() > pose.covariance.trace());
                 let e = two.position - t;
                 let off = e.dot(&two.covariance.cholesky().unwrap().solve(&e));
@@ -273,11 +273,11 @@ mod tests {
         }
         #[test]
         fn marker_pose_from_any_bearings(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
-            let seen: Vec<MarkerBearing> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| MarkerBearing {
+            let bearings: Vec<MarkerBearing> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| MarkerBearing {
                 marker: Vector3::from(*m),
                 direction: Vector3::new(d[0], d[1], d[2]).try_normalize(1e-9).unwrap_or(Vector3::z()),
             }).collect();
-            if let Some(pose) = solve(&seen, &known(), None) {
+            if let Some(pose) = solve(&bearings, &known(), None) {
                 prop_assert!(pose.position.iter().chain(pose.covariance.iter()).all(|v| v.is_finite()));
                 prop_assert!((0..3).all(|i| pose.covariance[(i, i)] >= 0.0));
             }
@@ -287,6 +287,6 @@ mod tests {
     #[test]
     fn marker_pose_from_one_marker() {
         let r = UnitQuaternion::identity();
-        assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known(), None).is_none());
+        assert!(solve(&bearings(Vector3::new(0.0, 0.0, 5.0), r, 1), &known(), None).is_none());
     }
 }

@@ -43,7 +43,7 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
-    /// A forecast without a deck, where several are in sight of which none is followed: so that it can be said why.
+    /// A forecast without a deck, where several are in sight of which none is followed, so that the reason can be reported.
     pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
@@ -62,7 +62,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// What the beacon reports now, or where the vessel went that is received no more: what is known better.
+    /// Knowledge by the beacon now, or of where a vessel went that is not received any more: the better of both.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
@@ -93,7 +93,7 @@ impl Predictor {
         let velocity = level(&|i| (axes[i].x[RATE], axes[i].p[RATE][RATE]));
         self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
-    /// Where the sea is, and the vessel's beacons where the mission permits them.
+    /// Takes the sea's level, and the vessel's beacons where the mission permits them.
     pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(a) = &input.autopilot {
             self.origin_sea_m = a.origin_sea_m;

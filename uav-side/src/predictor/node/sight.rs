@@ -1,13 +1,13 @@
-//! What camera and rangefinder see of the deck: which deck it is, where that may be, and the filter that takes it.
+//! Measurements of the deck by camera and rangefinder: which deck it is, where that may be, and the filter that takes it.
 
 use super::*;
 
 impl Predictor {
-    /// What camera and rangefinder see of the deck.
+    /// Takes the measurements of the deck by camera and rangefinder.
     pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         for m in &input.uvdar {
-            let seen = self.observed(now, m, |p, mount, c| observation::uvdar(m, p, mount, c));
-            let admitted = seen.and_then(|o| {
+            let detected = self.observed(now, m, |p, mount, c| observation::uvdar(m, p, mount, c));
+            let admitted = detected.and_then(|o| {
                 let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
                 self.not_elsewhere(now, axes.as_ref(), &o)?;
                 self.vision(now, &o, false)
@@ -16,8 +16,8 @@ impl Predictor {
         }
         // All of an image first: what else is in sight decides on each.
         let sighted: Vec<_> = input.tags.iter().map(|m| self.sighted(now, m)).collect();
-        for seen in sighted {
-            let admitted = seen.and_then(|seen| self.identified(now, seen));
+        for detected in sighted {
+            let admitted = detected.and_then(|detected| self.identified(now, detected));
             self.count(admitted);
         }
         for m in &input.ranges {
@@ -122,7 +122,7 @@ impl Predictor {
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
         self.radio_at.is_some_and(|t| (now - t).secs() <= SILENT_S)
     }
-    /// What is seen is where the vessel is, as far as radio and beacon place it.
+    /// Whether a detection is where the vessel is, as far as radio and beacon place it.
     pub(super) fn not_elsewhere(
         &mut self,
         now: Time<DroneClock>,
@@ -138,7 +138,7 @@ impl Predictor {
         }
     }
 
-    /// How far tags that are seen now lie from where the radio places the deck, and the most that they may, m, where they are
+    /// Distance of the detected tags from where the radio places the deck, and its maximum, m, where they are
     /// another vessel's. A silent radio places none; the beacon does then, of a deck that is not followed.
     pub(super) fn apart_from_radio(
         &self,
@@ -152,11 +152,12 @@ impl Predictor {
             return beacon.apart(o).filter(|[apart, limit]| !(apart <= limit));
         }
         let filter = self.filter.as_ref()?;
-        let seen = o.about(&self.waves.motion(o.at));
-        filter.elsewhere(axes?, &seen, fresh(self.vision_at))
+        let detected = o.about(&self.waves.motion(o.at));
+        filter.elsewhere(axes?, &detected, fresh(self.vision_at))
     }
 
-    /// The place as seen less the place by radio, and the most that it may be, m: of the deck, or of tags that are not its own.
+    /// The place by vision less the place by radio, and the most that it may be, m: of the deck, or of tags that are not
+    /// its own.
     pub(super) fn place_apart_m(
         &self,
         now: Time<DroneClock>,

@@ -10,11 +10,11 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::world::time;
 
-/// A vessel at anchor and a drone that hovers 3 m above her deck and 2 m south of it, beside the date line.
+/// A vessel at anchor and a drone that hovers 3 m above its deck and 2 m south of it, close to the date line.
 struct Bench {
     predictor: Predictor,
     tick: u32,
-    /// Where she is, and her datum and start.
+    /// Place of the vessel, and its datum and start.
     vessel: Datum,
     datum: Datum,
     boot: u32,
@@ -41,7 +41,7 @@ impl Bench {
             forecast: None,
         }
     }
-    /// Where the deck is in the drone's frame.
+    /// Place of the deck in the drone's frame.
     fn deck(&self) -> Vector3<f64> {
         self.origin.to::<DroneNed>(&self.vessel).0 + Vector3::from(DECK)
     }
@@ -101,12 +101,12 @@ impl Bench {
         }
     }
     /// The predicted deck now, from the drone, in its body's axes.
-    fn seen(&self) -> Vector3<f64> {
+    fn relative(&self) -> Vector3<f64> {
         let deck = Vector3::from(self.forecast.unwrap().stages[0].position);
         self.attitude().inverse() * (deck - self.drone())
     }
     fn assert_right(&self, limit_m: f64) {
-        let error = self.seen() - Vector3::new(2.0, 0.0, 3.0);
+        let error = self.relative() - Vector3::new(2.0, 0.0, 3.0);
         assert!(error.norm() < limit_m, "{error}");
     }
 }
@@ -158,7 +158,7 @@ fn deck_through_a_reset_of_the_drones_heading() {
 fn deck_by_radio_through_a_late_heading_alignment() {
     let mut b = Bench::new();
     b.run(3.0, false);
-    let north_up = |b: &Bench| b.attitude() * b.seen();
+    let north_up = |b: &Bench| b.attitude() * b.relative();
     let before = north_up(&b);
     for yaw in [2.06, -3.0] {
         b.yaw = yaw;

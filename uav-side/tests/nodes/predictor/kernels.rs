@@ -72,11 +72,11 @@ fn tag_and_rangefinder_observations() {
     };
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let lens = drone.position + drone.attitude * Vector3::from(c.drone.camera_m);
-    let seen = camera.transpose() * (centre - lens);
+    let relative = camera.transpose() * (centre - lens);
     let q = UnitQuaternion::from_matrix(&(camera.transpose() * deck.to_rotation_matrix().into_inner()));
     let tag = TagPose {
         header: header(1, 1.0),
-        position: seen.into(),
+        position: relative.into(),
         attitude: [q.w, q.i, q.j, q.k],
         variance: [1e-4; 6],
     };

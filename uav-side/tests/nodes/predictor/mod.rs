@@ -123,8 +123,8 @@ fn rangefinder_without_a_camera() {
             let later = r.samples.iter().filter(|s| s.now > from_s);
             later.filter_map(|s| s.forecast.height_nis).fold(0.0, f64::max)
         };
-        let seen = judged(&set, 12.0, 20.0);
-        assert!(seen > 0.0 && seen < 9.0, "seed {seed}: {seen}");
+        let error = judged(&set, 12.0, 20.0);
+        assert!(error > 0.0 && error < 9.0, "seed {seed}: {error}");
         let late = Setup {
             ranges_from: 60.0,
             ..set
@@ -144,7 +144,7 @@ fn successor_too_near_to_see_the_deck() {
             restart: Some((30.2, remembers)),
             ..Default::default()
         };
-        // From the first forecast on: one that lies beside the deck ends a landing.
+        // From the first forecast on: one that lies off the deck ends a landing.
         let after = |remembers| run(&v, &set(remembers), 31.0).accuracy(&v, 30.2..31.0, 0.2);
         let (kept, lost) = (after(true), after(false));
         assert!(kept.horizontal < 0.3 && kept.vertical < 0.2, "{kept:?}");

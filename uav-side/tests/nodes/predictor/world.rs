@@ -136,7 +136,7 @@ pub fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::from_fn(|_, _| StandardNormal.sample(rng))
 }
 
-/// What is switched on.
+/// Parts that are switched on.
 #[derive(Clone, Copy)]
 pub struct Setup {
     pub seed: u64,
@@ -147,7 +147,7 @@ pub struct Setup {
     /// Extra age of what the radio claims, s.
     pub clock_error: f64,
     pub clock_sd: f64,
-    /// Radio latency: least and spread, s.
+    /// Radio latency: minimum and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
     /// The rangefinder reads from this time on, s.
@@ -292,17 +292,17 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
                 * body_from_camera();
             let (centre, angles) = v.deck(now);
             let lens = drone + attitude * Vector3::from(geometry.camera_m);
-            let seen = camera.transpose() * (centre - lens);
+            let relative = camera.transpose() * (centre - lens);
             let turned =
                 camera.transpose() * Rotation3::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
-            let z = seen.z;
+            let z = relative.z;
             let sd = Vector3::new(0.002 * z, 0.002 * z, 0.002 * z * z);
             let asd = 0.01 * z;
             let noise = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * asd);
             let q = noise * UnitQuaternion::from_matrix(&turned);
             let tag = TagPose {
                 header: header(k, now),
-                position: (seen + sd.component_mul(&normal3(&mut rng))).into(),
+                position: (relative + sd.component_mul(&normal3(&mut rng))).into(),
                 attitude: [q.w, q.i, q.j, q.k],
                 variance: [sd.x, sd.y, sd.z, asd, asd, asd].map(|s| s * s),
             };
@@ -393,7 +393,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     }
 }
 
-/// How far the modes are off: more and more.
+/// A prediction with deviations that grow with the horizon.
 pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     let stage = |h: u8| PredictedStage {
         sd: [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005]
@@ -451,7 +451,7 @@ impl Accuracy {
     }
 }
 impl Run {
-    /// Of the samples between two times, s.
+    /// Accuracy of the samples between two times, s.
     pub fn accuracy(&self, v: &Vessel, between: Range<f64>, ahead: f64) -> Accuracy {
         let samples = self.samples.iter().filter(|s| between.contains(&s.now));
         Accuracy::of(v, samples, ahead)

@@ -18,21 +18,21 @@ const MIN_TIME: Span = Span::from_millis(3000);
 
 /// Statuses of one drone that agree, in a row.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Evidence {
+pub(super) struct ClaimEvidence {
     since: Time<VesselClock>,
     newest: Time<VesselClock>,
     statuses: u32,
 }
 
-impl Evidence {
+impl ClaimEvidence {
     /// With a status that shows it, or does not: then all of it is void, as it is after a silence.
-    pub(super) fn with(before: Option<Evidence>, now: Time<VesselClock>, shows: bool) -> Option<Evidence> {
+    pub(super) fn with(before: Option<Self>, now: Time<VesselClock>, shows: bool) -> Option<Self> {
         if !shows {
             return None;
         }
         let goes_on = before.filter(|e| now - e.newest <= FRESH);
         let (since, statuses) = goes_on.map_or((now, 0), |e| (e.since, e.statuses));
-        Some(Evidence {
+        Some(ClaimEvidence {
             since,
             newest: now,
             statuses: statuses.saturating_add(1),
@@ -66,13 +66,13 @@ pub(super) fn shows_place(status: &DroneStatus) -> bool {
 }
 
 impl Claim {
-    /// What one status claims by itself.
+    /// Claim by one status alone.
     pub(super) fn reported(status: &DroneStatus) -> Claim {
         let near = status.deck_distance_m.is_some_and(|d| d <= ON_DECK_M);
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Of a drone that is to take off, by its place; and of one that has been started there, as long as none tells otherwise.
+            // For a drone that is to take off, by its place; and for one started there, while none reports otherwise.
             (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
             (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
@@ -94,7 +94,7 @@ impl Claim {
             ) => Claim::Away,
         }
     }
-    /// What a status means of a drone with this claim before; `departed`: by sustained evidence it has left.
+    /// Claim after a status of a drone with this claim before; `departed`: by sustained evidence it has left.
     pub(super) fn of(status: &DroneStatus, before: Claim, departed: bool) -> Claim {
         let reported = Claim::reported(status);
         if before < Claim::Landing || reported >= Claim::Landing {

@@ -1,8 +1,8 @@
-//! The crew's clearances for take-offs, and what ends them: a word about who is near a drone is as old as the last look.
+//! The crew's clearances for take-offs, and their ends: a clearance is only as recent as the last look at the drone.
 //!
 //! Time ends each. So does anything that shows somebody at the deck since: the deck closed by order, switch or hatch, a weight that
 //! came to it or was taken off it ([`crate::deck::DeckConfig::occupancy_sensor`]), a battery that was changed, a computer of the drone that was
-//! started anew. Whoever ended it is asked again.
+//! restarted. Whoever ended it is asked again.
 
 use core::fmt;
 
@@ -26,7 +26,7 @@ pub enum ClearanceEnd {
     Time,
     /// The drone's battery was changed.
     Battery,
-    /// The drone's computer was started anew.
+    /// The drone's computer was restarted.
     Computer,
     /// The sensor shows that the drone was lifted.
     Lifted,
@@ -37,7 +37,7 @@ impl fmt::Display for ClearanceEnd {
         f.write_str(match self {
             ClearanceEnd::Time => "it was given too long ago",
             ClearanceEnd::Battery => "its battery was changed",
-            ClearanceEnd::Computer => "its computer was started anew",
+            ClearanceEnd::Computer => "its computer was restarted",
             ClearanceEnd::Lifted => "the deck's sensor shows that it was lifted",
         })
     }
@@ -91,7 +91,7 @@ fn stops_take_off(before: State, now: State) -> bool {
     counted || now == State::StandDown && before != now
 }
 
-/// The most charge that a drone which stands on the deck has without a person, since a status.
+/// The most charge that a drone which stands on the deck has without the crew, since a status.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StandingCharge {
     at: Time<VesselClock>,
@@ -122,7 +122,7 @@ pub(super) struct Clearances {
     given: Vec<Clearance>,
     /// The drone that it is published for.
     leaves: Option<u32>,
-    /// What has ended since it was asked last.
+    /// Clearances that have ended since the last call.
     ended: Vec<(u32, ClearanceEnd)>,
 }
 
@@ -182,7 +182,7 @@ impl DeckArbiter {
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
         let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
         let named = owner.map(|d| d.header.drone);
-        // A hatch or a weight that is watched shows who comes; without either the word is all there is.
+        // A watched hatch or weight shows who comes; without either the clearance is the only evidence.
         let watched = !self.config.occupancy_sensor.is_empty() || !self.config.crew_switch.is_empty();
         let limit_s = if watched {
             TAKE_OFF_WATCH_S

@@ -1,4 +1,4 @@
-//! What the drones want of the vessel's helm.
+//! Requests of the drones to the vessel's helm.
 
 use alight_shared::msg::State;
 use alight_shared::time::{Time, VesselClock};
@@ -20,9 +20,9 @@ impl DeckArbiter {
             .max_by_key(|(wants, _)| *wants as u8)
             .map(|(_, drone)| drone)
     }
-    /// What a drone wants: the deck's owner, or one that comes where nobody has the deck. One on its way down wants it for as
-    /// long as a descent lasts, silent or not, and so does an owner that falls silent above the deck, where it may begin one
-    /// without being received.
+    /// The request of a drone: the deck's owner, or one that comes while the deck is free. One on its way down wants it
+    /// for as long as a descent lasts, silent or not, and so does an owner that falls silent above the deck, where it may
+    /// begin one without being received.
     fn wants(&self, now: Time<VesselClock>, d: &Drone) -> Demand {
         let lasts = (now - d.received).secs() <= self.config.status_timeout_s;
         let owns = self.owner == Some(d.header.drone);
@@ -40,8 +40,8 @@ impl DeckArbiter {
             }
         }
     }
-    /// What a drone on the deck wants: a better course while it prepares its take-off, and from the countdown on none but the
-    /// one that is.
+    /// Request of a drone on the deck: a better course while it prepares its take-off, and from the countdown on none but
+    /// the one that is.
     fn on_deck(d: &Drone, fresh: bool, lasts: bool) -> Demand {
         let leaves = matches!(d.state, State::Countdown | State::SpinUp | State::TakeOff);
         if d.state == State::Preparing && fresh {

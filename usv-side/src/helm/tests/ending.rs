@@ -1,4 +1,4 @@
-//! How a helm ends: the mode and the course that are given back, and by whom.
+//! End of a helm: the mode and the course that are given back, and by whom.
 
 use super::*;
 
@@ -256,7 +256,7 @@ fn helm_as_far_as_one_yes_allows() {
     assert_eq!(b.run(1.0).why, HelmEnd::TooFar);
 }
 
-/// A yes is for one landing of one drone: another that comes, or the same for its take-off, is asked for anew.
+/// A yes is for one landing of one drone: another that comes, or the same for its take-off, is asked for again.
 #[test]
 fn yes_for_one_flight() {
     let mut b = Bench::new();

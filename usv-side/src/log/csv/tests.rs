@@ -9,7 +9,7 @@ fn table(rows: usize) -> String {
     }
     text
 }
-fn parse(text: &str) -> Result<Recording, LogError> {
+fn parse(text: &str) -> Result<SensorRecording, LogError> {
     read(text.as_bytes(), "t", &Mount::default())
 }
 
@@ -133,14 +133,14 @@ fn csv_quantities_on_rows_of_their_own() {
         }
     }
     assert_eq!((heaved, rated), (59, 658));
-    let said = r.notes.join("\n");
+    let notes = r.notes.join("\n");
     for what in [
         "no accelerations",
         "heave on 59 rows",
         "240 velocities",
         "no altitude",
     ] {
-        assert!(said.contains(what), "{what}: {said}");
+        assert!(notes.contains(what), "{what}: {notes}");
     }
 }
 

@@ -3,7 +3,7 @@ use crate::sensors::Mount;
 
 #[test]
 fn devices_of_a_group_that_fall_silent_and_return() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let mut takes = |device: u32, at_s: f64| {
         let heading = Content::Heading {
             heading: 1.0,
@@ -24,11 +24,11 @@ fn devices_of_a_group_that_fall_silent_and_return() {
 /// Fixes of two receivers at 10 Hz with whole ones each second, of which `first` speaks first, and `other` perhaps of
 /// its velocity before. A receiver's number is its latitude.
 fn fixes_of_two([first, other]: [u32; 2], velocity_before: bool) -> Vec<GnssFix> {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let place = |of: u32| [f64::from(of), 14.5];
     let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
     let whole = |of: u32| {
-        Content::Gnss(Gnss {
+        Content::Gnss(GnssReport {
             place: place(of),
             altitude_m: Some(100.0 + f64::from(of)),
             separation_m: None,
@@ -84,7 +84,7 @@ fn receivers_that_both_send_everything() {
 
 #[test]
 fn receiver_that_stands_in_with_its_velocity() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let velocity = |of: u32| Content::velocity(f64::from(of), Some((0.0, false))).unwrap();
     let place = Content::Position([50.0, 14.5]);
     let mut takes = |of, at_s: f64, c| bus.take(of, (at_s * 1e9) as i64, c).is_ok();
@@ -97,7 +97,7 @@ fn receiver_that_stands_in_with_its_velocity() {
 #[test]
 fn separation_of_a_receiver() {
     // The sea lies 45 m above the ellipsoid here.
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let place = Datum::new(50.0, 14.5, 0.0);
     assert_eq!(bus.height(&place, 2.5, Some(44.0)), (46.5, 0.0));
     for stated in [None, Some(0.0), Some(-30.0)] {
@@ -119,7 +119,7 @@ fn heading(rad: f64) -> Content {
     }
 }
 fn whole(quality: u8, altitude_m: Option<f64>, hdop: f64) -> Content {
-    Content::Gnss(Gnss {
+    Content::Gnss(GnssReport {
         place: [50.0, 14.5],
         altitude_m,
         separation_m: None,
@@ -128,19 +128,23 @@ fn whole(quality: u8, altitude_m: Option<f64>, hdop: f64) -> Content {
         caution: false,
     })
 }
-fn bus_with(devices: BusDevices) -> Bus {
-    Bus::new(&Mounting::new(&Mount {
+fn bus_with(devices: BusDevices) -> SensorBus {
+    SensorBus::new(&Mounting::new(&Mount {
         devices,
         ..Mount::default()
     }))
 }
-fn texts(bus: &Bus) -> String {
+fn texts(bus: &SensorBus) -> String {
     let all = bus.remarks(&Account::default());
     let of = |r: Remark| format!("{} [{}]\n", r.text, r.remedy.unwrap_or_default());
     all.into_iter().map(of).collect()
 }
 /// Which device was used at each tenth of a second, of two of which `sent` gives what they send then.
-fn used_of_two(bus: &mut Bus, tenths: i64, sent: impl Fn(u32, i64) -> Option<Content>) -> Vec<(i64, u32)> {
+fn used_of_two(
+    bus: &mut SensorBus,
+    tenths: i64,
+    sent: impl Fn(u32, i64) -> Option<Content>,
+) -> Vec<(i64, u32)> {
     let mut used = Vec::new();
     for k in 0..tenths {
         for device in [1, 2] {
@@ -153,7 +157,7 @@ fn used_of_two(bus: &mut Bus, tenths: i64, sent: impl Fn(u32, i64) -> Option<Con
 
 #[test]
 fn quicker_device_after_some_seconds_of_evidence() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let used = used_of_two(&mut bus, 1200, |device, k| {
         let tilt = Content::Attitude([0.01 * (k as f64 * 0.1).sin(), 0.0]);
         (device == 2 || k % 10 == 0).then_some(tilt)
@@ -170,7 +174,7 @@ fn quicker_device_after_some_seconds_of_evidence() {
 
 #[test]
 fn devices_that_are_about_as_good_are_not_changed() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     // The dilutions change, and one gives five for ten of the other.
     let used = used_of_two(&mut bus, 3000, |device, k| {
         let hdop = if (k / 300 + i64::from(device)) % 2 == 0 {
@@ -187,7 +191,7 @@ fn devices_that_are_about_as_good_are_not_changed() {
 #[test]
 fn receiver_of_centimetres_unless_it_lacks_the_height() {
     for (altitude, last) in [(Some(48.0), 2), (None, 1)] {
-        let mut bus = Bus::default();
+        let mut bus = SensorBus::default();
         let used = used_of_two(&mut bus, 400, |device, k| {
             let fix = match device {
                 1 => whole(1, Some(48.0), 1.0),
@@ -202,7 +206,7 @@ fn receiver_of_centimetres_unless_it_lacks_the_height() {
 
 #[test]
 fn device_that_stands_still_while_another_turns() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     let used = used_of_two(&mut bus, 300, |device, k| {
         let turned = if device == 2 { 0.002 * k as f64 } else { 0.0 };
         Some(heading(1.0 + turned))
@@ -218,7 +222,7 @@ fn device_that_stands_still_while_another_turns() {
 #[test]
 fn headings_of_two_devices_that_contradict_each_other() {
     for (apart, tenths, is_finding) in [(0.25, 590, false), (0.25, 620, true), (0.05, 900, false)] {
-        let mut bus = Bus::default();
+        let mut bus = SensorBus::default();
         used_of_two(&mut bus, tenths, |device, k| {
             let turned = if device == 2 { apart } else { 0.0 };
             Some(heading(1.0 + turned + 0.1 * (0.05 * k as f64).sin()))
@@ -234,7 +238,7 @@ fn headings_of_two_devices_that_contradict_each_other() {
 fn receivers_that_contradict_each_other() {
     // 0.001 degrees of latitude are 111 m; 0.0001 are less than antennas and slow error.
     for (apart, is_finding) in [(1e-3, true), (1e-4, false)] {
-        let mut bus = Bus::default();
+        let mut bus = SensorBus::default();
         used_of_two(&mut bus, 700, |device, _| {
             let north = if device == 2 { apart } else { 0.0 };
             Some(Content::Position([50.0 + north, 14.5]))
@@ -255,7 +259,7 @@ fn chosen_device_that_comes_later_and_falls_silent() {
         ..BusDevices::default()
     });
     let takes =
-        |bus: &mut Bus, device, at_s: f64| bus.take(device, (at_s * 1e9) as i64, heading(1.0)).is_ok();
+        |bus: &mut SensorBus, device, at_s: f64| bus.take(device, (at_s * 1e9) as i64, heading(1.0)).is_ok();
     assert!(takes(&mut bus, 1, 0.0) && takes(&mut bus, 2, 0.1) && !takes(&mut bus, 1, 0.2));
     assert!(takes(&mut bus, 1, 2.5) && takes(&mut bus, 1, 6.0));
     let silent = texts(&bus);
@@ -304,7 +308,7 @@ fn velocity_of_a_chosen_device() {
 
 #[test]
 fn devices_without_number_are_bounded() {
-    let mut bus = Bus::default();
+    let mut bus = SensorBus::default();
     for k in 0..10_000_u32 {
         let _ = bus.take(k, i64::from(k) * 1_000_000, heading(1.0));
     }

@@ -12,14 +12,14 @@ use crate::sensors::clock::{of_day_ns, time_of_day_ns, utc_ns};
 
 /// Longest message, bytes: 6 in the first and 7 in each of 31 further frames.
 pub(super) const MAX_MESSAGE: usize = 223;
-/// A time before 2001 is none since 1970, ns.
+/// Times that are counted from 1970 are later than this one in 2001, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
 /// Bytes of a CAN frame.
 pub(super) const FRAME: usize = 8;
 
 /// When a line was written, ns, by whoever wrote it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stamp {
+pub(super) enum N2kStamp {
     /// Since midnight.
     OfDay(i64),
     /// Since 1970.
@@ -28,10 +28,10 @@ pub(super) enum Stamp {
     None,
 }
 
-/// What a line shows.
+/// Content of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Line {
-    pub(super) at: Stamp,
+pub(super) struct N2kLine {
+    pub(super) at: N2kStamp,
     /// Parameter group number.
     pub(super) pgn: u32,
     /// Address of its sender.
@@ -41,31 +41,31 @@ pub(super) struct Line {
     pub(super) whole: bool,
 }
 
-impl Line {
-    /// Of a line's text; None where it is none of these.
-    pub(super) fn parse(text: &str) -> Option<Line> {
+impl N2kLine {
+    /// Reads a line's text; None for any other kind of line.
+    pub(super) fn parse(text: &str) -> Option<N2kLine> {
         let text = text.trim();
         if text.split(',').count() > 6 {
             return plain(text);
         }
-        let words: Vec<&str> = text.split_whitespace().take(FRAME + 5).collect();
-        let (first, rest) = words.split_first()?;
+        let fields: Vec<&str> = text.split_whitespace().take(FRAME + 5).collect();
+        let (first, rest) = fields.split_first()?;
         if let Some(seconds) = first.strip_prefix('(') {
             let at_ns = unix_ns(seconds.strip_suffix(')')?)?;
             // candump counts from 1970, or (-td, -tz) from another line.
             let at = if at_ns < EPOCH_NS {
-                Stamp::None
+                N2kStamp::None
             } else {
-                Stamp::Unix(at_ns)
+                N2kStamp::Unix(at_ns)
             };
             return candump(at, rest);
         }
-        if first.starts_with('A') && words.len() == 4 {
-            return actisense(&words);
+        if first.starts_with('A') && fields.len() == 4 {
+            return actisense(&fields);
         }
         match of_day_ns(first) {
-            Some(at) => frame(Stamp::OfDay(at), rest.get(1)?, rest.get(2..)?),
-            None => candump(Stamp::None, &words),
+            Some(at) => frame(N2kStamp::OfDay(at), rest.get(1)?, rest.get(2..)?),
+            None => candump(N2kStamp::None, &fields),
         }
     }
 }
@@ -86,10 +86,10 @@ fn bytes(text: &str) -> Option<Vec<u8>> {
     let all = text.as_bytes().chunks(2);
     whole.then(|| all.map(|two| byte(core::str::from_utf8(two).ok()?)).collect())?
 }
-fn frame(at: Stamp, id: &str, data: &[&str]) -> Option<Line> {
+fn frame(at: N2kStamp, id: &str, data: &[&str]) -> Option<N2kLine> {
     let (pgn, source) = identifier(id)?;
     let data: Vec<u8> = data.iter().map(|b| byte(b)).collect::<Option<_>>()?;
-    (data.len() <= FRAME).then_some(Line {
+    (data.len() <= FRAME).then_some(N2kLine {
         at,
         pgn,
         source,
@@ -98,8 +98,8 @@ fn frame(at: Stamp, id: &str, data: &[&str]) -> Option<Line> {
     })
 }
 /// Interface, then identifier and bytes, in either of its two ways.
-fn candump(at: Stamp, words: &[&str]) -> Option<Line> {
-    let (_, rest) = words.split_first()?;
+fn candump(at: N2kStamp, fields: &[&str]) -> Option<N2kLine> {
+    let (_, rest) = fields.split_first()?;
     let (id, rest) = rest.split_first()?;
     let Some((id, data)) = id.split_once('#') else {
         let (length, data) = rest.split_first()?;
@@ -108,7 +108,7 @@ fn candump(at: Stamp, words: &[&str]) -> Option<Line> {
     };
     let (pgn, source) = identifier(id)?;
     let data = bytes(data).filter(|d| d.len() <= FRAME)?;
-    Some(Line {
+    Some(N2kLine {
         at,
         pgn,
         source,
@@ -116,14 +116,14 @@ fn candump(at: Stamp, words: &[&str]) -> Option<Line> {
         whole: false,
     })
 }
-/// `Ahhmmss.ddd`, sender, receiver and priority in one word, number, bytes.
-fn actisense(words: &[&str]) -> Option<Line> {
-    let [time, addresses, pgn, data] = words else {
+/// `Ahhmmss.ddd`, sender, receiver and priority in one field, number, bytes.
+fn actisense(fields: &[&str]) -> Option<N2kLine> {
+    let [time, addresses, pgn, data] = fields else {
         return None;
     };
     let at = time_of_day_ns(time.strip_prefix('A')?)?;
-    Some(Line {
-        at: Stamp::OfDay(at),
+    Some(N2kLine {
+        at: N2kStamp::OfDay(at),
         pgn: u32::from_str_radix(pgn, 16).ok()?,
         source: byte(addresses.get(..2)?)?,
         data: bytes(data)?,
@@ -131,18 +131,18 @@ fn actisense(words: &[&str]) -> Option<Line> {
     })
 }
 /// Time, priority, number, sender, receiver, length, bytes.
-fn plain(text: &str) -> Option<Line> {
+fn plain(text: &str) -> Option<N2kLine> {
     let mut fields = text.split(',');
     let time = fields.next()?;
     let at = match of_day_ns(time.trim_end_matches('Z')) {
-        Some(of_day) => Stamp::OfDay(of_day),
-        None => Stamp::Unix(utc_ns(time)?),
+        Some(of_day) => N2kStamp::OfDay(of_day),
+        None => N2kStamp::Unix(utc_ns(time)?),
     };
     let pgn = fields.nth(1)?.parse().ok()?;
     let source = fields.next()?.parse().ok()?;
     let length: usize = fields.nth(1)?.parse().ok().filter(|n| *n <= MAX_MESSAGE)?;
     let data: Vec<u8> = fields.map(byte).collect::<Option<_>>()?;
-    (data.len() == length).then_some(Line {
+    (data.len() == length).then_some(N2kLine {
         at,
         pgn,
         source,
@@ -173,20 +173,20 @@ mod tests {
             // The example of Yacht Devices' manual.
             (
                 "17:33:21.141 R 09F80115 A0 7D E6 18 C0 05 FB D5",
-                Stamp::OfDay(of_day),
+                N2kStamp::OfDay(of_day),
             ),
             (
                 "(1436509052.250000) can0 09F80115#A07DE618C005FBD5",
-                Stamp::Unix(1_436_509_052_250_000_000),
+                N2kStamp::Unix(1_436_509_052_250_000_000),
             ),
             (
                 " (1436509052.250000)  can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5",
-                Stamp::Unix(1_436_509_052_250_000_000),
+                N2kStamp::Unix(1_436_509_052_250_000_000),
             ),
-            ("can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5", Stamp::None),
-            ("(000.001234) can0 09F80115#A07DE618C005FBD5", Stamp::None),
+            ("can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5", N2kStamp::None),
+            ("(000.001234) can0 09F80115#A07DE618C005FBD5", N2kStamp::None),
         ] {
-            let line = Line::parse(text).unwrap();
+            let line = N2kLine::parse(text).unwrap();
             assert_eq!(
                 (line.at, line.pgn, line.source, line.whole),
                 (at, 129_025, 0x15, false),
@@ -195,14 +195,15 @@ mod tests {
             assert_eq!(line.data, position, "{text}");
         }
         // Of a public test of a parser for canboat's format: attitude without yaw.
-        let line = Line::parse("2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00,21,fe,ff").unwrap();
+        let line =
+            N2kLine::parse("2016-04-09T16:41:09.078Z,3,127257,17,255,8,00,ff,7f,52,00,21,fe,ff").unwrap();
         assert_eq!(
             (line.pgn, line.source, line.data.len(), line.whole),
             (127_257, 17, 8, false)
         );
-        assert_eq!(line.at, Stamp::Unix(1_460_220_069_078_000_000));
+        assert_eq!(line.at, N2kStamp::Unix(1_460_220_069_078_000_000));
         // The example of Actisense's manual: 130323, which is longer than a frame.
-        let line = Line::parse("A173321.107 23FF7 1F513 012F3070002F30709F").unwrap();
+        let line = N2kLine::parse("A173321.107 23FF7 1F513 012F3070002F30709F").unwrap();
         assert_eq!(
             (line.pgn, line.source, line.data.len(), line.whole),
             (0x1f513, 0x23, 9, true)
@@ -226,7 +227,7 @@ mod tests {
             "2016-04-09T16:41:09.078Z,3,127257,17,255,9,00,ff",
             "é,é,é,é,é,é,é",
         ] {
-            assert_eq!(Line::parse(text), None, "{text}");
+            assert_eq!(N2kLine::parse(text), None, "{text}");
         }
     }
 }

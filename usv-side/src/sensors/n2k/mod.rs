@@ -1,4 +1,4 @@
-//! NMEA 2000 as text of a gateway or a logger ([`line`]), of which [`Bus`] makes measurements.
+//! NMEA 2000 as text of a gateway or a logger ([`line`]), of which [`SensorBus`] makes measurements.
 //!
 //! The bus has no clock that all share: a message's time is that of its line, else of its arrival.
 
@@ -8,12 +8,12 @@ mod pgn;
 use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
-use super::bus::{Bus, name_text};
+use super::bus::{SensorBus, name_text};
 use super::clock::{DAY_NS, Rollover};
 use super::config::MAX_ADDRESS;
 use super::nmea::account::{Account, Why};
-use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
-use line::{Line, MAX_MESSAGE, Stamp};
+use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
+use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 
 /// Longest line, bytes: a message in canboat's plain format.
 const MAX_LINE: usize = 800;
@@ -41,7 +41,7 @@ pub struct N2kDecoder {
     /// When the bytes that are pushed arrive, ns; None in a recording.
     now_ns: Option<i64>,
     open: Vec<Open>,
-    bus: Bus,
+    bus: SensorBus,
     timeless: Vec<Measurement>,
 }
 
@@ -55,13 +55,13 @@ impl N2kDecoder {
             day: Rollover::default(),
             now_ns: None,
             open: Vec::with_capacity(OPEN),
-            bus: Bus::new(mounting),
+            bus: SensorBus::new(mounting),
             timeless: Vec::new(),
         }
     }
 
     fn take(&mut self, text: &[u8], out: &mut Vec<SourceMeasurement>) {
-        let parsed = core::str::from_utf8(text).ok().and_then(Line::parse);
+        let parsed = core::str::from_utf8(text).ok().and_then(N2kLine::parse);
         let Some(line) = parsed else {
             self.decoded.corrupted += 1;
             return;
@@ -72,9 +72,9 @@ impl N2kDecoder {
             return;
         };
         let (at_ns, is_stamped) = match line.at {
-            Stamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
-            Stamp::Unix(at) => (at, true),
-            Stamp::None => (self.now_ns.unwrap_or_default(), false),
+            N2kStamp::OfDay(of_day) => (self.day.unwrap(of_day), true),
+            N2kStamp::Unix(at) => (at, true),
+            N2kStamp::None => (self.now_ns.unwrap_or_default(), false),
         };
         let (pgn, source) = (line.pgn, line.source);
         let data = if is_long && !line.whole {
@@ -120,7 +120,7 @@ impl N2kDecoder {
     }
     /// The whole message that this frame completes. Frames of one message have one sequence and count from 0; the first has
     /// its length.
-    fn assemble(&mut self, line: Line) -> Option<Vec<u8>> {
+    fn assemble(&mut self, line: N2kLine) -> Option<Vec<u8>> {
         let (head, data) = line.data.split_first()?;
         let (sequence, index) = (head >> 5, head & 0x1f);
         let is_it = |o: &Open| (o.source, o.pgn) == (line.source, line.pgn);
@@ -159,7 +159,7 @@ impl N2kDecoder {
     }
 }
 
-impl Decoder for N2kDecoder {
+impl SensorDecoder for N2kDecoder {
     fn arrive(&mut self, now: Time<VesselClock>) {
         self.now_ns = Some(now.nanos());
     }

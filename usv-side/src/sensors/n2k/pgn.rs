@@ -1,7 +1,7 @@
 //! Fields of the parameter groups that are used. Numbers, resolutions and signs: canboat's database of NMEA 2000
 //! (`docs/canboat.json`); numbers of all ones are "not available", the two below them "out of range" and "reserved".
 
-use crate::sensors::bus::{Content, Gnss};
+use crate::sensors::bus::{Content, GnssReport};
 
 /// A turn and a step of an angle, rad.
 const TURN: f64 = core::f64::consts::TAU + 1e-4;
@@ -82,7 +82,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
     const ANGLE: f64 = 1e-4;
     // From zero to a turn; what is above it is no angle.
     let direction = |at| f.u16(at).map(|x| x * ANGLE).filter(|x| *x <= TURN);
-    // From the north or magnetic; where that is in error or not stated the angle is none.
+    // From true or magnetic north; where that is in error or not stated the angle is invalid.
     let magnetic = |at| match f.u8(at)? & 3 {
         0 => Some(false),
         1 => Some(true),
@@ -101,7 +101,7 @@ pub(super) fn read(pgn: u32, data: &[u8]) -> Option<Content> {
         127_258 => Content::Variation(f.i16(4)? * ANGLE),
         129_025 => Content::Position([f.i32(0)? * 1e-7, f.i32(4)? * 1e-7]),
         129_026 => Content::velocity(f.u16(4)? * 0.01, direction(2).zip(magnetic(1)))?,
-        129_029 => Content::Gnss(Gnss {
+        129_029 => Content::Gnss(GnssReport {
             place: [f.i64(7)? * 1e-16, f.i64(15)? * 1e-16],
             altitude_m: f.i64(23).map(|x| x * 1e-6),
             quality: f.u8(31)? >> 4,

@@ -228,14 +228,7 @@ fn n2k_device_chosen_by_the_name_that_it_claimed() {
     ]
     .concat();
     let (all, d) = fixtures::decode(N2kDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
-    let headings: Vec<f64> = all
-        .iter()
-        .filter_map(|m| match m.measurement {
-            Measurement::Heading(h) => Some(h.heading.round()),
-            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
-        })
-        .collect();
-    assert_eq!(headings, [1.0, 2.0]);
+    assert_eq!(fixtures::headings(&all), [1.0, 2.0]);
     assert_eq!(
         (d.decoded().left_out, d.decoded().ignored),
         (3, 0),

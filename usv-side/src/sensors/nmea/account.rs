@@ -1,4 +1,4 @@
-//! What was left out of a source's sentences, and why, in words.
+//! Sentences of a source that were left out, with the reasons as text.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +34,7 @@ pub(in crate::sensors) enum Why {
 }
 
 impl Why {
-    const fn words(self) -> &'static str {
+    const fn text(self) -> &'static str {
         match self {
             Why::NotRead => "a kind that is not read",
             Why::Empty => "empty",
@@ -49,7 +49,7 @@ impl Why {
             Why::FixedBase => "of a base that does not move: a direction to it, and no heading",
         }
     }
-    /// What to do about it, where it is a fault.
+    /// Remedy, where it is a fault.
     const fn remedy(self) -> Option<&'static str> {
         match self {
             Why::NotRead | Why::Empty | Why::Spare | Why::Cached | Why::HeldUp | Why::FixedBase => None,
@@ -173,7 +173,7 @@ impl Account {
         if each.len() > MAX_NAMED {
             named.push("others".into());
         }
-        let text = format!("left out: {} ({})", named.join(", "), why.words());
+        let text = format!("left out: {} ({})", named.join(", "), why.text());
         Some(match why.remedy() {
             Some(remedy) => Remark::fault(text, remedy),
             None => Remark::fine(text),

@@ -16,7 +16,7 @@ struct Kind {
     leads: bool,
     /// Epochs in a row that speak for the other.
     against: u8,
-    /// How many came since the last new time, and in how many epochs in a row several did.
+    /// Number that came since the last new time, and in how many epochs in a row several did.
     count: u32,
     several: u8,
     /// Arrival of the newest, and how long after the newest sentence with a time it came, ns.

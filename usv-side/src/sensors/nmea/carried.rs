@@ -12,7 +12,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::sensors::{Decoded, Decoder, Mounting, N2kDecoder, Remark, SourceMeasurement};
+use crate::sensors::{Decoded, Mounting, N2kDecoder, Remark, SensorDecoder, SourceMeasurement};
 
 /// Longest message, bytes, and the parts of it that its first frame and each further one have.
 const MAX_MESSAGE: usize = 223;

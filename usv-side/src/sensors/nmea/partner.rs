@@ -62,7 +62,7 @@ mod tests {
     use super::*;
     use crate::fixtures::sentence;
     use crate::sensors::nmea::NmeaDecoder;
-    use crate::sensors::{Decoder, Measurement, Mount, Mounting, SourceMeasurement};
+    use crate::sensors::{Measurement, Mount, Mounting, SensorDecoder, SourceMeasurement};
     use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
 
     const S: i64 = 1_000_000_000;

@@ -1,4 +1,4 @@
-//! What each kind of sentence says.
+//! Contents of each kind of sentence.
 
 use alight_shared::geodesy::{Datum, KNOT_MPS};
 use alight_shared::msg::NOT_MEASURED_SD;
@@ -15,7 +15,7 @@ pub(in crate::sensors) const VELOCITY_SD: f64 = 0.1;
 /// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
 /// within a minute; slow error is the filter's height bias).
 const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
-/// The same for dead reckoning, m.
+/// Standard deviation of a position by dead reckoning, m.
 const DEAD_RECKONING_SD: f64 = 5.0;
 /// Qualities of GGA: dead reckoning, input by hand, simulated.
 const DEAD_RECKONING: u8 = 6;
@@ -25,7 +25,7 @@ const SIMULATED: u8 = 8;
 const MINUTE_M: f64 = 1852.0;
 /// Standard deviation of a magnetic compass, rad: its deviation on a boat (2 deg, ours).
 pub(in crate::sensors) const MAGNETIC_SD: f64 = 0.035;
-/// Least number of fields of a sentence without a checksum: what is cut off is shorter.
+/// Minimum number of fields of a sentence without a checksum: what is cut off is shorter.
 const FIELDS: [(&str, usize); 9] = [
     ("GGA", 14),
     ("GNS", 12),
@@ -40,8 +40,8 @@ const FIELDS: [(&str, usize); 9] = [
 
 /// A sentence without a checksum has all its fields, as far as that is known of its kind.
 pub(super) fn is_whole(frame: &NmeaFrame<'_>) -> bool {
-    let least = FIELDS.iter().find(|(kind, _)| *kind == frame.sentence_type);
-    least.is_none_or(|(_, least)| frame.fields.len() >= *least)
+    let minimum = FIELDS.iter().find(|(kind, _)| *kind == frame.sentence_type);
+    minimum.is_none_or(|(_, count)| frame.fields.len() >= *count)
 }
 
 /// Quality as in GGA by the mode letters of GNS, RMC, GLL and VTG; the best of several constellations, unless one is

@@ -1,5 +1,5 @@
 use super::*;
-use crate::fixtures::sentence;
+use crate::fixtures::{fixes, sentence};
 use crate::sensors::{HeaveSign, Measurement, Mount};
 use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
@@ -163,13 +163,6 @@ fn nmea_sentences_after_damage() {
     assert_eq!(all.iter().filter(|h| h.measurement.kind() == 3).count(), 1);
 }
 
-fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
-    let fix = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Gnss(g) => Some(g),
-        Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => None,
-    };
-    all.iter().filter_map(fix).collect()
-}
 /// Ten epochs at 1 Hz of these sentences, `T` being the time, and the decoder then.
 fn epochs(sentences: &[&str]) -> (Vec<SourceMeasurement>, NmeaDecoder) {
     let mut d = decoder(Mount::default());
@@ -254,7 +247,7 @@ fn nmea_position_of_each_sentence() {
             assert!(remark(&d, "height: none of 9 fixes has one").remedy.is_some());
         }
     }
-    // Beside GGA, which has the height, RMC and GLL make no fix of their own, in any order.
+    // Next to GGA, which has the height, RMC and GLL make no fix of their own, in any order.
     let (gga, rmc) = (
         format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
         format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,,,A"),
@@ -284,7 +277,7 @@ fn nmea_position_in_few_decimals() {
 }
 
 #[test]
-fn nmea_beside_ais_and_unread_kinds() {
+fn nmea_among_ais_and_unread_kinds() {
     let gga = format!("GPGGA,T,{PLACE},1,12,0.8,3.0,M,45.0,M,,");
     let mut d = decoder(Mount::default());
     let mut out = Vec::new();
@@ -435,7 +428,7 @@ fn nmea_heading_from_magnetic_north() {
     );
     let (all, d) = headings(&[zda, "HCHDG,100.0,,,,"]);
     assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
-    // Beside one from true north it is spare.
+    // Next to one from true north it is a spare.
     let (all, _) = headings(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),
@@ -503,7 +496,7 @@ fn nmea_heading_before_and_velocity_after_the_time() {
 
 #[test]
 fn nmea_compass_faster_than_the_receiver() {
-    // HDT at 10 Hz beside GGA at 1 Hz, and then without it: the arrival is its time.
+    // HDT at 10 Hz with GGA at 1 Hz, and then without it: the arrival is its time.
     let mut bursts = Vec::new();
     for k in 0..200 {
         let t = 0.1 * f64::from(k);

@@ -239,7 +239,7 @@ proptest! {
     }
 }
 
-/// What happens to a message on its way.
+/// Fate of a message on its way.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Repeated,

@@ -15,7 +15,7 @@ const MAX_DISAGREEING: f64 = 0.6;
 /// Lengths of a comparison.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
-    /// Of an interval, s.
+    /// Length of an interval, s.
     pub(super) interval_s: f64,
     /// Longest time between two values, s: over longer ones the rate is not known.
     pub(super) step_s: f64,

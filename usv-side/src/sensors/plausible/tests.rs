@@ -354,13 +354,13 @@ fn recorded_compass_whose_heave_runs_away() {
     let read = |heave: &dyn Fn(f64) -> Option<f64>| {
         crate::log::read(boat(heave).as_bytes(), "boat.txt", &Mount::default()).unwrap()
     };
-    let kinds = |r: &crate::log::Recording| {
+    let kinds = |r: &crate::log::SensorRecording| {
         [1, 2, 3].map(|kind| r.measurements.iter().filter(|m| m.kind() == kind).count())
     };
     let without = kinds(&read(&|_| None));
     assert!(without.iter().all(|n| *n >= 890), "{without:?}");
     let good = read(&|t| Some(0.4 * wave(t, 4.2)));
-    let heaves = |r: &crate::log::Recording| {
+    let heaves = |r: &crate::log::SensorRecording| {
         let all = attitudes(&r.measurements);
         all.iter().filter(|a| a.heave.is_some()).count()
     };

@@ -17,11 +17,11 @@ pub(super) enum Doubt {
     Jump(f64),
     /// A drift of the mean, per minute.
     Drift(f64),
-    /// A mean where there is none in waves.
+    /// A mean that is not zero, as it is in waves.
     Mean(f64),
     /// The root mean square of its difference from the rate of change of another channel.
     Disagreement(f64),
-    /// The same number for so many seconds while another channel moves.
+    /// An unchanged number for so many seconds while another channel moves.
     Standstill(f64),
 }
 

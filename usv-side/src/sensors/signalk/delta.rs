@@ -1,31 +1,31 @@
-//! Messages of a Signal K server, and what the values of an update say. Paths, units (SI, radians) and signs: Signal K's
+//! Messages of a Signal K server, and the meaning of an update's values. Paths, units (SI, radians) and signs: Signal K's
 //! specification 1.7.
 
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::sensors::bus::{Content, Gnss};
+use crate::sensors::bus::{Content, GnssReport};
 
 /// A message: the greeting of a server, or a delta.
 #[derive(Debug, Deserialize)]
-pub(super) struct Message {
+pub(super) struct DeltaMessage {
     /// The server's own vessel, in its greeting.
     #[serde(rename = "self")]
     pub(super) own: Option<String>,
     /// Whose the values are; the server's own vessel where it is missing.
     pub(super) context: Option<String>,
-    /// Each is read alone ([`Update::read`]): one that is of another shape takes none of the others with it.
+    /// Each is read alone ([`DeltaUpdate::read`]): one that is of another shape takes none of the others with it.
     #[serde(default)]
     pub(super) updates: Vec<Value>,
 }
 
 /// Values of one source at one time.
 #[derive(Debug, Deserialize)]
-pub(super) struct Update {
+pub(super) struct DeltaUpdate {
     /// Name of the source.
     #[serde(rename = "$source")]
     source: Option<String>,
-    /// The same in parts, as it was written before there were names.
+    /// Source in parts, as it was written before there were names.
     #[serde(rename = "source")]
     parts: Option<Parts>,
     pub(super) timestamp: Option<String>,
@@ -56,10 +56,10 @@ impl PathValue {
     }
 }
 
-impl Update {
+impl DeltaUpdate {
     /// Reads one of a message; None where it has another shape.
-    pub(super) fn read(update: &Value) -> Option<Update> {
-        Update::deserialize(update).ok()
+    pub(super) fn read(update: &Value) -> Option<DeltaUpdate> {
+        DeltaUpdate::deserialize(update).ok()
     }
     /// Name of its source; empty where it has none.
     pub(super) fn source(&self) -> String {
@@ -85,7 +85,7 @@ impl Update {
         let speed = self.number("navigation.speedOverGround");
         (speed, of_north.or_else(of_magnetic))
     }
-    /// The other things that its values say, each with its name for people.
+    /// Other contents of the delta, each with its name for messages.
     pub(super) fn contents(&self) -> Vec<(&'static str, Content)> {
         // What goes with others comes before them.
         let all = [
@@ -137,7 +137,7 @@ impl Update {
         if quality.is_none() && altitude_m.is_none() && hdop.is_none() && !caution {
             return Some(Content::Position(place));
         }
-        Some(Content::Gnss(Gnss {
+        Some(Content::Gnss(GnssReport {
             place,
             altitude_m,
             separation_m: receiver_number("geoidalSeparation"),
@@ -148,7 +148,7 @@ impl Update {
     }
 }
 
-/// Paths of which something is read, beside those of `navigation.gnss`.
+/// Paths that are read in addition to those of `navigation.gnss`.
 const READ: [&str; 11] = [
     "navigation.position",
     "navigation.speedOverGround",
@@ -168,9 +168,9 @@ pub(super) fn is_read(path: &str) -> bool {
     READ.contains(&path) || path.starts_with("navigation.gnss.")
 }
 
-/// Quality as in GGA of its words in Signal K; words that are not known are no fix.
-fn quality(words: &str) -> u8 {
-    match words.to_ascii_lowercase().as_str() {
+/// Quality as in GGA of its name in Signal K; an unknown name is no fix.
+fn quality(name: &str) -> u8 {
+    match name.to_ascii_lowercase().as_str() {
         "gnss fix" => 1,
         "dgnss fix" => 2,
         "precise gnss" => 3,

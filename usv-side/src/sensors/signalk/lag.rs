@@ -1,16 +1,16 @@
-//! Whether an update was held up on its way: by how much more its arrival is later than its time than the least by
-//! which one was. A time that is cut to whole seconds is up to a second earlier than the measurement.
+//! Whether an update was held up on its way: by how much its arrival is later than its time, compared with the smallest lag
+//! so far. A time that is cut to whole seconds is up to a second earlier than the measurement.
 
 use crate::sensors::clock::{DRIFT, HELD_UP_S, JITTER_S};
 
-/// Above the least, an update is late by more than a cut second and the arrival's jitter, ns.
+/// Above the smallest lag, an update is late by more than a cut second and the arrival's jitter, ns.
 const LATE_NS: i64 = 1_000_000_000 + (JITTER_S * 1e9) as i64;
 
-/// How late the updates of a clock arrive.
+/// Lag of the updates of a clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// The least of arrival less time, and when it was, ns.
-    least: Option<(i64, i64)>,
+    /// The smallest difference of arrival and time, and when it was, ns.
+    smallest: Option<(i64, i64)>,
     /// Since when all were late, ns.
     late_since: Option<i64>,
 }
@@ -21,16 +21,16 @@ impl Lag {
     pub(super) fn is_held_up(&mut self, now_ns: i64, stamp_ns: i64) -> bool {
         let lag = now_ns.saturating_sub(stamp_ns);
         // Two clocks drift apart meanwhile.
-        let drifted = |(least, at_ns): (i64, i64)| {
-            least.saturating_add((now_ns.saturating_sub(at_ns) as f64 * DRIFT) as i64)
+        let drifted = |(smallest, at_ns): (i64, i64)| {
+            smallest.saturating_add((now_ns.saturating_sub(at_ns) as f64 * DRIFT) as i64)
         };
-        let least = self.least.map_or(lag, drifted);
-        let is_late = lag.saturating_sub(least) > LATE_NS;
+        let smallest = self.smallest.map_or(lag, drifted);
+        let is_late = lag.saturating_sub(smallest) > LATE_NS;
         let since = *self.late_since.get_or_insert(now_ns);
         if is_late && (now_ns.saturating_sub(since) as f64) < HELD_UP_S * 1e9 {
             return true;
         }
-        self.least = Some((if is_late { lag } else { least.min(lag) }, now_ns));
+        self.smallest = Some((if is_late { lag } else { smallest.min(lag) }, now_ns));
         self.late_since = None;
         false
     }

@@ -1,9 +1,9 @@
-//! Deltas of a Signal K server, one a line ([`delta`]), of which [`Bus`] makes measurements.
+//! Deltas of a Signal K server, one a line ([`delta`]), of which [`SensorBus`] makes measurements.
 //!
 //! An update's time is the server's, when it received the values, or that of the receiver whose sentence had one. So
 //! devices have clocks of their own, one for each kind of measurement; what belongs together is found by the arrival, in a
-//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is none: the arrival is,
-//! unless the update was held up on its way ([`lag`]).
+//! recording by those times. A time that comes again (the server cuts GGA's to whole seconds) is ignored: the arrival
+//! counts, unless the update was held up on its way ([`lag`]).
 
 mod delta;
 mod lag;
@@ -11,12 +11,12 @@ mod lag;
 use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
-use super::bus::{Bus, Content, PAIR_NS, is_near};
+use super::bus::{Content, PAIR_NS, SensorBus, is_near};
 use super::clock::utc_ns;
 use super::nmea::account::{Account, Why};
-use super::{Decoded, Decoder, Measurement, Mounting, Remark, SourceMeasurement};
+use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use crate::node::KINDS;
-use delta::{Message, Update};
+use delta::{DeltaMessage, DeltaUpdate};
 use lag::Lag;
 
 /// Longest message, bytes.
@@ -39,7 +39,7 @@ pub struct SignalKDecoder {
     lines: LineBuffer,
     decoded: Decoded,
     account: Account,
-    bus: Bus,
+    bus: SensorBus,
     /// When the bytes that are pushed arrive, ns; None in a recording.
     now_ns: Option<i64>,
     /// The server's own vessel.
@@ -51,7 +51,7 @@ pub struct SignalKDecoder {
     speed: Option<(f64, u32, i64)>,
     /// The newest time of each kind, ns.
     newest_ns: [Option<i64>; KINDS.len()],
-    /// How late each kind arrives.
+    /// Lag of each kind.
     lags: [Lag; KINDS.len()],
     /// At most one of a kind.
     timeless: Vec<Measurement>,
@@ -60,7 +60,7 @@ pub struct SignalKDecoder {
 impl SignalKDecoder {
     /// For a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
-        let mut bus = Bus::new(mounting);
+        let mut bus = SensorBus::new(mounting);
         bus.name(MAX_SOURCES as u32, ["others", ""]);
         SignalKDecoder {
             lines: LineBuffer::new(MAX_MESSAGE),
@@ -82,7 +82,7 @@ impl SignalKDecoder {
         // A logger's prefix may be before it.
         let begin = line.iter().position(|b| *b == b'{').unwrap_or_default();
         let json = line.get(begin..).unwrap_or_default();
-        let Ok(message) = serde_json::from_slice::<Message>(json) else {
+        let Ok(message) = serde_json::from_slice::<DeltaMessage>(json) else {
             self.decoded.corrupted += 1;
             return;
         };
@@ -92,13 +92,16 @@ impl SignalKDecoder {
         }
         let is_own = self.is_own(message.context.as_deref());
         for update in &message.updates {
-            let Some(update) = Update::read(update) else {
+            let Some(update) = DeltaUpdate::read(update) else {
                 self.decoded.corrupted += 1;
                 continue;
             };
             for value in &update.values {
                 let name = value.path.rsplit('.').next().unwrap_or_default();
-                if !is_own {
+                let published = value.path.strip_prefix("notifications.").unwrap_or(&value.path);
+                if published.starts_with("alight.") {
+                    // The server sends back what this vessel's own process publishes to it.
+                } else if !is_own {
                     self.ignore("AIS");
                 } else if !delta::is_read(&value.path) {
                     self.ignore(name);
@@ -133,7 +136,7 @@ impl SignalKDecoder {
         number as u32
     }
 
-    fn update(&mut self, update: &Update, out: &mut Vec<SourceMeasurement>) {
+    fn update(&mut self, update: &DeltaUpdate, out: &mut Vec<SourceMeasurement>) {
         let source = self.number(&update.source());
         let stamp_ns = update.timestamp.as_deref().and_then(utc_ns);
         let mut contents = update.contents();
@@ -204,7 +207,7 @@ impl SignalKDecoder {
         begun.map(|b| b.push(key)).is_some()
     }
     /// The velocity of an update, whose speed may have come with the update before.
-    fn velocity(&mut self, update: &Update, source: u32, at_ns: i64) -> Option<Content> {
+    fn velocity(&mut self, update: &DeltaUpdate, source: u32, at_ns: i64) -> Option<Content> {
         let (speed, course) = update.over_ground();
         if let Some(speed) = speed {
             self.speed = Some((speed, source, at_ns));
@@ -216,7 +219,7 @@ impl SignalKDecoder {
     }
 }
 
-impl Decoder for SignalKDecoder {
+impl SensorDecoder for SignalKDecoder {
     fn arrive(&mut self, now: Time<VesselClock>) {
         self.now_ns = Some(now.nanos());
     }

@@ -29,7 +29,7 @@ const PLACE: (&str, &str) = ("navigation.position", r#"{"latitude":50.0,"longitu
 fn signalk_greeting_cached_values_and_other_vessels() {
     let other = delta(2.0, "ais", &[PLACE]).replace("230099999", "211000001");
     let place = |at_s| delta(at_s, "gps.GP", &[PLACE]);
-    // Before the greeting nobody knows whose a vessel's number is.
+    // Before the greeting it is not known whose number a vessel's is.
     let before = place(0.5) + HELLO + &place(1.0) + &other + &place(2.0);
     let text = before + HELLO + &place(3.0) + &place(4.0);
     let (all, d) = decode(&text);
@@ -77,15 +77,15 @@ fn signalk_position_with_velocity_and_height() {
         assert!((fix.velocity[1] - 3.0).abs() < 1e-6 && fix.velocity_sd[0] < NOT_MEASURED_SD);
     }
     assert!(fixes[2].velocity_sd[0] >= NOT_MEASURED_SD && fixes[2].position_sd[2] >= NOT_MEASURED_SD);
-    // No fix, one that is simulated, and words that nobody knows.
-    for words in ["no GPS", "Simulator mode", "splendid"] {
+    // No fix, one that is simulated, and unknown terms.
+    for term in ["no GPS", "Simulator mode", "splendid"] {
         let text = own(delta(
             1.0,
             "gps.GP",
-            &[PLACE, ("navigation.gnss.methodQuality", &format!("{words:?}"))],
+            &[PLACE, ("navigation.gnss.methodQuality", &format!("{term:?}"))],
         ));
         let (all, d) = decode(&text);
-        assert_eq!((all.len(), d.decoded().left_out), (0, 1), "{words}");
+        assert_eq!((all.len(), d.decoded().left_out), (0, 1), "{term}");
     }
 }
 
@@ -252,14 +252,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
     ]
     .concat();
     let (all, d) = fixtures::decode(SignalKDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
-    let headings: Vec<f64> = all
-        .iter()
-        .filter_map(|m| match m.measurement {
-            Measurement::Heading(h) => Some(h.heading.round()),
-            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
-        })
-        .collect();
-    assert_eq!(headings, [1.0, 2.0, 1.0]);
+    assert_eq!(fixtures::headings(&all), [1.0, 2.0, 1.0]);
     assert!((fixes(&all)[0].position_sd[0] - 1.5).abs() < 1e-9);
     let remarks: String = d.remarks().into_iter().map(|r| r.text + "\n").collect();
     for expected in [
@@ -280,4 +273,17 @@ proptest! {
         let (all, _) = fixtures::decode(decoder, &bytes, cut);
         prop_assert!(all.len() <= 20);
     }
+}
+
+/// The server sends back what `alight signalk` publishes to it: no sensor's value, and none that is left out.
+#[test]
+fn signalk_values_of_this_program() {
+    let own = [
+        ("alight.status", "\"fine\""),
+        ("notifications.alight.deck", "null"),
+    ];
+    let (all, d) = decode(&(HELLO.to_string() + &delta(1.0, "alight", &own)));
+    let counts = d.decoded();
+    assert!(all.is_empty());
+    assert_eq!((counts.ignored, counts.left_out, counts.corrupted), (0, 0, 0));
 }

@@ -46,7 +46,7 @@ async fn udp_link_with_a_second_peer() {
     let at = port(&link);
     let [first, second] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
     first.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
-    link.write(b"nobody there");
+    link.write(b"no peer there");
     first.send_to(b"one", at).unwrap();
     assert_eq!(read_at_least(&mut link, 3).await, b"one");
     second.send_to(b"two", at).unwrap();
@@ -70,7 +70,7 @@ async fn udp_link_whose_first_sender_speaks_another_language() {
         receiver.send_to(b"$GPGGA", at).unwrap();
     }
     assert_eq!(read_at_least(&mut link, 18).await, b"$GPGGA$GPGGA$GPGGA");
-    assert_eq!(link.strangers(), Some((3, wind.local_addr().unwrap())));
+    assert_eq!(link.foreign_senders(), Some((3, wind.local_addr().unwrap())));
 }
 
 #[tokio::test]
@@ -80,7 +80,7 @@ async fn connection_from_another_address() {
     let mut stranger = TcpStream::connect(port(&link)).unwrap();
     link.read(|_| {}).await;
     let why = link.last_error().unwrap();
-    assert!(why.contains("is refused") && link.opened() == 0, "{why}");
+    assert!(why.contains("is rejected") && link.opened() == 0, "{why}");
     assert!(matches!(link.open, Some(Open::Listening(_))));
     assert!(matches!(stranger.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
 }
@@ -213,7 +213,7 @@ async fn signalk_server_that_is_restarted() {
         assert_eq!(read_at_least(&mut link, 12).await, b"{\"a\": 1}\n{}\n");
         assert_eq!(link.opened(), round);
         link.write(b"nothing is sent to it");
-        // How it ends is said.
+        // The cause of its end is reported.
         let why = if round == 1 {
             server.close(None).await.unwrap();
             "the server closed the connection"
@@ -260,7 +260,7 @@ async fn link_that_opens_and_breaks_at_once() {
     for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
-        // The last one says something first.
+        // The last one sends something first.
         if round == 3 {
             other.try_write(b"hello").unwrap();
             assert_eq!(read_at_least(&mut link, 5).await, b"hello");
@@ -276,17 +276,17 @@ async fn link_that_opens_and_breaks_at_once() {
 }
 
 #[tokio::test]
-async fn name_without_an_address_beside_another_source() {
+async fn name_without_an_address_next_to_another_source() {
     use crate::io::byte_links::ByteLinks;
 
-    // No label of a name is that long: nobody has to be asked.
+    // No label of a name is that long: no server has to be asked.
     let host = "x".repeat(64);
     for kind in ["ws", "tcpout", "udpout"] {
         let absent = format!("{kind}://{host}:3000");
         let absent: LinkUrl = absent.parse().unwrap();
         assert!(
             ByteLink::with_peer(absent.clone(), None).await.is_err(),
-            "an autopilot's is refused"
+            "an autopilot's is rejected"
         );
         let absent = ByteLink::of_several(absent, None).await.unwrap();
         let own = ByteLink::of_several(LinkUrl::UdpIn("127.0.0.1:0".into(), None), None)
@@ -310,7 +310,7 @@ async fn name_without_an_address_beside_another_source() {
 }
 
 #[tokio::test]
-async fn link_refuses_a_port_in_use() {
+async fn link_rejects_a_port_in_use() {
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let url = LinkUrl::UdpIn(taken.local_addr().unwrap().to_string(), None);
     let Err(e) = ByteLink::new(url).await else {

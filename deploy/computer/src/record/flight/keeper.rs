@@ -1,4 +1,4 @@
-//! Keeper of a computer's flights, beside the processes that fly: begin, summary, retention.
+//! Keeper of a computer's flights, next to the processes that fly: begin, summary, retention.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ impl FlightKeeper {
             _lock: lock.ok(),
         }
     }
-    /// Where the processes record.
+    /// Directory in which the processes record.
     pub fn path(&self) -> &Path {
         &self.path
     }

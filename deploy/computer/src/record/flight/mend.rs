@@ -12,9 +12,9 @@ use crate::record::entry::PartHeader;
 use crate::record::reading::{LogFile, is_whole, parts, read_header};
 use crate::record::sink::why;
 
-/// What mending did.
+/// Result of a repair.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Mended {
+pub struct Repair {
     /// Parts that got an end.
     pub parts: usize,
     /// Steps in them.
@@ -24,28 +24,28 @@ pub struct Mended {
 }
 
 /// Mends every part of a flight that does not run.
-pub fn mend(directory: &Path) -> Result<Mended, CliError> {
-    let mut mended = Mended::default();
+pub fn mend(directory: &Path) -> Result<Repair, CliError> {
+    let mut repaired = Repair::default();
     for path in parts(directory)?.iter().filter(|p| !is_whole(p)) {
         match read_header(path)? {
             None => {
                 std::fs::remove_file(path).doing(format_args!("removing {}", path.display()))?;
-                mended.empty += 1;
+                repaired.empty += 1;
             }
             Some(header) => {
-                mended.steps += rewrite(path, &header)?;
-                mended.parts += 1;
+                repaired.steps += rewrite(path, &header)?;
+                repaired.parts += 1;
             }
         }
     }
-    Ok(mended)
+    Ok(repaired)
 }
 
-/// Writes the part anew beside itself, then in its place; its steps.
+/// Writes the part to a file next to it, then in its place; its steps.
 fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let doing = format_args!("mending {}", path.display());
     let part = LogFile::open(path)?;
-    let new = path.with_extension("mended");
+    let new = path.with_extension("repaired");
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
     if copied.is_err() {

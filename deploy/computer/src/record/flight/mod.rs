@@ -27,7 +27,7 @@ pub mod summary;
 /// Disk that recording leaves to the rest of the computer, bytes: the deck's state lies on it.
 const MIN_FREE_BYTES: u64 = 256 << 20;
 
-/// Bytes that whoever is not root may still write below `directory`; None where the system does not say.
+/// Bytes that whoever is not root may still write below `directory`; None where the system does not report it.
 fn free_bytes(directory: &std::path::Path) -> Option<u64> {
     let found = rustix::fs::statvfs(directory).ok()?;
     Some(found.f_bavail.saturating_mul(found.f_frsize))
@@ -37,6 +37,6 @@ fn free_bytes(directory: &std::path::Path) -> Option<u64> {
 fn yield_to_flight() {
     /// Above that of a process without a wish of its own.
     const NICENESS: i32 = 5;
-    // Less priority is never refused.
-    let _refused = rustix::process::setpriority_process(None, NICENESS);
+    // Less priority is always permitted.
+    let _unchanged = rustix::process::setpriority_process(None, NICENESS);
 }

@@ -1,5 +1,5 @@
 //! Parts of one start of a process: rotated by size and time, synchronised every second, tried again when the
-//! disk refuses.
+//! disk rejects writes.
 
 use std::fs::File;
 use std::io;
@@ -23,7 +23,7 @@ const PART_BYTES: u64 = 64 << 20;
 const PART_NS: i64 = 600 * S;
 /// Steps are on the disk after this long: with the age of a batch half of what a power cut may cost.
 const SYNC_PERIOD_NS: i64 = S;
-/// After the disk refused it is tried again after this long.
+/// After the disk rejected a write it is tried again after this long.
 const RETRY_PERIOD_NS: i64 = 10 * S;
 /// Time between two warnings of steps that the disk was too slow for.
 const WARNING_PERIOD_NS: i64 = 10 * S;
@@ -56,7 +56,7 @@ impl Batch {
 /// A part that is being written.
 pub struct PartWriter {
     sink: Sink,
-    /// The same file, to synchronise it.
+    /// A second handle of the file, to synchronise it.
     file: File,
     channel: Channel,
     path: PathBuf,
@@ -149,13 +149,13 @@ pub struct Parts {
     next: u64,
     /// Steps that are not on the disk and will not be.
     missing: u64,
-    /// The disk refused, and that was said.
+    /// The disk rejected a write, and that was reported.
     failed: bool,
     retry_ns: i64,
-    /// Steps that came too fast since the last warning, and when that may be said again.
+    /// Steps that came too fast since the last warning, and when that may be reported again.
     dropped: u64,
     warning_ns: i64,
-    /// What UTC is ahead of the steady clock, ns: people's time, which goes on evenly while a receiver sets the clock.
+    /// Time by which UTC is ahead of the steady clock, ns: people's time, which goes on evenly while a receiver sets the clock.
     utc_ahead_ns: i128,
 }
 
@@ -185,7 +185,7 @@ impl Parts {
             ..self
         }
     }
-    /// Steps that are not recorded because the disk refused or was too slow.
+    /// Steps that are not recorded because the disk rejected writes or was too slow.
     pub fn missing(&self) -> u64 {
         self.missing
     }
@@ -254,7 +254,7 @@ impl Parts {
         let PartHeader { process, boot, .. } = &self.header;
         let name = format!("{process}-{boot:08x}-{:03}.{EXTENSION}", self.tried);
         let path = self.directory.join(name);
-        // The directory may not be there yet: then creating the file says what is wrong.
+        // The directory may not be there yet: then creating the file reports the fault.
         let begun =
             enough_room(&self.directory).and_then(|()| PartWriter::create(&path, &self.header, steady_ns));
         match begun {
@@ -480,7 +480,7 @@ mod tests {
     /// A part: its bytes, and after each chunk its length and the steps so far.
     type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
 
-    /// Of four chunks with 1 to 4 steps.
+    /// A part of four chunks with 1 to 4 steps.
     fn chunks() -> &'static Chunks {
         static CHUNKS: OnceLock<Chunks> = OnceLock::new();
         CHUNKS.get_or_init(write_chunks)
@@ -545,7 +545,7 @@ mod tests {
 
     proptest::proptest! {
         #![proptest_config(proptest::test_runner::Config::with_cases(64))]
-        /// What a power cut may leave behind the last synchronised chunk: nothing, zeros or what was there before.
+        /// Bytes that a power cut may leave behind the last synchronised chunk: nothing, zeros or those that were there before.
         #[test]
         fn part_with_a_damaged_tail(
             (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),

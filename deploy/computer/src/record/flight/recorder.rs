@@ -88,7 +88,7 @@ impl NodeRecorder {
         // The thread counts what is missing before the next batch that reaches it.
         self.dropped = if sent { 0 } else { self.dropped + steps };
     }
-    /// Steps that are not recorded because the disk refused or was too slow.
+    /// Steps that are not recorded because the disk rejected writes or was too slow.
     pub fn missing(&self) -> u64 {
         self.missing.load(Ordering::Relaxed) + self.dropped
     }
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn recorder_with_a_slow_thread() {
-        // Nobody takes batches.
+        // No thread takes batches.
         let (to, _batches) = sync_channel(BATCHES);
         let (_give_back, free) = sync_channel(BATCHES);
         let mut recorder = NodeRecorder {

@@ -19,16 +19,16 @@ const MAX_TRIES: u32 = 100;
 /// A flight on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Flight {
-    /// Its directory.
+    /// The directory.
     pub path: PathBuf,
-    /// Counts the flights of the computer, whatever its clock says.
+    /// Counts the flights of the computer, whatever the time of its clock.
     pub number: u32,
     /// When it began (UTC), as 20261125T181500Z.
     pub begun: String,
 }
 
 impl Flight {
-    /// Of a directory with the name of one.
+    /// A flight in a directory with the name of one.
     pub fn of(path: &Path) -> Option<Flight> {
         let name = path.file_name()?.to_str()?;
         let (begun, number) = name.split_once('-')?;
@@ -50,7 +50,7 @@ impl Flight {
         let files = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
         files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum()
     }
-    /// Its processes run.
+    /// Whether its processes run.
     pub fn is_running(&self) -> bool {
         File::open(&self.path).is_ok_and(|d| matches!(d.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
@@ -59,7 +59,7 @@ impl Flight {
         let all = parts(&self.path).unwrap_or_default();
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
-    /// Its summary; where it has no end, as long as its files were written.
+    /// The summary; where it has no end, as long as its files were written.
     pub fn summary(&self) -> Option<Summary> {
         let mut summary = Summary::read(&self.path)?;
         let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
@@ -77,7 +77,7 @@ impl Flight {
 pub fn flights(root: &Path) -> io::Result<Vec<Flight>> {
     let mut found: Vec<Flight> = std::fs::read_dir(root)?
         .flatten()
-        // A link is none: what it leads to is not ours to remove.
+        // A link is no flight: what it leads to is not ours to remove.
         .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
         .filter_map(|e| Flight::of(&e.path()))
         .take(MAX_FLIGHTS)
@@ -91,7 +91,7 @@ pub fn is_flight(directory: &Path) -> bool {
     directory.join(SUMMARY_FILE).is_file() || parts(directory).is_ok_and(|p| !p.is_empty())
 }
 
-/// Begins a flight below `root`: its directory, and the lock that says that it runs. The directory is named also where
+/// Begins a flight below `root`: its directory, and the lock that shows that it runs. The directory is named also where
 /// it cannot be made: the processes try again.
 pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     let stamp = stamp(OffsetDateTime::now_utc());
@@ -232,7 +232,7 @@ mod tests {
         let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&root);
         for number in numbers {
-            // The clock of a computer without a receiver begins anew.
+            // The clock of a computer without a receiver begins again.
             let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
             std::fs::create_dir_all(&path).unwrap();
             for process in ["pilot", "mission"] {

@@ -1,4 +1,4 @@
-//! The summary of a flight: what those aboard know of it, in a small file beside the parts.
+//! The summary of a flight: states, outcome and metrics, in a small file next to the parts.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::io::store::replace;
 
-/// Its name in the flight's directory.
+/// Name of the file in the flight's directory.
 pub const SUMMARY_FILE: &str = "flight.json";
 /// Phases that are kept, the newest.
 const MAX_PHASES: usize = 200;
@@ -39,7 +39,7 @@ pub struct Summary {
     pub length_s: f64,
     /// The processes were asked to end; false: they run, or the power went.
     pub ended: bool,
-    /// What came of it.
+    /// The outcome.
     pub outcome: String,
     /// Why.
     pub reason: String,
@@ -52,7 +52,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of a flight of this computer that begins.
+    /// Summary of a flight of this computer that begins.
     pub fn of(computer: &str) -> Summary {
         Summary {
             computer: computer.into(),

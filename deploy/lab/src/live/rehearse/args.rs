@@ -8,7 +8,7 @@ use alight_shared::msg::State;
 use alight_sim::harness::storm::{Kind, Moment};
 use clap::Args;
 
-use crate::args::{Autopilot, SeaArg, sea};
+use crate::args::{AutopilotArg, SeaArg, sea};
 use crate::live::fault::FaultSpec;
 
 /// Every service as it is installed, against the simulated world.
@@ -47,7 +47,7 @@ pub struct RehearseArgs {
     ///
     /// With --autopilot-at it is the firmware that flies.
     #[arg(long, value_name = "NAME", value_enum)]
-    pub autopilot: Option<Autopilot>,
+    pub autopilot: Option<AutopilotArg>,
     /// A maker's firmware flies: its MAVLink, such as udpin://127.0.0.1:14540 (docs/firmware.md)
     ///
     /// The pilot starts it.

@@ -1,13 +1,13 @@
-//! What `alight check` found on one computer, as a line of the check list.
+//! Findings of `alight check` on one computer, as a line of the check list.
 
 use serde_json::Value;
 
 /// The topic under which `alight check` names the autopilot's parameters.
 const PARAMETERS: &str = "parameters";
-/// What it finds of the autopilot itself.
+/// Topics of findings about the autopilot itself.
 const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
-/// Whether it is as it should be, and in figures. A `firmware` that a person starts beside the rehearsal gets its parameters
+/// Whether it is as it should be, and its values. A `firmware` that is started next to the rehearsal gets its parameters
 /// while the vehicles warm up, after this check: what was found of them is shown, and is looked at again before the landing
 /// ([`fitness`]).
 pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
@@ -35,8 +35,8 @@ pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     }
 }
 
-/// What the check printed (`--json`). Without a `firmware` the autopilot is the simulated one: what it is found to be like says
-/// nothing of the installer's, and is left out.
+/// Output of the check (`--json`). Without a `firmware` the autopilot is the simulated one: findings on it do not
+/// concern the installer's, and are left out.
 pub fn findings(printed: &[u8], firmware: bool) -> Vec<Value> {
     let printed: Value = serde_json::from_slice(printed).unwrap_or_default();
     let mut findings = printed["findings"].as_array().cloned().unwrap_or_default();

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use alight_computer::certificates::{self, common_name};
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::config::method;
+use alight_computer::config::recorder::RecorderConfig;
 use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
@@ -20,7 +21,7 @@ use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
 
 use super::args::RehearseArgs;
-use crate::args::Autopilot;
+use crate::args::AutopilotArg;
 use crate::live::boat;
 use crate::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::live::land::AT_SEA;
@@ -34,10 +35,10 @@ const DAYS: u32 = 60;
 /// The vehicles begin at a full second of the steady clock, at least so long after now, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
-/// Where the computers find each other.
+/// Address at which the computers find each other.
 const HOST: &str = "127.0.0.1";
 
-/// A directory of the rehearsal's own; removed in the end unless a person wants it.
+/// A directory of the rehearsal's own; removed in the end unless it is kept.
 pub struct Directory {
     path: PathBuf,
     kept: bool,
@@ -60,7 +61,7 @@ impl Directory {
             kept: keep.is_some(),
         })
     }
-    /// Where.
+    /// The place.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -79,7 +80,7 @@ impl Drop for Directory {
 }
 
 /// Everything that is started.
-pub struct Plan {
+pub struct RehearsalPlan {
     /// The vessel's computer, as it is started.
     pub vessel: VesselComputer,
     /// The drone's.
@@ -88,15 +89,15 @@ pub struct Plan {
     pub world: SimulatedWorld,
     /// Names of the certificates; none where the files ask for none.
     pub certificates: Vec<String>,
-    /// What the two files say differently of the same thing.
+    /// Differences of the two files about the same thing.
     pub contradictions: Vec<String>,
-    /// Where all of it is.
+    /// Directory of all of it.
     pub directory: Directory,
 }
 
-impl Plan {
+impl RehearsalPlan {
     /// Reads the files, and writes those that are started with.
-    pub fn of(args: &RehearseArgs) -> Result<Plan, CliError> {
+    pub fn of(args: &RehearseArgs) -> Result<RehearsalPlan, CliError> {
         let (mut vessel_file, mut drone_file) = (
             table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,
             table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
@@ -104,60 +105,14 @@ impl Plan {
         // What the installer wrote is judged before anything is changed in it.
         let vessel: VesselComputer = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
         let drone: DroneComputer = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
-        let connect = match &args.autopilot_at {
-            Some(url) => {
-                LinkUrl::of_autopilot(url).map_err(CliError)?;
-                url.clone()
-            }
-            None => format!("udpin://{HOST}:{}", free_port()?),
-        };
+        let connect = autopilot_link(args)?;
         let directory = Directory::make(args.keep.as_deref())?;
         let names = radio(&directory, (&vessel, &mut vessel_file), (&drone, &mut drone_file))?;
-
-        for (key, input) in [
-            ("crew_switch", &vessel.deck.crew_switch),
-            ("occupancy_sensor", &vessel.deck.occupancy_sensor),
-            ("helm_switch", &vessel.deck.helm_switch),
-            ("helm_lamp", &vessel.deck.helm_lamp),
-        ] {
-            if !input.is_empty() {
-                set(&mut vessel_file, &["deck"], key, "");
-            }
-        }
         let boat = helm(&vessel.vessel.helm, &mut vessel_file)?;
-        // A person's flights stay what they are.
-        for (name, file, recorder) in [
-            ("vessel", &mut vessel_file, &vessel.recorder),
-            ("drone", &mut drone_file, &drone.recorder),
-        ] {
-            if !recorder.directory.is_empty() {
-                let flights = directory.file("flights").join(name);
-                set(file, &["recorder"], "directory", flights.display().to_string());
-            }
-        }
         let sources = sources(&vessel, &directory);
-        let list = Value::try_from(&sources).doing("writing the sensors")?;
-        set(&mut vessel_file, &["sensor"], "sources", list);
-
+        change_vessel(&mut vessel_file, &vessel, &directory, &sources)?;
         let camera = directory.file("camera");
-        for (name, file) in [("rehears", &mut vessel_file), ("rehearse", &mut drone_file)] {
-            set(file, &[], "instance", format!("{name}-{}", std::process::id()));
-        }
-        set(&mut drone_file, &["autopilot"], "connect", connect);
-        // The ladder of the first flights begins with a pilot, whom a rehearsal does not have.
-        if drone.drone.mission.mode == LandingMode::Shadow {
-            set(&mut drone_file, &["drone", "mission"], "mode", "land");
-        }
-        set(
-            &mut drone_file,
-            &["camera"],
-            "source",
-            camera.display().to_string(),
-        );
-        // The simulated deck carries no markers.
-        if drone.uvdar.at_rate(1.0).is_there() {
-            set(&mut drone_file, &["uvdar"], "source", "");
-        }
+        change_drone(&mut drone_file, &drone, &directory, connect, &camera);
         let pipe = mknodat(
             rustix::fs::CWD,
             &camera,
@@ -176,7 +131,7 @@ impl Plan {
         };
         let text = toml::to_string(&world).doing("writing the world")?;
         std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
-        Ok(Plan {
+        Ok(RehearsalPlan {
             vessel,
             drone,
             world,
@@ -184,6 +139,71 @@ impl Plan {
             contradictions,
             directory,
         })
+    }
+}
+
+/// Address of the autopilot's MAVLink: a firmware's, or the simulated one's.
+fn autopilot_link(args: &RehearseArgs) -> Result<String, CliError> {
+    match &args.autopilot_at {
+        Some(url) => {
+            LinkUrl::of_autopilot(url).map_err(CliError)?;
+            Ok(url.clone())
+        }
+        None => Ok(format!("udpin://{HOST}:{}", free_port()?)),
+    }
+}
+
+/// Inputs, recorder, sensors and instance of the vessel's file.
+fn change_vessel(
+    file: &mut Table,
+    vessel: &VesselComputer,
+    directory: &Directory,
+    sources: &[SourceConfig],
+) -> Result<(), CliError> {
+    for (key, input) in [
+        ("crew_switch", &vessel.deck.crew_switch),
+        ("occupancy_sensor", &vessel.deck.occupancy_sensor),
+        ("helm_switch", &vessel.deck.helm_switch),
+        ("helm_lamp", &vessel.deck.helm_lamp),
+    ] {
+        if !input.is_empty() {
+            set(file, &["deck"], key, "");
+        }
+    }
+    set_recorder(file, "vessel", &vessel.recorder, directory);
+    let list = Value::try_from(sources).doing("writing the sensors")?;
+    set(file, &["sensor"], "sources", list);
+    set(file, &[], "instance", format!("rehears-{}", std::process::id()));
+    Ok(())
+}
+
+/// Recorder, instance, autopilot, mission and cameras of the drone's file.
+fn change_drone(
+    file: &mut Table,
+    drone: &DroneComputer,
+    directory: &Directory,
+    connect: String,
+    camera: &Path,
+) {
+    set_recorder(file, "drone", &drone.recorder, directory);
+    set(file, &[], "instance", format!("rehearse-{}", std::process::id()));
+    set(file, &["autopilot"], "connect", connect);
+    // The ladder of the first flights begins with a pilot, whom a rehearsal does not have.
+    if drone.drone.mission.mode == LandingMode::Shadow {
+        set(file, &["drone", "mission"], "mode", "land");
+    }
+    set(file, &["camera"], "source", camera.display().to_string());
+    // The simulated deck carries no markers.
+    if drone.uvdar.at_rate(1.0).is_there() {
+        set(file, &["uvdar"], "source", "");
+    }
+}
+
+/// Records into the rehearsal's directory: flights of other starts stay as they are.
+fn set_recorder(file: &mut Table, name: &str, recorder: &RecorderConfig, directory: &Directory) {
+    if !recorder.directory.is_empty() {
+        let flights = directory.file("flights").join(name);
+        set(file, &["recorder"], "directory", flights.display().to_string());
     }
 }
 
@@ -333,7 +353,7 @@ fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> 
     sources
 }
 
-/// What vessel and drone must know alike.
+/// Settings that vessel and drone must have alike.
 fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String> {
     let mut all = Vec::new();
     // Tags are the drone's alone.
@@ -359,8 +379,8 @@ fn world(
     let mavlink = drone.autopilot.connect.trim_start_matches("udpin://");
     let (autopilot, mavlink) = match (&args.autopilot_at, args.autopilot) {
         (None, _) => (AutopilotKind::Internal, mavlink.to_owned()),
-        (Some(_), Some(Autopilot::Ardupilot)) => (AutopilotKind::Ardupilot, String::new()),
-        (Some(_), Some(Autopilot::Px4) | None) => (AutopilotKind::Px4, String::new()),
+        (Some(_), Some(AutopilotArg::Ardupilot)) => (AutopilotKind::Ardupilot, String::new()),
+        (Some(_), Some(AutopilotArg::Px4) | None) => (AutopilotKind::Px4, String::new()),
     };
     let world = SimulatedWorld {
         instance: drone.instance.clone(),
@@ -405,7 +425,7 @@ fn scenario(
     s.start.warm_up_s = args.warm_up_s();
     // It is there for `alight check`, before any service is.
     s.start.hover_s = s.start.warm_up_s.min(60.0);
-    if args.autopilot == Some(Autopilot::Ardupilot) {
+    if args.autopilot == Some(AutopilotArg::Ardupilot) {
         s.drone.autopilot.firmware = Firmware::ArduCopter;
     }
     // Both computers are this one: their clock is the steady clock, which the vehicles' stamps continue.
@@ -446,9 +466,9 @@ mod tests {
         #[command(flatten)]
         args: RehearseArgs,
     }
-    fn plan(words: &[&str]) -> Result<Plan, CliError> {
-        let flags = Flags::try_parse_from(core::iter::once(&"rehearse").chain(words)).unwrap();
-        Plan::of(&flags.args)
+    fn plan(arguments: &[&str]) -> Result<RehearsalPlan, CliError> {
+        let flags = Flags::try_parse_from(core::iter::once(&"rehearse").chain(arguments)).unwrap();
+        RehearsalPlan::of(&flags.args)
     }
 
     /// Keys of `b` that differ from those of `a`, with the tables that they are in.

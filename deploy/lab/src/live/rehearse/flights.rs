@@ -1,14 +1,14 @@
-//! What the flight recorders of both computers have of a rehearsal.
+//! Flights of a rehearsal in the recorders of both computers.
 
 use std::path::Path;
 
 use alight_computer::record::flight::store;
 
-use super::files::Plan;
+use super::files::RehearsalPlan;
 use super::list::{self, CheckList};
 
 /// Adds what each computer recorded, where its file names a directory.
-pub fn show(plan: &Plan, list: &mut CheckList) {
+pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {
     for (what, recorder) in [
         ("vessel's flight recorder", &plan.vessel.recorder),
         ("drone's flight recorder", &plan.drone.recorder),

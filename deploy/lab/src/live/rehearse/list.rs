@@ -16,14 +16,14 @@ const WHAT: usize = 25;
 
 /// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct CheckRow {
     /// The step in install.md.
     pub step: u8,
-    /// What was looked at.
+    /// The subject.
     pub what: String,
     /// It is as it should be.
     pub ok: bool,
-    /// What was seen.
+    /// The observation.
     pub figure: String,
 }
 
@@ -31,11 +31,11 @@ pub struct Row {
 #[derive(Debug, Default)]
 pub struct CheckList {
     alone: bool,
-    rows: Vec<Row>,
+    rows: Vec<CheckRow>,
 }
 
 impl CheckList {
-    /// For a person, or beside a result that stands alone on standard output.
+    /// For people, or in addition to a result that stands alone on standard output.
     pub fn new(alone: bool) -> CheckList {
         CheckList {
             alone,
@@ -44,30 +44,30 @@ impl CheckList {
     }
     /// Adds and shows one.
     pub fn add(&mut self, step: u8, what: impl Into<String>, ok: bool, figure: impl Into<String>) {
-        let row = Row {
+        let row = CheckRow {
             step,
             what: what.into(),
             ok,
             figure: figure.into(),
         };
-        self.say(line(&row));
+        self.print(line(&row));
         self.rows.push(row);
     }
     /// A line between the checks.
-    pub fn say(&self, text: impl std::fmt::Display) {
+    pub fn print(&self, text: impl std::fmt::Display) {
         note(self.alone, text);
     }
     /// Whether all is as it should be.
     pub fn ok(&self) -> bool {
         self.rows.iter().all(|r| r.ok)
     }
-    /// What was checked.
-    pub fn rows(&self) -> &[Row] {
+    /// The checked condition.
+    pub fn rows(&self) -> &[CheckRow] {
         &self.rows
     }
 }
 
-fn line(row: &Row) -> String {
+fn line(row: &CheckRow) -> String {
     let mark = if row.ok { "OK" } else { "NOT OK" };
     format!("{mark:<6} {:>2}  {:<WHAT$} {}", row.step, row.what, row.figure)
 }

@@ -1,5 +1,5 @@
 //! `alight rehearse`: what the two packages install, against the simulated world, in real time, and the check list of
-//! deploy/docs/install.md with what was seen.
+//! deploy/docs/install.md with observations.
 //!
 //! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
 //! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only what moves is simulated.
@@ -9,6 +9,7 @@ mod checked;
 mod files;
 mod flights;
 mod list;
+mod observations;
 
 use std::path::PathBuf;
 use std::process::{Child, Output};
@@ -22,13 +23,11 @@ use alight_computer::process::life::end_with_supervisor;
 use alight_computer::process::observer::{Follower, Observer};
 use alight_computer::process::scheduling;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{Situation, SourceHealth};
+use alight_computer::situation::Situation;
 use alight_computer::terminal;
 use alight_computer::vessel::deck_file;
-use alight_shared::metrics::{MetricName, MetricValue};
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::process::ProcessKind;
-use alight_shared::topics;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::signal::{Signal, signal};
@@ -36,9 +35,9 @@ use alight_transport::wake::end_requested;
 use serde::Serialize;
 
 use self::args::RehearseArgs;
-use self::files::Plan;
-use self::list::{CheckList, Row};
-use crate::live::fault::{Fault, Seen};
+use self::files::RehearsalPlan;
+use self::list::{CheckList, CheckRow};
+use crate::live::fault::{FaultInput, ProcessFault};
 use crate::live::service::{READY_S, Service, command};
 use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 
@@ -48,13 +47,13 @@ const POLL: Duration = Duration::from_millis(20);
 const WORLD_S: f64 = 20.0;
 /// Link, clocks and sensors are as install.md wants them within this time of the warm-up's end, s.
 const KNOWN_S: f64 = 30.0;
-/// What install.md waits for: age of the link and error of the clocks, s.
+/// Conditions of install.md before a landing: age of the link and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
 /// The world's verdict comes within this time of the landing's time limit, s: it waits for the drone to rest.
 const VERDICT_S: f64 = 5.0;
 
-/// What waiting for something came to.
+/// Result of waiting for something.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Waited {
     Met,
@@ -68,21 +67,21 @@ enum Waited {
 #[derive(Serialize)]
 struct Rehearsed<'a> {
     ok: bool,
-    steps: &'a [Row],
+    steps: &'a [CheckRow],
     states: &'a [(f64, &'static str, String)],
     landed: Option<&'a Landed>,
 }
 
 /// Rehearses.
 pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
-    // The first question puts the handler in place: a signal from here on ends the rehearsal in order.
+    // The first call installs the handler: a signal from here on ends the rehearsal in order.
     if end_requested() {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
     // A firmware outside flies in another session, which has to keep up.
     let _session = args.autopilot_at.is_none().then(scheduling::raise_session);
-    let plan = Plan::of(args)?;
+    let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
         [] => "none: the files ask for none".into(),
@@ -147,14 +146,14 @@ struct Rehearsal<'a> {
     armed: Option<bool>,
     landed: Option<Landed>,
     too_slow: Option<TooSlow>,
-    fault: Option<Fault>,
+    fault: Option<ProcessFault>,
     /// The drone has touched something.
     contact: bool,
-    plan: Plan,
+    plan: RehearsalPlan,
 }
 
 impl<'a> Rehearsal<'a> {
-    fn begin(args: &'a RehearseArgs, plan: Plan) -> Result<Rehearsal<'a>, CliError> {
+    fn begin(args: &'a RehearseArgs, plan: RehearsalPlan) -> Result<Rehearsal<'a>, CliError> {
         let own = || std::env::current_exe().doing("looking for this program");
         let directory = plan.directory.path();
         Ok(Rehearsal {
@@ -173,7 +172,7 @@ impl<'a> Rehearsal<'a> {
             armed: None,
             landed: None,
             too_slow: None,
-            fault: args.fault().and_then(|spec| Fault::new(spec, args.seed)),
+            fault: args.fault().and_then(|spec| ProcessFault::new(spec, args.seed)),
             contact: false,
             plan,
         })
@@ -240,7 +239,7 @@ impl<'a> Rehearsal<'a> {
             {
                 self.state = m.state;
                 let t_s = (steady_ns() - self.commanded_ns) as f64 * 1e-9;
-                list.say(format_args!("{t_s:>9.2} s  {:<16} {}", m.state.name(), m.entered));
+                list.print(format_args!("{t_s:>9.2} s  {:<16} {}", m.state.name(), m.entered));
                 self.states.push((t_s, m.state.name(), m.entered.to_string()));
             }
         }
@@ -259,13 +258,13 @@ impl<'a> Rehearsal<'a> {
         } else {
             Some(&observer.snapshot)
         };
-        let seen = Seen {
+        let input = FaultInput {
             t_s: (now_ns - self.commanded_ns) as f64 * 1e-9,
             mission: *observer.snapshot.mission,
             process: of_computer.and_then(|s| s.processes.get(&process).copied()),
             contact: self.contact,
         };
-        let Some((pid, what)) = fault.poll(now_ns, &seen) else {
+        let Some((pid, what)) = fault.poll(now_ns, &input) else {
             return Ok(());
         };
         let name = &fault.report.fault;
@@ -274,7 +273,7 @@ impl<'a> Rehearsal<'a> {
             _ => signal(pid, what).doing(format_args!("the fault {name}"))?,
         }
         if what != Signal::Continue {
-            list.say(format_args!("{:>9.2} s  fault {name}", seen.t_s));
+            list.print(format_args!("{:>9.2} s  fault {name}", input.t_s));
         }
         Ok(())
     }
@@ -340,15 +339,15 @@ impl<'a> Rehearsal<'a> {
         for (mark, level) in [("BROKEN", "broken"), ("WARNING", "warning")] {
             for finding in of(level) {
                 let text = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
-                list.say(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
+                list.print(format_args!("{mark:>18}  {}: {}", text("topic"), text("found")));
             }
         }
         Ok(Waited::Met)
     }
     /// Runs one of the program's commands to its end; None when the rehearsal is stopped meanwhile.
-    fn ask(&mut self, list: &CheckList, words: &[&str]) -> Result<Option<Output>, CliError> {
-        let doing = format!("running {} {}", self.program.display(), words.join(" "));
-        let mut child: Child = command(&self.program, words).spawn().doing(&doing)?;
+    fn ask(&mut self, list: &CheckList, arguments: &[&str]) -> Result<Option<Output>, CliError> {
+        let doing = format!("running {} {}", self.program.display(), arguments.join(" "));
+        let mut child: Child = command(&self.program, arguments).spawn().doing(&doing)?;
         let mut ended = |_: &mut Self| !matches!(child.try_wait(), Ok(None));
         match self.until(list, READY_S, &mut ended)? {
             Waited::Met => child.wait_with_output().doing(doing).map(Some),
@@ -448,68 +447,8 @@ impl<'a> Rehearsal<'a> {
         link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
     }
     fn vessel_status(&mut self) -> Option<Situation> {
-        let (_, seen) = self.aboard.poll()?;
-        Some(Situation::of(seen, steady_ns())).filter(|s| s.vessel().is_some())
-    }
-    /// Each sensor with the rate at which the estimator used it since `before`.
-    fn show_sources(&self, list: &mut CheckList, before: Option<Situation>, now: Option<Situation>) {
-        let Some(now) = now else {
-            list.add(
-                list::VESSEL,
-                "sensors",
-                false,
-                "the vessel's process does not report",
-            );
-            return;
-        };
-        let process = now.process(ProcessKind::Vessel).copied().unwrap_or_default();
-        let before = before.map(|b| (b.process(ProcessKind::Vessel).map_or(0, |p| p.at_ns), b.sources()));
-        for (k, (source, config)) in now
-            .sources()
-            .iter()
-            .zip(&self.plan.vessel.sensor.sources)
-            .enumerate()
-        {
-            let earlier = before
-                .as_ref()
-                .and_then(|(at_ns, sources)| Some((*at_ns, sources.get(k)?.uses.used)));
-            let (since_ns, used) = earlier.unwrap_or((process.began_ns, 0));
-            let span_s = ((process.at_ns - since_ns) as f64 * 1e-9).max(1e-3);
-            let rate_hz = (source.uses.used - used.min(source.uses.used)) as f64 / span_s;
-            let mut figure = format!("{rate_hz:.1} Hz used");
-            for (count, name) in [
-                (source.report.status.decoded.corrupted, "damaged"),
-                (source.report.status.decoded.undated, "undated"),
-                (source.uses.gated, "gated"),
-                (source.uses.rejected, "rejected"),
-            ] {
-                if count > 0 {
-                    figure += &format!(", {count} {name}");
-                }
-            }
-            if let Some(why) = &source.report.why {
-                figure += &format!("; {why}");
-            }
-            let format = format!("{:?}", config.format).to_lowercase();
-            let ok = rate_hz > 0.0 && source.report.why.is_none();
-            list.add(
-                list::VESSEL,
-                format!("sensor {} ({format})", source.name),
-                ok,
-                figure,
-            );
-        }
-        let e = now.vessel().map(|(_, v)| v.estimator).unwrap_or_default();
-        let age_s = e.estimate_age_s.unwrap_or(f64::INFINITY);
-        let waves = e.waves.map_or("waves unknown".into(), |[height_m, _]| {
-            format!("waves of {height_m:.1} m")
-        });
-        let figure = if age_s.is_finite() {
-            format!("{:.0} ms old, {waves}, {} restarts", 1e3 * age_s, e.restarts)
-        } else {
-            "none yet".into()
-        };
-        list.add(list::VESSEL, "vessel's estimate", age_s < 1.0, figure);
+        let (_, snapshot) = self.aboard.poll()?;
+        Some(Situation::of(snapshot, steady_ns())).filter(|s| s.vessel().is_some())
     }
 
     /// Commands the landing and watches it to the world's verdict.
@@ -542,119 +481,13 @@ impl<'a> Rehearsal<'a> {
         self.show_verdict(list);
         Ok(Waited::Met)
     }
-    fn show_fault(&mut self, list: &mut CheckList) {
-        let Some(fault) = &self.fault else { return };
-        let (process, report) = (fault.process(), fault.report.clone());
-        let happened = if fault.freezes() { "frozen" } else { "killed" };
-        let recovered = report.recovery_s.is_some();
-        if process != ProcessKind::Vessel {
-            let what = format!("{}, {happened}", process.name());
-            list.add(list::DRONE, what, recovered, report.to_string());
-            return;
-        }
-        let sources = self.vessel_status().map(|s| s.sources()).unwrap_or_default();
-        let young = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
-        let (back, all) = (sources.iter().filter(|s| young(s)).count(), sources.len());
-        let figure = format!("{report}, {back} of {all} sensors back");
-        let what = format!("alight-vessel, {happened}");
-        list.add(list::VESSEL, what, recovered && back == all, figure);
-    }
-    /// What the vessel knows of the drone, and who it is itself.
-    fn show_contact(&mut self, list: &mut CheckList) {
-        let number = self.plan.drone.bridge.drone_id;
-        let status = self.vessel_status();
-        let vessel = status.as_ref().and_then(Situation::vessel);
-        let drones = vessel.map(|(_, v)| &v.drones[..]).unwrap_or_default();
-        let received = drones.iter().find(|d| d.status.header.drone == number);
-        let figure = match (received, vessel.and_then(|(known, _)| known.certificate.read())) {
-            (None, _) => format!("it does not receive drone {number}"),
-            (Some(d), Some(certificate)) => {
-                format!(
-                    "{} received it {:.1} s ago: {}",
-                    certificate.name,
-                    d.age_s,
-                    d.status.state.name()
-                )
-            }
-            (Some(d), None) => format!("received {:.1} s ago: {}", d.age_s, d.status.state.name()),
-        };
-        list.add(
-            list::DRONE,
-            "drone's status on vessel",
-            received.is_some(),
-            figure,
-        );
-    }
-    fn show_vision(&self, list: &mut CheckList) {
-        let camera = self
-            .observer
-            .as_ref()
-            .and_then(|(_, o)| o.snapshot.processes.get(&ProcessKind::Camera));
-        let value = |name: MetricName| {
-            let metric = camera.and_then(|c| c.metrics.iter().find(|m| m.name == name));
-            metric.map(|m| m.value)
-        };
-        let count = |name| match value(name) {
-            Some(MetricValue::Count(n)) => n,
-            Some(_) | None => 0,
-        };
-        let seconds = |name| match value(name) {
-            Some(MetricValue::Seconds(s)) => s,
-            Some(_) | None => f64::NAN,
-        };
-        let (images, tags) = (count(MetricName::Images), count(MetricName::TagDetections));
-        let figure = format!(
-            "{tags} of {images} images, {:.0} ms old (99 %: {:.0})",
-            1e3 * seconds(MetricName::ExposureToFixP50),
-            1e3 * seconds(MetricName::ExposureToFixP99)
-        );
-        list.add(list::DRONE, "vision measurement", tags > 0, figure);
-    }
-    fn show_verdict(&self, list: &mut CheckList) {
-        let Some(landed) = &self.landed else {
-            list.add(
-                list::LADDER,
-                "landed",
-                false,
-                format!("not within {} s", self.args.time_limit),
-            );
-            return;
-        };
-        let o = &landed.outcome;
-        let figure = match (
-            o.success,
-            o.position_error_m,
-            o.touchdown_speed_mps,
-            o.tilt_error_deg,
-        ) {
-            (true, Some(off_m), Some(speed), Some(tilt)) => {
-                format!("{off_m:.2} m off centre, {speed:.2} m/s, {tilt:.1} deg")
-            }
-            _ => format!("{}: {}", o.outcome.name(), o.reason),
-        };
-        list.add(list::LADDER, "landed", o.success, figure);
-        let late_s = landed.latest_tick_s;
-        if !o.success && late_s > topics::DRONE_STATE.stale_after.secs() {
-            list.say(format_args!(
-                "the simulated world was up to {late_s:.2} s late: this computer was too busy; rehearse again without \
-                 other work on it"
-            ));
-        }
-        let disarmed = o.stop_time_s.is_some() && self.armed != Some(true);
-        let figure = match o.stop_time_s {
-            Some(s) => format!("{s:.2} s after the first contact"),
-            None => "motors on".into(),
-        };
-        list.add(list::LADDER, "disarmed", disarmed, figure);
-        flights::show(&self.plan, list);
-    }
 
-    /// What the services wrote last.
+    /// Newest output of the services.
     fn complain(&self, list: &CheckList) {
         let services = [self.vessel.as_ref(), self.drone.as_ref(), Some(&self.world)];
         for printed in services.into_iter().flatten().map(Service::complaints) {
             if !printed.is_empty() {
-                list.say(printed);
+                list.print(printed);
             }
         }
     }
@@ -662,7 +495,7 @@ impl<'a> Rehearsal<'a> {
 
 impl Drop for Rehearsal<'_> {
     fn drop(&mut self) {
-        // Nobody looks any more when the drone's memory is removed; and all are asked before one is waited for.
+        // No observer is left when the drone's memory is removed; and all are asked before one is waited for.
         self.observer = None;
         self.aboard.leave();
         for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {

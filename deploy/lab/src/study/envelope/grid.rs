@@ -10,9 +10,9 @@ use crate::args::EnvelopeArgs;
 const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
 const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
 
-/// What is flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
+/// Conditions that are flown: relative winds (10 m above the water, m/s) from directions all round, in sea states, so often a cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Grid {
+pub struct EnvelopeGrid {
     /// Sea states, WMO code table 3700.
     pub states: Vec<u8>,
     /// Ascending, m/s.
@@ -25,7 +25,7 @@ pub struct Grid {
     pub rate: f64,
 }
 
-/// What a cell is filled with.
+/// Colour of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// None was unsafe, and as many landed as are asked for.
@@ -37,7 +37,7 @@ pub enum Class {
 }
 
 impl Class {
-    /// Its name in the table and in JSON.
+    /// The name in the table and in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Class::Landed => "landed",
@@ -49,12 +49,12 @@ impl Class {
 
 /// One wind in one sea, and what became of the drones.
 #[derive(Clone, Debug)]
-pub struct Cell {
+pub struct EnvelopeCell {
     /// Sea state.
     pub state: u8,
     /// Relative wind, m/s.
     pub wind_mps: f64,
-    /// Where it and the waves come from, clockwise from the bow, deg.
+    /// Direction of the wind and the waves, from which they come, clockwise from the bow, deg.
     pub from_deg: f64,
     /// Landings tried.
     pub trials: usize,
@@ -70,12 +70,12 @@ pub struct Cell {
     pub hold_n: Option<f64>,
 }
 
-impl Cell {
-    /// How many were unsafe.
+impl EnvelopeCell {
+    /// Number of unsafe landings.
     pub fn unsafe_count(&self) -> usize {
         self.unsafe_seeds.len()
     }
-    /// What was seen, measured by the landing rate asked for.
+    /// Landing rate of the cell, judged by the rate asked for.
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
@@ -102,9 +102,9 @@ impl Cell {
     }
 }
 
-impl Grid {
+impl EnvelopeGrid {
     /// As the flags have it.
-    pub fn of(args: &EnvelopeArgs) -> Grid {
+    pub fn of(args: &EnvelopeArgs) -> EnvelopeGrid {
         let quick = args.quick;
         let mut winds = args.winds.clone();
         if winds.is_empty() {
@@ -124,7 +124,7 @@ impl Grid {
         states.dedup();
         let rate = f64::from(args.rate) / 100.0;
         let enough = u32::try_from(successes_to_show(rate)).unwrap_or(u32::MAX);
-        Grid {
+        EnvelopeGrid {
             rate,
             states,
             winds,
@@ -165,7 +165,7 @@ impl Grid {
         winds.flat_map(|(state, wind)| self.bearings().map(move |from| (state, wind, from)))
     }
     /// The force that the deck has to hold with in every wind from there, N; None: no force up to 1 kN is enough.
-    pub fn hold_n(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+    pub fn hold_n(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()
             .filter(|c| (c.state, c.from_deg) == (state, from_deg));
@@ -173,7 +173,7 @@ impl Grid {
             .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
     /// The fastest wind up to which every wind from there is within the limit, m/s; None: not even the lightest.
-    pub fn limit(&self, cells: &[Cell], state: u8, from_deg: f64) -> Option<f64> {
+    pub fn limit(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()
             .filter(|c| (c.state, c.from_deg) == (state, from_deg));

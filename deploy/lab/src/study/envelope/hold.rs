@@ -8,14 +8,14 @@ use alight_shared::msg::{DeckForecast, SLOPE_WINDOW_S, SLOPE_WINDOWS};
 use alight_sim::harness::physics::{Physics, TICK};
 use nalgebra::Vector2;
 
-use super::super::rows::Row;
+use super::super::rows::StudyRow;
 use crate::trials::{in_parallel, seeds};
 
 /// Draws of the sea of which each asks for its own force.
 const DRAWS: u32 = 3;
 
 /// The force of each scene, N, which is enough in every draw; None where no force up to 1 kN is.
-pub fn needed_n(scenes: &[Row], seed0: u64, jobs: Option<u16>) -> Result<Vec<Option<f64>>, CliError> {
+pub fn needed_n(scenes: &[StudyRow], seed0: u64, jobs: Option<u16>) -> Result<Vec<Option<f64>>, CliError> {
     let seeds = seeds(seed0, DRAWS)?;
     in_parallel(jobs, "decks", scenes, |row| {
         let each: Result<Vec<Option<f64>>, CliError> = seeds.iter().map(|s| of_draw(row, *s)).collect();
@@ -24,7 +24,7 @@ pub fn needed_n(scenes: &[Row], seed0: u64, jobs: Option<u16>) -> Result<Vec<Opt
 }
 
 /// The force in one draw of the sea: the steepest apparent slopes of two minutes of the deck's true motion.
-fn of_draw(row: &Row, seed: u64) -> Result<Option<f64>, CliError> {
+fn of_draw(row: &StudyRow, seed: u64) -> Result<Option<f64>, CliError> {
     let (world, nodes) = (&row.world, &row.nodes);
     let mut physics = Physics::new(world, seed).doing(format_args!(
         "setting up the deck of seed {seed} at {}",

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use alight_computer::exit::{CliError, Exit};
-use alight_computer::table::{Cell as TableCell, Table};
+use alight_computer::table::{Cell, Table};
 use alight_computer::terminal::note;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
@@ -17,16 +17,16 @@ use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson}
 use serde_json::{Value, json};
 
 use super::report::replay_command;
-use super::rows::Row;
+use super::rows::StudyRow;
 use super::run::{self, GridRun};
 use crate::args::EnvelopeArgs;
 use crate::report::document::{Block, Chart, Document, write_files};
 use crate::scene::Scene;
-use grid::{Cell, Grid};
+use grid::{EnvelopeCell, EnvelopeGrid};
 
 /// Unsafe landings that the page flies again by a command.
 const MAX_UNSAFE: usize = 12;
-/// What the second table shows.
+/// Values of the second table.
 const HOLD_TITLE: &str =
     "hold_n, N, with which a landed drone stays in every wind flown (0: friction is enough; -: over 1 kN)";
 
@@ -35,7 +35,7 @@ fn name(state: u8, wind: f64, from: f64) -> String {
 }
 
 /// The scene of one condition: the bow to the north, wind and waves from where they come relative to her.
-fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> Row {
+fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyRow {
     let mut world = base.scenario.clone();
     world.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
     world.sea.mean_direction_deg = Some((from + 180.0).rem_euclid(360.0));
@@ -50,22 +50,22 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> Row {
     world.drone.wind.mean_mps = north.hypot(east);
     world.drone.wind.to_deg = Some(east.atan2(north).to_degrees());
     world.drone.wind.with_waves = false;
-    Row::of(name(state, wind, from), world, base.nodes.clone())
+    StudyRow::of(name(state, wind, from), world, base.nodes.clone())
 }
 
-/// Why, without the judge's words before what the mission waits for.
+/// Condition that the mission waits for, without the judge's text before it.
 fn waits_for(failure: &FailureCount) -> String {
     let why = failure.reason.rsplit("mission waiting: ").next();
     why.unwrap_or_default().into()
 }
 
-/// What became of each condition.
-fn cells(grid: &Grid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<Cell> {
+/// Result of each condition.
+fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<EnvelopeCell> {
     let cell = |((state, wind_mps, from_deg), hold_n): (_, &Option<f64>)| {
         let name = name(state, wind_mps, from_deg);
         let set: Vec<Outcome> = outcomes.iter().filter(|o| o.sea == name).cloned().collect();
         let summary = Summary::of(&set);
-        Cell {
+        EnvelopeCell {
             state,
             wind_mps,
             from_deg,
@@ -104,8 +104,8 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
 
 /// Flies what is missing of the envelope and draws it.
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
-    let (grid, base) = (Grid::of(args), base(args)?);
-    let scenes: Vec<Row> = grid.conditions().map(|c| scene(&base, c)).collect();
+    let (grid, base) = (EnvelopeGrid::of(args), base(args)?);
+    let scenes: Vec<StudyRow> = grid.conditions().map(|c| scene(&base, c)).collect();
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     note(
         args.form.alone(),
@@ -180,15 +180,15 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// What can be said of unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
+/// Bound on unsafe landings over the whole grid. All cells are flown with the same seeds: only these are
 /// independent of each other.
-fn bound(cells: &[Cell]) -> String {
+fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
     let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
     format!(
         "unsafe: {} of {} landings, in {} of {draws} draws of sea and wind; of all draws, with 95 % confidence, at most \
          {:.1} % are unsafe in a cell",
-        cells.iter().map(Cell::unsafe_count).sum::<usize>(),
+        cells.iter().map(EnvelopeCell::unsafe_count).sum::<usize>(),
         cells.iter().map(|c| c.trials).sum::<usize>(),
         seeds.len(),
         100.0 * at_most_95(seeds.len(), draws)
@@ -196,19 +196,19 @@ fn bound(cells: &[Cell]) -> String {
 }
 
 /// A figure by direction (a row each) and sea state.
-fn by_direction(grid: &Grid, figure: impl Fn(u8, f64) -> Option<f64>) -> Table {
-    let heads = grid.states.iter().map(|s| Grid::sea_name(*s));
+fn by_direction(grid: &EnvelopeGrid, figure: impl Fn(u8, f64) -> Option<f64>) -> Table {
+    let heads = grid.states.iter().map(|s| EnvelopeGrid::sea_name(*s));
     let mut table = Table::new(0.., core::iter::once("wind from, deg".into()).chain(heads));
     for from in grid.bearings() {
-        let of_state = |s: &u8| TableCell::number(figure(*s, from), 0);
-        let row = core::iter::once(TableCell::number(from, 0));
+        let of_state = |s: &u8| Cell::number(figure(*s, from), 0);
+        let row = core::iter::once(Cell::number(from, 0));
         table.row(row.chain(grid.states.iter().map(of_state)));
     }
     table
 }
 
 /// The first unsafe landings, with the command that flies each again.
-fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String> {
+fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<String> {
     let line = |o: &Outcome| {
         let row = rows.iter().find(|r| r.scenario == o.sea);
         let again = row.and_then(|r| replay_command(out, r)).unwrap_or_default();
@@ -229,8 +229,8 @@ fn unsafe_landings(out: &Path, rows: &[Row], outcomes: &[Outcome]) -> Vec<String
 }
 
 fn document(
-    grid: &Grid,
-    cells: &[Cell],
+    grid: &EnvelopeGrid,
+    cells: &[EnvelopeCell],
     [limits, needed]: [Table; 2],
     (title, hash): (&str, &str),
     svg: &str,
@@ -254,14 +254,14 @@ fn document(
     for c in cells {
         let interval = |n: usize| {
             let (lo, hi) = wilson(n, c.trials);
-            TableCell::from(format_args!("{:.0}-{:.0} %", 100.0 * lo, 100.0 * hi))
+            Cell::from(format_args!("{:.0}-{:.0} %", 100.0 * lo, 100.0 * hi))
         };
         let bad = c.unsafe_count();
-        let count = TableCell::from(bad);
+        let count = Cell::from(bad);
         table.row([
             c.state.into(),
             c.wind_mps.into(),
-            TableCell::number(c.from_deg, 0),
+            Cell::number(c.from_deg, 0),
             format_args!("{}/{}", c.landed, c.trials).into(),
             interval(c.landed),
             c.refused.into(),
@@ -269,7 +269,7 @@ fn document(
             if bad == 0 { count } else { count.judged(false) },
             interval(bad),
             c.class(grid.rate).name().into(),
-            TableCell::number(c.hold_n, 0),
+            Cell::number(c.hold_n, 0),
             (&c.reason).into(),
         ]);
     }
@@ -320,12 +320,12 @@ mod tests {
         #[command(flatten)]
         args: EnvelopeArgs,
     }
-    fn args(words: &str) -> EnvelopeArgs {
-        let words = core::iter::once("envelope").chain(words.split_whitespace());
-        Flags::try_parse_from(words).unwrap().args
+    fn args(arguments: &str) -> EnvelopeArgs {
+        let arguments = core::iter::once("envelope").chain(arguments.split_whitespace());
+        Flags::try_parse_from(arguments).unwrap().args
     }
-    fn cell(wind_mps: f64, landed: usize, refused: usize) -> Cell {
-        Cell {
+    fn cell(wind_mps: f64, landed: usize, refused: usize) -> EnvelopeCell {
+        EnvelopeCell {
             state: 3,
             wind_mps,
             from_deg: 90.0,
@@ -340,7 +340,7 @@ mod tests {
 
     #[test]
     fn envelope_grid_of_wind_direction_and_sea() {
-        let grid = Grid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
+        let grid = EnvelopeGrid::of(&args("--quick --winds 8,4,8 --directions 4 --sea-states 3"));
         assert_eq!((grid.winds.as_slice(), grid.trials), (&[4.0, 8.0][..], 5));
         assert_eq!(grid.conditions().count(), 8);
         assert_eq!(grid.bearings().collect::<Vec<_>>(), [0.0, 90.0, 180.0, 270.0]);
@@ -365,8 +365,8 @@ mod tests {
 
     #[test]
     fn envelope_limit_at_the_first_cell_beyond() {
-        let grid = Grid::of(&args("--winds 4,8,12 --rate 50"));
-        let limit = |cells: &[Cell]| grid.limit(cells, 3, 90.0);
+        let grid = EnvelopeGrid::of(&args("--winds 4,8,12 --rate 50"));
+        let limit = |cells: &[EnvelopeCell]| grid.limit(cells, 3, 90.0);
         assert_eq!(
             limit(&[cell(4.0, 4, 0), cell(8.0, 4, 0), cell(12.0, 3, 1)]),
             Some(8.0)
@@ -383,7 +383,7 @@ mod tests {
         let class = |landed, refused| cell(4.0, landed, refused).class(0.75);
         assert_eq!([class(4, 0), class(3, 1)], [Class::Landed; 2]);
         assert_eq!([class(2, 2), class(0, 4)], [Class::Refused; 2]);
-        let exact = Cell {
+        let exact = EnvelopeCell {
             trials: 20,
             ..cell(4.0, 11, 9)
         };
@@ -394,29 +394,29 @@ mod tests {
 
     #[test]
     fn envelope_limit_only_where_enough_landed() {
-        let grid = Grid::of(&args("--winds 4,8"));
+        let grid = EnvelopeGrid::of(&args("--winds 4,8"));
         assert_eq!((grid.trials, grid.too_few()), (35, None));
-        let flown = |trials, landed| Cell {
+        let flown = |trials, landed| EnvelopeCell {
             trials,
             ..cell(4.0, landed, trials - landed)
         };
-        let limit = |c: Cell| grid.limit(&[c], 3, 90.0);
+        let limit = |c: EnvelopeCell| grid.limit(&[c], 3, 90.0);
         assert_eq!(limit(flown(35, 35)), Some(4.0));
         // All of 34, and 34 of 35: the lower ends are 89.8 % and 85.5 %.
         assert_eq!([limit(flown(34, 34)), limit(flown(35, 34))], [None; 2]);
-        let few = Grid::of(&args("--quick")).too_few().unwrap();
+        let few = EnvelopeGrid::of(&args("--quick")).too_few().unwrap();
         assert!(
             few.contains("shows 57 %") && few.contains("needs 35 landings"),
             "{few}"
         );
-        assert_eq!(Grid::of(&args("--quick --rate 50")).too_few(), None);
+        assert_eq!(EnvelopeGrid::of(&args("--quick --rate 50")).too_few(), None);
     }
 
     #[test]
     fn envelope_holding_force_of_a_direction() {
-        let grid = Grid::of(&args("--winds 4,8,12"));
+        let grid = EnvelopeGrid::of(&args("--winds 4,8,12"));
         let needed = |winds: &[f64]| {
-            let cells: Vec<Cell> = winds.iter().map(|w| cell(*w, 4, 0)).collect();
+            let cells: Vec<EnvelopeCell> = winds.iter().map(|w| cell(*w, 4, 0)).collect();
             grid.hold_n(&cells, 3, 90.0)
         };
         assert_eq!(needed(&[4.0, 8.0]), Some(32.0));
@@ -441,7 +441,7 @@ mod tests {
             .collect();
         assert!(steps.iter().all(|darker| *darker > 15.0), "{steps:?}");
         assert!(light(3.0) - light(5.0) > 30.0);
-        let grid = Grid::of(&args(
+        let grid = EnvelopeGrid::of(&args(
             "--winds 4,8 --directions 4 --sea-states 3 --trials 4 --rate 50",
         ));
         let svg = polar::draw(&grid, &[cell(4.0, 4, 0), cell(8.0, 2, 2)], "E").unwrap();
@@ -454,7 +454,7 @@ mod tests {
 
     #[test]
     fn envelope_picture_of_every_cell() {
-        let grid = Grid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
+        let grid = EnvelopeGrid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
         let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
         let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();
         assert!(

@@ -9,7 +9,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::grid::{Cell, Class, Grid};
+use super::grid::{Class, EnvelopeCell, EnvelopeGrid};
 
 /// Ends of the scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing. Unsafe is Okabe and
 /// Ito's vermilion, which differs from them with every kind of colour vision. Black on them has a contrast of at least 5.
@@ -78,7 +78,7 @@ fn text(size: u32) -> TextStyle<'static> {
 }
 
 /// Draws the cells of a grid.
-pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn Error>> {
+pub fn draw(grid: &EnvelopeGrid, cells: &[EnvelopeCell], title: &str) -> Result<String, Box<dyn Error>> {
     let columns = grid.states.len().clamp(1, COLUMNS);
     let rows = grid.states.len().div_ceil(columns).max(1);
     let size = (PANEL * columns as u32, HEAD + PANEL * rows as u32 + FOOT);
@@ -100,7 +100,11 @@ pub fn draw(grid: &Grid, cells: &[Cell], title: &str) -> Result<String, Box<dyn 
     Ok(svg)
 }
 
-fn legend(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, top: i32, grid: &Grid) -> Drawn {
+fn legend(
+    root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    top: i32,
+    grid: &EnvelopeGrid,
+) -> Drawn {
     let style = text(13).pos(Pos::new(HPos::Left, VPos::Center));
     let (mut x, y) = (12, top + 12);
     for class in [Class::Landed, Class::Refused, Class::Unsafe] {
@@ -163,7 +167,7 @@ fn scale(root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, y: i32) -> 
 }
 
 /// The circle of one sea state.
-fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> Drawn {
+fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell], state: u8) -> Drawn {
     let fastest = grid.winds.last().copied().unwrap_or(1.0).max(1e-9);
     let radius = |wind: f64| HUB + (1.0 - HUB) * wind / fastest;
     let half = 0.5 * TAU / f64::from(grid.directions.max(1));
@@ -226,6 +230,6 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &Grid, cells: &[Cell], state: u8) -> D
         .chain(bearings)
         .map(|(label, place)| Text::new(label, place, text(13)));
     plane.draw_series(labels)?;
-    plane.draw_series([Text::new(Grid::sea_name(state), (0.0, 1.2), text(15))])?;
+    plane.draw_series([Text::new(EnvelopeGrid::sea_name(state), (0.0, 1.2), text(15))])?;
     Ok(())
 }

@@ -29,8 +29,8 @@ fn came<T: Plain>(value: T) -> Newest<T> {
     newest.set(NOW_NS, Some(value));
     newest
 }
-fn status(seen: &Snapshot, now_ns: i64) -> Status {
-    Status::of(Situation::of(seen, now_ns))
+fn status(snapshot: &Snapshot, now_ns: i64) -> Status {
+    Status::of(Situation::of(snapshot, now_ns))
 }
 fn reported() -> ComputerReport {
     ComputerReport {
@@ -71,7 +71,7 @@ fn status_page_of_a_flying_drone() {
     let lines = texts(&flying());
     assert_eq!(lines[0], "default: Tracking since 8.0 s: the deck is in sight");
     for (label, part) in [
-        ("waits for", "deck tilts 17.8 deg (limit 11.5)"),
+        ("mission", "deck tilts 17.8 deg (limit 11.5)"),
         ("distance", "no forecast"),
         ("link", "60.0 ms old"),
         ("battery", "80 %, needs 34 %"),
@@ -175,11 +175,11 @@ fn silent_vessel_with_its_tags_in_sight() {
 /// A service that was started again: of its processes one has reported so far.
 #[test]
 fn processes_that_have_just_started() {
-    let mut seen = flying();
-    seen.processes.retain(|kind, _| *kind == PROCESSES[0]);
+    let mut snapshot = flying();
+    snapshot.processes.retain(|kind, _| *kind == PROCESSES[0]);
     let mut missing = |since_s: i64| {
-        seen.since_ns = NOW_NS - since_s * 1_000_000_000;
-        let all = status(&seen, NOW_NS).findings;
+        snapshot.since_ns = NOW_NS - since_s * 1_000_000_000;
+        let all = status(&snapshot, NOW_NS).findings;
         all.iter().any(|f| f.found.starts_with("no report of"))
     };
     assert!(!missing(1) && missing(2));

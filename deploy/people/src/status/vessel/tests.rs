@@ -11,7 +11,7 @@ use alight_computer::process::snapshot::{Newest, Snapshot};
 
 use crate::status::Status;
 
-/// What is known of a vessel at 100 s.
+/// Knowledge of a vessel at 100 s.
 struct Vessel {
     process: ProcessState,
     status: VesselStatus,
@@ -82,14 +82,14 @@ fn status(v: &Vessel, now_s: i64) -> Status {
         vessel: Some(reported),
         ..ComputerReport::default()
     };
-    let seen = Snapshot {
+    let snapshot = Snapshot {
         processes: [(ProcessKind::Vessel, v.process)].into(),
         vessel: v.status.into(),
         sources: [(0, v.source)].into(),
         computer: reported.into(),
         ..Snapshot::default()
     };
-    Status::of(Situation::of(&seen, now_s * 1_000_000_000))
+    Status::of(Situation::of(&snapshot, now_s * 1_000_000_000))
 }
 fn measured(v: &mut Vessel, metrics: &[Metric]) {
     v.process.metrics = Seq::filled(metrics.iter().copied());
@@ -97,7 +97,7 @@ fn measured(v: &mut Vessel, metrics: &[Metric]) {
 
 type Change<'a> = &'a dyn Fn(&mut Vessel);
 
-fn worst(v: &Vessel, now_s: i64) -> (Level, Vec<&'static str>) {
+fn worst(v: &Vessel, now_s: i64) -> (FindingLevel, Vec<&'static str>) {
     let all = status(v, now_s);
     let at = all.findings.iter().filter(|f| f.level == all.worst);
     (all.worst, at.map(|f| f.topic).collect())
@@ -116,148 +116,162 @@ fn vessel_speed_while_it_is_known() {
     assert_eq!(speed(&estimator, true).value, None);
 }
 
+/// Changes of a vessel, and the level and the topic of their finding.
+const FAULTS: [(Change<'static>, FindingLevel, &str); 26] = [
+    (
+        &|w| w.status.deck.closed = Some(Closure::Crew),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.closed = Some(Closure::Sensor),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.input_errors = Seq::filled(["gone".into()]),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.owner_age_s = Some(60.0),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.doubles = Seq::filled([1]),
+        FindingLevel::Broken,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.aborts = Seq::filled([1]),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
+        FindingLevel::Broken,
+        "deck",
+    ),
+    (
+        &|w| w.status.drones[0].status.mission_age_s = 60.0,
+        FindingLevel::Broken,
+        "drones",
+    ),
+    (
+        &|w| w.status.deck.unplaced = Seq::filled([2]),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| {
+            w.status.deck.starved = Some(Starved {
+                owner: 1,
+                silent_s: 75.0,
+                waiting: 2,
+                battery: 0.22,
+            });
+        },
+        FindingLevel::Broken,
+        "deck",
+    ),
+    (
+        &|w| w.status.deck.file_error = Some("full".into()),
+        FindingLevel::Warning,
+        "deck",
+    ),
+    (
+        &|w| measured(w, &[MetricName::StepsUnrecorded.count(9_u32)]),
+        FindingLevel::Warning,
+        "recorder",
+    ),
+    (
+        &|w| {
+            measured(
+                w,
+                &[
+                    MetricName::LateSteps.count(1_u32),
+                    MetricName::LongestStep.seconds(2.0),
+                ],
+            )
+        },
+        FindingLevel::Warning,
+        "computer",
+    ),
+    (
+        &|w| w.edited = Some("edited".into()),
+        FindingLevel::Warning,
+        "configuration",
+    ),
+    (
+        &|w| w.status.estimator.sensor_age_s[1] = Some(9.0),
+        FindingLevel::Broken,
+        "sensors",
+    ),
+    (
+        &|w| w.source.status.newest_s = Some(96.0),
+        FindingLevel::Warning,
+        "source",
+    ),
+    (
+        &|w| (w.source.status.newest_s, w.source.why) = (None, Some("no such device".into())),
+        FindingLevel::Warning,
+        "source",
+    ),
+    (
+        &|w| w.status.uses[0].is_stuck = true,
+        FindingLevel::Broken,
+        "source",
+    ),
+    (
+        &|w| w.source.status.decoded.mismatched_pulses = 1,
+        FindingLevel::Warning,
+        "source",
+    ),
+    (
+        &|w| w.status.estimator.estimate_age_s = None,
+        FindingLevel::Broken,
+        "estimator",
+    ),
+    (&|w| w.certificate = held(-2), FindingLevel::Broken, "certificate"),
+    (
+        &|w| w.certificate = held(10),
+        FindingLevel::Warning,
+        "certificate",
+    ),
+    (
+        &|w| {
+            measured(
+                w,
+                &[MetricName::PeersRejectedFor(AccessRejection::Expired).count(3_u32)],
+            )
+        },
+        FindingLevel::Warning,
+        "peers",
+    ),
+    (&|w| w.status.drones = Seq::new(), FindingLevel::Warning, "drones"),
+    (
+        &|w| w.status.drones[0].age_s = 60.0,
+        FindingLevel::Warning,
+        "drones",
+    ),
+    (
+        &|w| w.status.drones[0].status.still_armed_s = Some(14.0),
+        FindingLevel::Broken,
+        "drones",
+    ),
+];
+
 #[test]
 fn vessel_status_of_each_fault() {
-    assert_eq!(worst(&vessel(), 100).0, Level::Fine);
-    assert_eq!(worst(&vessel(), 110), (Level::Broken, vec!["processes"]));
+    assert_eq!(worst(&vessel(), 100).0, FindingLevel::Fine);
+    assert_eq!(worst(&vessel(), 110), (FindingLevel::Broken, vec!["processes"]));
     let case = |change: Change<'_>| {
         let mut w = vessel();
         change(&mut w);
         worst(&w, 100)
     };
-    let cases: [(Change<'_>, Level, &str); 26] = [
-        (
-            &|w| w.status.deck.closed = Some(Closure::Crew),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.closed = Some(Closure::Sensor),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.input_errors = Seq::filled(["gone".into()]),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.owner_age_s = Some(60.0),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.doubles = Seq::filled([1]),
-            Level::Broken,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.aborts = Seq::filled([1]),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.follows_another = Some(FollowsAnother { drone: 1, boot: 7 }),
-            Level::Broken,
-            "deck",
-        ),
-        (
-            &|w| w.status.drones[0].status.mission_age_s = 60.0,
-            Level::Broken,
-            "drones",
-        ),
-        (
-            &|w| w.status.deck.unplaced = Seq::filled([2]),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| {
-                w.status.deck.starved = Some(Starved {
-                    owner: 1,
-                    silent_s: 75.0,
-                    waiting: 2,
-                    battery: 0.22,
-                });
-            },
-            Level::Broken,
-            "deck",
-        ),
-        (
-            &|w| w.status.deck.file_error = Some("full".into()),
-            Level::Warning,
-            "deck",
-        ),
-        (
-            &|w| measured(w, &[MetricName::StepsUnrecorded.count(9_u32)]),
-            Level::Warning,
-            "recorder",
-        ),
-        (
-            &|w| {
-                measured(
-                    w,
-                    &[
-                        MetricName::LateSteps.count(1_u32),
-                        MetricName::LongestStep.seconds(2.0),
-                    ],
-                )
-            },
-            Level::Warning,
-            "computer",
-        ),
-        (
-            &|w| w.edited = Some("edited".into()),
-            Level::Warning,
-            "configuration",
-        ),
-        (
-            &|w| w.status.estimator.sensor_age_s[1] = Some(9.0),
-            Level::Broken,
-            "sensors",
-        ),
-        (
-            &|w| w.source.status.newest_s = Some(96.0),
-            Level::Warning,
-            "source",
-        ),
-        (
-            &|w| (w.source.status.newest_s, w.source.why) = (None, Some("no such device".into())),
-            Level::Warning,
-            "source",
-        ),
-        (&|w| w.status.uses[0].is_stuck = true, Level::Broken, "source"),
-        (
-            &|w| w.source.status.decoded.mismatched_pulses = 1,
-            Level::Warning,
-            "source",
-        ),
-        (
-            &|w| w.status.estimator.estimate_age_s = None,
-            Level::Broken,
-            "estimator",
-        ),
-        (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
-        (&|w| w.certificate = held(10), Level::Warning, "certificate"),
-        (
-            &|w| {
-                measured(
-                    w,
-                    &[MetricName::PeersRejectedFor(AccessRejection::Expired).count(3_u32)],
-                )
-            },
-            Level::Warning,
-            "peers",
-        ),
-        (&|w| w.status.drones = Seq::new(), Level::Warning, "drones"),
-        (&|w| w.status.drones[0].age_s = 60.0, Level::Warning, "drones"),
-        (
-            &|w| w.status.drones[0].status.still_armed_s = Some(14.0),
-            Level::Broken,
-            "drones",
-        ),
-    ];
-    for (change, level, topic) in cases {
+    for (change, level, topic) in FAULTS {
         assert_eq!(case(change), (level, vec![topic]), "{topic}");
     }
 }
@@ -295,9 +309,9 @@ fn vessel_text_with_each_fault() {
     assert!(lines.iter().any(|l| l.contains("still ARMED")), "{lines:?}");
 }
 
-/// What is not reported in full is not judged as if it were.
+/// A report that is not whole is not judged as if it were.
 #[test]
-fn vessel_with_more_endpoints_than_are_told() {
+fn vessel_with_more_endpoints_than_reported() {
     let reported = |left_out| {
         let listen = Names {
             left_out,
@@ -309,7 +323,10 @@ fn vessel_with_more_endpoints_than_are_told() {
         };
         certificate::none(endpoints(&known)).level
     };
-    assert_eq!((reported(0), reported(1)), (Level::Fine, Level::Warning));
+    assert_eq!(
+        (reported(0), reported(1)),
+        (FindingLevel::Fine, FindingLevel::Warning)
+    );
 }
 
 /// It is known by its topics alone, and before it has reported what it is no part of that is judged.
@@ -329,7 +346,7 @@ fn vessel_certificate_by_its_topic_alone() {
     );
     assert_eq!(found(&reported, "configuration"), ["vessel.toml was edited"]);
     assert_eq!(reported.title, "vessel 1");
-    let mut silent = reported.situation.seen.clone();
+    let mut silent = reported.situation.snapshot.clone();
     silent.computer = Newest::default();
     let unreported = Status::of(Situation::look(
         &silent,
@@ -351,7 +368,7 @@ fn go_of_a_vessel_and_of_its_drone() {
         let own = own_go(&s.findings, &w.status);
         ([own.go, s.go.go], s.go.why)
     };
-    let (fine, nothing) = (Some(true), "nothing stands against a landing");
+    let (fine, nothing) = (Some(true), "no finding stops a landing");
     assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
     let (no, unknown) = (Some(false), None);
     let cases: [(Change<'_>, [Option<bool>; 2], &str); 8] = [

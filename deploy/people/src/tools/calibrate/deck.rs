@@ -46,10 +46,10 @@ pub struct DeckArgs {
     /// Name of the set of processes [default: the configuration's]
     #[arg(long, conflicts_with = "recording")]
     pub instance: Option<String>,
-    /// How long to look, s
+    /// Time to look, s
     #[arg(long = "for", value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u64).range(20..=3600))]
     pub seconds: u64,
-    /// Where the drone's centre is: forward and right of the deck's centre, m [default: 0,0, or as the tag
+    /// Place of the drone's centre: forward and right of the deck's centre, m [default: 0,0, or as the tag
     /// shows]
     #[arg(
         long,
@@ -59,7 +59,7 @@ pub struct DeckArgs {
         num_args = 2
     )]
     pub at: Vec<f64>,
-    /// What the two GNSS receivers differ by, horizontally and vertically, m, such as 0.02,0.03 with RTK
+    /// Difference of the two GNSS receivers, horizontally and vertically, m, such as 0.02,0.03 with RTK
     /// [default: as the predictor is configured]
     #[arg(long, value_name = "H,V", value_delimiter = ',', num_args = 2)]
     pub receivers: Vec<f64>,
@@ -158,7 +158,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
             "the drone is armed: put it on the deck, disarm it, and try again".into(),
         )),
         None => Err(CliError(format!(
-            "no autopilot reports under the name {name}: alight status --instance {name} shows what runs"
+            "no autopilot reports under the name {name}: alight status --instance {name} lists the processes"
         ))),
     }
 }
@@ -245,7 +245,7 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
     match &found.mount {
         Some(mount) => print_mount(found, mount, config),
         None => terminal::line(format_args!(
-            "the tag is not seen from the deck: where the drone stands is taken from --at, and the \
+            "the tag is not detected from the deck: where the drone stands is taken from --at, and the \
              camera's mount is not measured"
         )),
     }

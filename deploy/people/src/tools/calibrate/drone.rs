@@ -18,7 +18,7 @@ use alight_uav::mission::MissionIn;
 use clap::Args;
 use serde_json::json;
 
-/// How long the processes are listened to.
+/// Time for which the processes are observed.
 const LISTEN_TIME: Duration = Duration::from_secs(1);
 /// So many of the newest recorded flights are searched for a response: reading one takes some seconds.
 const MAX_FLIGHTS: usize = 5;
@@ -71,7 +71,7 @@ pub fn run(args: &DroneArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(found.is_some()))
 }
 
-/// What was found, as lines to put into the file.
+/// The result, as lines to put into the file.
 fn text(r: &AttitudeResponse) -> String {
     let [roll, pitch] = r.lag_s;
     format!(
@@ -120,7 +120,7 @@ fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
 
 /// A flight begins with the figure of the file: what the last one identified is in its record.
 fn newest_flown(directory: &Path) -> Result<Option<AttitudeResponse>, CliError> {
-    // Without a recorder there is none.
+    // Without a recorder no flight is recorded.
     let flights = store::flights(directory).unwrap_or_default();
     for flight in flights.iter().rev().take(MAX_FLIGHTS) {
         if let Some(response) = recorded(&flight.path)? {

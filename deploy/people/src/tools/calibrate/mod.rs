@@ -13,17 +13,17 @@ use clap::{Args, Subcommand};
 /// A calibration.
 #[derive(Args, Debug)]
 pub struct CalibrateArgs {
-    /// What to measure
+    /// Subject of the measurement
     #[command(subcommand)]
     pub what: What,
 }
 
-/// What to measure.
+/// Subject of the measurement.
 #[derive(Subcommand, Debug)]
 pub enum What {
     /// The deck's place on the vessel and the camera's mount, by the drone that stands on the deck.
     Deck(deck::DeckArgs),
-    /// How the drone's attitude answers set-points, by a flight.
+    /// Response of the drone's attitude to set-points, by a flight.
     Drone(drone::DroneArgs),
     /// Damping, stiffness and the GNSS antenna's place, from a recording of the vessel's sensors.
     Vessel(vessel::VesselArgs),

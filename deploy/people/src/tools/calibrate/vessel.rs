@@ -11,10 +11,10 @@ use alight_shared::config;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
-    DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,
+    DOF_NAMES, Decay, DecaySignal, NotObservable, Record, Stiffness, ValueWithSd, VesselCalibration, Weight,
     identify,
 };
-use alight_usv::log::table::{Quantity, Table};
+use alight_usv::log::table::{CsvTable, Quantity};
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
@@ -118,7 +118,7 @@ fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliE
     }
 }
 
-/// What the vessel's process recorded.
+/// Recording of the vessel's process.
 fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
     let own = log.first("vessel")?;
@@ -146,7 +146,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
         )));
     }
     let bytes = std::fs::read(path).doing(doing)?;
-    let table = Table::read(&bytes).doing(doing)?;
+    let table = CsvTable::read(&bytes).doing(doing)?;
     if let Some((line, message)) = &table.bad.first {
         return Err(CliError(format!(
             "{doing}: line {line}: {message}; correct or remove the row"
@@ -164,7 +164,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
         );
         return Err(table.header_error(message)).doing(doing);
     }
-    let mut signals: [Signal; DOFS] = Default::default();
+    let mut signals: [DecaySignal; DOFS] = Default::default();
     for (dof, quantity, unit) in &there {
         let signal = &mut signals[*dof];
         for row in &table.rows {

@@ -33,7 +33,7 @@ const ROUNDS_FOR_OTHERS: u32 = 150;
 /// Period of our heartbeats.
 const HEARTBEAT: Span = Span::from_millis(1000);
 
-/// What the autopilot reports; None when no heartbeat of one came. Frames are counted by their signatures.
+/// Report of the autopilot; None when no heartbeat of one came. Frames are counted by their signatures.
 pub fn report(
     computer: &DroneComputer,
     url: &LinkUrl,
@@ -54,10 +54,7 @@ async fn received(
     let speaks = Some(speakers.of_vehicle(c.vehicle));
     let mut link = ByteLink::with_peer(url.clone(), speaks).await.ok()?;
     let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing));
-    let mut heartbeat = Periodic::<DroneClock>::default();
-    let mut origin_due = Periodic::<DroneClock>::default();
-    let mut found: Option<(Address, Parameters)> = None;
-    let mut report = AutopilotReport::default();
+    let mut inquiry = Inquiry::new(computer);
     for round in 0..ROUNDS {
         let round_ends = Instant::now() + ROUND;
         while timeout_at(round_ends, link.read(|bytes| decoder.push(bytes)))
@@ -66,82 +63,128 @@ async fn received(
         {}
         let now = Time::from_nanos(steady_ns());
         while let Some(frame) = decoder.next_frame() {
-            match (&frame.message, &mut found) {
-                (Message::Heartbeat(h), None) if frame.from.component == AUTOPILOT_COMPONENT => {
-                    found = Firmware::of(h.autopilot, h.vehicle)
-                        .filter(|_| c.vehicle == 0 || c.vehicle == frame.from.system)
-                        .map(|f| {
-                            (
-                                frame.from,
-                                Parameters::new(f, computer.drone.pilot.output == Output::Attitude, now),
-                            )
-                        });
-                }
-                (Message::Heartbeat(h), Some((own, _)))
-                    if c.vehicle == 0
-                        && frame.from.component == AUTOPILOT_COMPONENT
-                        && frame.from.system != own.system
-                        && Firmware::of(h.autopilot, h.vehicle).is_some() =>
-                {
-                    report.several = Some([own.system, frame.from.system]);
-                }
-                (Message::Parameter { name, value, .. }, Some((from, p))) if *from == frame.from => {
-                    p.received(name, *value);
-                }
-                (Message::Origin(origin), Some((from, _))) if *from == frame.from => {
-                    report.origin = Some(*origin);
-                }
-                (Message::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == frame.from => {
-                    report.geoid_m = (*ellipsoid_m != 0.0).then_some(ellipsoid_m - sea_m);
-                }
-                (_, _) => {}
+            inquiry.receive(frame.from, &frame.message, now);
+        }
+        let own = Address::new(inquiry.system(), c.component);
+        for message in inquiry.messages(now) {
+            if let Some(bytes) = encoder.frame(own, &message) {
+                link.write(&bytes);
             }
         }
+        if inquiry.is_done(round) {
+            break;
+        }
+    }
+    *signatures = decoder.signatures().plus(speakers.rejected());
+    inquiry.report()
+}
+
+/// Questions to an autopilot, and its answers.
+struct Inquiry<'a> {
+    computer: &'a DroneComputer,
+    heartbeat: Periodic<DroneClock>,
+    origin_due: Periodic<DroneClock>,
+    /// The autopilot, once a heartbeat of it came, and its parameters.
+    found: Option<(Address, Parameters)>,
+    report: AutopilotReport,
+}
+
+impl Inquiry<'_> {
+    fn new(computer: &DroneComputer) -> Inquiry<'_> {
+        Inquiry {
+            computer,
+            heartbeat: Periodic::default(),
+            origin_due: Periodic::default(),
+            found: None,
+            report: AutopilotReport::default(),
+        }
+    }
+
+    /// Takes a message of the link.
+    fn receive(&mut self, sender: Address, message: &Message, now: Time<DroneClock>) {
+        let vehicle = self.computer.autopilot.vehicle;
+        match (message, &mut self.found) {
+            (Message::Heartbeat(h), None) if sender.component == AUTOPILOT_COMPONENT => {
+                let by_attitude = self.computer.drone.pilot.output == Output::Attitude;
+                self.found = Firmware::of(h.autopilot, h.vehicle)
+                    .filter(|_| vehicle == 0 || vehicle == sender.system)
+                    .map(|f| (sender, Parameters::new(f, by_attitude, now)));
+            }
+            (Message::Heartbeat(h), Some((own, _)))
+                if vehicle == 0
+                    && sender.component == AUTOPILOT_COMPONENT
+                    && sender.system != own.system
+                    && Firmware::of(h.autopilot, h.vehicle).is_some() =>
+            {
+                self.report.several = Some([own.system, sender.system]);
+            }
+            (Message::Parameter { name, value, .. }, Some((from, p))) if *from == sender => {
+                p.received(name, *value);
+            }
+            (Message::Origin(origin), Some((from, _))) if *from == sender => {
+                self.report.origin = Some(*origin);
+            }
+            (Message::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == sender => {
+                self.report.geoid_m = (*ellipsoid_m != 0.0).then_some(ellipsoid_m - sea_m);
+            }
+            (_, _) => {}
+        }
+    }
+
+    /// System as which the questions are asked: the configured one, or the autopilot's.
+    fn system(&self) -> u8 {
+        match (self.computer.autopilot.system, &self.found) {
+            (0, Some((from, _))) => from.system,
+            (0, None) => 1,
+            (configured, _) => configured,
+        }
+    }
+
+    /// Messages that are due: the heartbeat, a parameter's request, and those for origin and heights.
+    fn messages(&mut self, now: Time<DroneClock>) -> Vec<Message> {
         let own = Message::Heartbeat(Heartbeat {
             autopilot: NO_AUTOPILOT,
             vehicle: COMPANION_TYPE,
             base_mode: CUSTOM_MODE,
             custom_mode: 0,
         });
-        let alive = heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
-        let request = found.as_mut().and_then(|(to, p)| p.ask(now, *to));
-        let system = match (c.system, &found) {
-            (0, Some((from, _))) => from.system,
-            (0, None) => 1,
-            (configured, _) => configured,
-        };
-        let asks = found
-            .as_ref()
-            .filter(|_| report.origin.is_none() && origin_due.is_due_spaced(now, HEARTBEAT));
-        let wanted = asks.map(|(to, _)| {
-            [id::GPS_RAW_INT, id::GPS_GLOBAL_ORIGIN].map(|message| {
+        let alive = self.heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
+        let request = self.found.as_mut().and_then(|(to, p)| p.ask(now, *to));
+        let mut messages: Vec<Message> = alive.into_iter().chain(request).collect();
+        if let Some((to, _)) = &self.found
+            && self.report.origin.is_none()
+            && self.origin_due.is_due_spaced(now, HEARTBEAT)
+        {
+            let ids = [id::GPS_RAW_INT, id::GPS_GLOBAL_ORIGIN];
+            messages.extend(ids.map(|message| {
                 Message::Command(CommandLong::new(
                     *to,
                     command::REQUEST_MESSAGE,
                     [f64::from(message)],
                 ))
-            })
-        });
-        for message in alive.iter().chain(&request).chain(wanted.iter().flatten()) {
-            if let Some(bytes) = encoder.frame(Address::new(system, c.component), message) {
-                link.write(&bytes);
-            }
+            }));
         }
-        let done = match &found {
+        messages
+    }
+
+    /// Whether nothing more is to come, in this round of the link.
+    fn is_done(&self, round: u32) -> bool {
+        match &self.found {
             Some((_, p)) => {
                 p.complete()
-                    && (report.origin.is_some() || round >= ROUNDS_WITHOUT)
-                    && (c.vehicle != 0 || round >= ROUNDS_FOR_OTHERS)
+                    && (self.report.origin.is_some() || round >= ROUNDS_WITHOUT)
+                    && (self.computer.autopilot.vehicle != 0 || round >= ROUNDS_FOR_OTHERS)
             }
             None => round >= ROUNDS_WITHOUT,
-        };
-        if done {
-            break;
         }
     }
-    *signatures = decoder.signatures().plus(speakers.rejected());
-    found.map(|(_, p)| AutopilotReport {
-        parameters: p.faults().collect(),
-        ..report
-    })
+
+    /// The answers; None when no heartbeat of an autopilot came.
+    fn report(self) -> Option<AutopilotReport> {
+        let report = self.report;
+        self.found.map(|(_, p)| AutopilotReport {
+            parameters: p.faults().collect(),
+            ..report
+        })
+    }
 }

@@ -10,25 +10,25 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::tags::Tags;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::detector::TagDetector;
-use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::strangers::Strangers;
+use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::{ImageLight, TagSettings};
 
-use crate::tools::check::facts::CameraView;
+use crate::tools::check::facts::CameraImages;
 
 /// Time for which images are looked at, ns: the metering comes to rest in it.
 const LOOK_NS: i64 = 2_000_000_000;
 /// One image of so many is searched for tags that are not the deck's: that takes longer than from one image to the next.
-const STRANGERS_EVERY: u64 = 10;
+const FINDER_PERIOD: u64 = 10;
 
 /// Looks at images of `size` (width, height), px, of a device or of files, and for `tags` in them, for 2 s.
 pub fn look(
     config: &CameraSource,
     size: [usize; 2],
     tags: Option<(&TagSettings, &Tags)>,
-) -> Result<CameraView, String> {
+) -> Result<CameraImages, String> {
     // A device that shows nothing keeps its thread, which ends with this program.
-    let (views, seen) = sync_channel(1);
+    let (views, receiver) = sync_channel(1);
     let (config, tags) = (
         config.clone(),
         tags.map(|(settings, tags)| (settings.clone(), *tags)),
@@ -42,7 +42,7 @@ pub fn look(
     let mut newest = Err("no image came within 2 s".into());
     loop {
         let left = Duration::from_nanos(u64::try_from(end_ns - steady_ns()).unwrap_or(0));
-        match seen.recv_timeout(left) {
+        match receiver.recv_timeout(left) {
             Ok(Ok(view)) => newest = Ok(view),
             Ok(Err(why)) => return Err(why),
             Err(_) => return newest,
@@ -50,17 +50,17 @@ pub fn look(
     }
 }
 
-/// Sends what is known after each image, until there are no more or nobody looks.
+/// Sends what is known after each image, until there are no more or without a reader.
 fn show(
     config: &CameraSource,
     size: [usize; 2],
     tags: Option<(&TagSettings, &Tags)>,
-    views: &SyncSender<Result<CameraView, String>>,
+    views: &SyncSender<Result<CameraImages, String>>,
 ) -> Result<(), CliError> {
     let mut images = Images::open(config, size)?;
     let mut detector = tags.map(|(settings, tags)| TagDetector::new(settings, tags));
-    let mut strangers = tags.map(|(settings, tags)| Strangers::new(settings, tags));
-    let mut view = CameraView::default();
+    let mut finder = tags.map(|(settings, tags)| Strangers::new(settings, tags));
+    let mut view = CameraImages::default();
     while let Some(frame) = images.next_frame(&ProcessClock::default())? {
         view.images += 1;
         if let Some(detector) = &mut detector {
@@ -74,8 +74,8 @@ fn show(
             let dark = tag.is_none() && images.at_limit() && image.is_dark(detector.min_margin());
             view.dark = dark.then_some(image.mean);
             view.tag = tag.map(|t| [t.contrast(), t.saturation]).or(view.tag);
-            if view.tag.is_none() && view.images % STRANGERS_EVERY == 1 {
-                let found = strangers.as_mut().and_then(|s| s.find(&frame.image));
+            if view.tag.is_none() && view.images % FINDER_PERIOD == 1 {
+                let found = finder.as_mut().and_then(|s| s.find(&frame.image));
                 view.stranger = found.or(view.stranger);
             }
         }
@@ -87,8 +87,8 @@ fn show(
     Ok(())
 }
 
-/// What a camera's process reports of itself.
-pub fn reported(metrics: &[Metric]) -> CameraView {
+/// Report of a camera's process about itself.
+pub fn reported(metrics: &[Metric]) -> CameraImages {
     let of = |name: MetricName| {
         let found = metrics.iter().find(|m| m.name == name)?;
         match found.value {
@@ -97,7 +97,7 @@ pub fn reported(metrics: &[Metric]) -> CameraView {
             MetricValue::AccessRejection(_) | MetricValue::State(_) => None,
         }
     };
-    CameraView {
+    CameraImages {
         images: of(MetricName::Images).unwrap_or(0.0) as u64,
         exposure: of(MetricName::Exposure)
             .zip(of(MetricName::Gain))

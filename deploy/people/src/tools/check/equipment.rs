@@ -8,9 +8,9 @@ use alight_uav::camera::layout;
 use alight_uav::camera::strangers::Stranger;
 use alight_uav::settings::DroneSettings;
 
-use crate::status::finding::{Finding, Topic};
-use crate::tools::check::facts::{CameraView, SourceCheck};
-use crate::tools::check::received::{Figures, Measured};
+use crate::status::finding::{Finding, FindingTopic};
+use crate::tools::check::facts::{CameraImages, SourceCheck};
+use crate::tools::check::received::{KindStatistics, SensorStatistics};
 
 /// A receiver that reports less often is a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of those for autopilots.
 const SLOW_HZ: f64 = 2.5;
@@ -22,9 +22,9 @@ pub const MIN_ATTITUDE_HZ: f64 = 5.0;
 /// Rate of the slowest receiver with which landings were measured, Hz, and its largest age, s.
 const RECEIVER_HZ: f64 = 1.0;
 const RECEIVER_AGE_S: f64 = 0.6;
-/// Of a rate this part is enough: what a short while of listening shows is off by a measurement.
+/// Fraction of a rate that is enough: a rate over a short time is off by a measurement.
 const NEARLY: f64 = 0.8;
-/// Error of the heading with which landings were measured, deg: a compass beside an inertial sensor; two antennas of an
+/// Error of the heading with which landings were measured, deg: a compass with an inertial sensor; two antennas of an
 /// inertial navigation system, with what their makers promise.
 const COMPASS_DEG: f64 = 3.0;
 const ANTENNAS_DEG: f64 = 1.0;
@@ -34,7 +34,7 @@ const TILT_DEG: f64 = 0.5;
 /// makers keep it within some per cent; of images twice as wide it would be half of the width.
 const OFF_MIDDLE: f64 = 0.2;
 
-/// What a vessel measures its motion with.
+/// Class of a vessel by the sensors of its motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VesselClass {
     /// Inertial samples, and a receiver of some hertz.
@@ -63,7 +63,7 @@ impl VesselClass {
     const fn name(self) -> &'static str {
         match self {
             VesselClass::AutopilotAboard => "an autopilot aboard (inertial sensor, receiver of some hertz)",
-            VesselClass::SlowReceiver => "a plotter's receiver with an inertial sensor beside it",
+            VesselClass::SlowReceiver => "a plotter's receiver with an inertial sensor",
             VesselClass::InertialNavigation => "an inertial navigation system",
         }
     }
@@ -81,7 +81,7 @@ enum Gap {
 }
 
 /// The class of a vessel by what its sensors gave: rate, age and noise, not the kinds alone.
-fn class(given: &Measured) -> Result<VesselClass, Gap> {
+fn class(given: &SensorStatistics) -> Result<VesselClass, Gap> {
     let (gnss, heading) = match (given.inertial.or(given.attitude), given.gnss, given.heading) {
         (None, _, _) => return Err(Gap::Missing("neither inertial samples nor an attitude")),
         (Some(_), None, _) => return Err(Gap::Missing("no GNSS fixes")),
@@ -105,8 +105,8 @@ fn class(given: &Measured) -> Result<VesselClass, Gap> {
             "1 Hz or more is needed",
         ),
     ];
-    for (what, figures, least_hz, needed) in needs {
-        if let Some(f) = figures.filter(|f| !(f.rate_hz >= least_hz)) {
+    for (what, statistics, min_hz, needed) in needs {
+        if let Some(f) = statistics.filter(|f| !(f.rate_hz >= min_hz)) {
             return Err(Gap::TooSlow(what, f.rate_hz, needed));
         }
     }
@@ -123,7 +123,7 @@ fn class(given: &Measured) -> Result<VesselClass, Gap> {
 }
 
 /// In what sensors are worse than those with which landings were measured; `alone`: an attitude without inertial samples.
-fn worse(alone: Option<Figures>, gnss: &Figures, heading: &Figures) -> Vec<String> {
+fn worse(alone: Option<KindStatistics>, gnss: &KindStatistics, heading: &KindStatistics) -> Vec<String> {
     let mut all = Vec::new();
     if let Some(attitude) = alone {
         if !(attitude.rate_hz >= NEARLY * MOTION_HZ) {
@@ -134,7 +134,7 @@ fn worse(alone: Option<Figures>, gnss: &Figures, heading: &Figures) -> Vec<Strin
             all.push(format!("tilt +- {tilt_deg:.1} deg ({TILT_DEG} deg)"));
         }
         all.extend((!attitude.with_rates).then(|| "no angular rates".to_owned()));
-        all.extend((!attitude.with_heave).then(|| "no heave".to_owned()));
+        all.extend((!attitude.with_heave).then(|| "no sensor measures heave".to_owned()));
     }
     if gnss.age_s > RECEIVER_AGE_S {
         all.push(format!(
@@ -156,8 +156,8 @@ fn worse(alone: Option<Figures>, gnss: &Figures, heading: &Figures) -> Vec<Strin
 
 /// The class of a vessel whose sources were listened to, by what all of them gave; nothing while one of them gave nothing,
 /// which is a finding of its own.
-pub fn vessel(sources: &[SourceCheck], given: &Measured) -> Option<Finding> {
-    const TOPIC: Topic = Topic("class");
+pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Finding> {
+    const TOPIC: FindingTopic = FindingTopic("class");
     let gave_some = |source: &SourceCheck| {
         let status = source.received.as_ref().ok();
         status.is_some_and(|(_, status)| status.given.iter().any(|n| *n > 0))
@@ -190,9 +190,9 @@ pub fn vessel(sources: &[SourceCheck], given: &Measured) -> Option<Finding> {
     })
 }
 
-/// Whether 99 of 100 landings have all feet on the deck, on a vessel of the least exact class.
+/// Whether 99 of 100 landings have all feet on the deck, on a vessel of the class with the largest errors.
 pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry) -> Finding {
-    const TOPIC: Topic = Topic("deck");
+    const TOPIC: FindingTopic = FindingTopic("deck");
     let p99 = VesselClass::ALL
         .map(VesselClass::p99_m)
         .into_iter()
@@ -201,15 +201,15 @@ pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry) -> Finding {
         ("length_m", deck.length_m, drone.feet_span_m[0]),
         ("width_m", deck.width_m, drone.feet_span_m[1]),
     ];
-    let beside = |(_, side, feet): (&str, f64, f64)| 0.5 * (side - feet);
+    let margin = |(_, side, feet): (&str, f64, f64)| 0.5 * (side - feet);
     let [length, width] = sides;
-    let least = if beside(length) < beside(width) {
+    let smallest = if margin(length) < margin(width) {
         length
     } else {
         width
     };
-    let (key, side, feet) = least;
-    let room = beside(least);
+    let (key, side, feet) = smallest;
+    let room = margin(smallest);
     if room < p99 {
         TOPIC.broken(
             format!(
@@ -225,9 +225,9 @@ pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry) -> Finding {
     }
 }
 
-/// Whether the deck's tags are sound, and seen from every height.
+/// Whether the deck's tags are sound, and in view from every height.
 pub fn tags(drone: &DroneSettings) -> Finding {
-    const TOPIC: Topic = Topic("tags");
+    const TOPIC: FindingTopic = FindingTopic("tags");
     let tags = drone.tags();
     let faults = layout::faults(&tags, &drone.deck);
     if !faults.is_empty() {
@@ -240,7 +240,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     if gaps.is_empty() && are_anybodys(&tags) {
         return TOPIC.warning(
             format!(
-                "their numbers are the family's first ({}), as any other boat's may be: a drone tells two such boats apart by \
+                "their numbers are the family's first ({}), as any other boat's may be: a drone distinguishes two such boats by \
                  their places alone",
                 tags.iter().map(|t| t.id).min().unwrap_or_default()
             ),
@@ -263,7 +263,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
              against it)",
             gaps.join(" and ")
         ),
-        "add tags of a size and place that are seen there; `alight tag --suggest` prints the list that is suggested for the deck's size",
+        "add tags of a size and place that are in view there; `alight tag --suggest` prints the list that is suggested for the deck's size",
     )
 }
 
@@ -295,7 +295,7 @@ fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) 
     let off = parts.fold(0.0, f64::max);
     let ([width, height], [x, y]) = (size_px, centre_px);
     (off > OFF_MIDDLE).then(|| {
-        Topic(topic).warning(
+        FindingTopic(topic).warning(
             format!(
                 "{key}.centre_px is [{x}, {y}], {:.0} % of a side off the middle of {width} x {height} px: a calibration of \
                  images of another size",
@@ -307,8 +307,8 @@ fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) 
     })
 }
 
-/// What is said of images in which none of the deck's tags was detected.
-pub fn no_tag(topic: Topic, view: &CameraView, exposure: &str) -> Finding {
+/// Finding on images in which none of the deck's tags was detected.
+pub fn no_tag(topic: FindingTopic, view: &CameraImages, exposure: &str) -> Finding {
     let images = view.images;
     match view.stranger {
         None => topic.fine(format!("{images} images{exposure}; no tag in view")),
@@ -331,20 +331,20 @@ pub fn no_tag(topic: Topic, view: &CameraView, exposure: &str) -> Finding {
 mod tests {
     use super::*;
 
-    fn at(rate_hz: f64) -> Figures {
-        Figures {
+    fn at(rate_hz: f64) -> KindStatistics {
+        KindStatistics {
             rate_hz,
-            ..Figures::default()
+            ..KindStatistics::default()
         }
     }
     /// Sensors of these rates, Hz; zero: none. An attitude has all that may come with it.
-    fn given([imu, gnss, heading, attitude]: [f64; 4]) -> Measured {
+    fn given([imu, gnss, heading, attitude]: [f64; 4]) -> SensorStatistics {
         let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
-        Measured {
+        SensorStatistics {
             inertial: some(imu),
             gnss: some(gnss),
             heading: some(heading),
-            attitude: some(attitude).map(|f| Figures {
+            attitude: some(attitude).map(|f| KindStatistics {
                 with_rates: true,
                 with_heave: true,
                 ..f
@@ -379,7 +379,7 @@ mod tests {
 
     #[test]
     fn equipment_class_of_sensors_that_were_not_measured() {
-        fn differs(change: fn(&mut Measured)) -> String {
+        fn differs(change: fn(&mut SensorStatistics)) -> String {
             let mut sensors = given([0.0, 10.0, 10.0, 20.0]);
             change(&mut sensors);
             match class(&sensors) {
@@ -389,14 +389,14 @@ mod tests {
         }
         assert_eq!(
             differs(|m| m.attitude = Some(at(10.0))),
-            "attitude at 10.0 Hz (20 Hz), no angular rates, no heave"
+            "attitude at 10.0 Hz (20 Hz), no angular rates, no sensor measures heave"
         );
-        let compass = Figures {
+        let compass = KindStatistics {
             sd: 0.035,
             ..at(10.0)
         };
         let by_compass = given([0.0, 10.0, 10.0, 20.0]);
-        let by_compass = Measured {
+        let by_compass = SensorStatistics {
             heading: Some(compass),
             ..by_compass
         };
@@ -406,23 +406,23 @@ mod tests {
             Err(Gap::Unmeasured(VesselClass::InertialNavigation, expected))
         );
         let late = differs(|m| {
-            m.gnss = Some(Figures {
+            m.gnss = Some(KindStatistics {
                 age_s: 0.9,
                 ..at(10.0)
             })
         });
         assert_eq!(late, "GNSS fixes 0.9 s late (0.6 s)");
-        // Beside an inertial sensor that compass does.
-        let beside = Measured {
+        // With an inertial sensor that compass is enough.
+        let with_inertial = SensorStatistics {
             inertial: Some(at(50.0)),
             ..by_compass
         };
-        assert_eq!(class(&beside), Ok(VesselClass::AutopilotAboard));
+        assert_eq!(class(&with_inertial), Ok(VesselClass::AutopilotAboard));
     }
 
     #[test]
     fn vessel_with_an_attitude_once_a_second() {
-        use crate::status::finding::Level;
+        use crate::status::finding::FindingLevel;
         use alight_shared::msg::SourceStatus;
         let source = |given| SourceCheck {
             name: "nmea".into(),
@@ -438,7 +438,7 @@ mod tests {
         };
         let slow = given([0.0, 1.0, 10.0, 1.0]);
         let found = vessel(&[source([0, 3, 25, 3])], &slow).unwrap();
-        assert_eq!(found.level, Level::Broken);
+        assert_eq!(found.level, FindingLevel::Broken);
         assert!(
             found
                 .found
@@ -447,27 +447,27 @@ mod tests {
         );
         // A source that gave nothing is a finding of its own.
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
-        assert_eq!(vessel(&[], &Measured::default()), None);
+        assert_eq!(vessel(&[], &SensorStatistics::default()), None);
     }
 
     #[test]
     fn tags_with_a_gap_or_a_fault() {
-        use crate::status::finding::Level;
+        use crate::status::finding::FindingLevel;
         use alight_shared::tags::{Tags, of_vessel};
         let mut drone = DroneSettings::default();
         let first = tags(&drone);
-        assert_eq!(first.level, Level::Warning);
+        assert_eq!(first.level, FindingLevel::Warning);
         assert!(first.found.contains("the family's first (0)"), "{}", first.found);
         drone.deck.tags = of_vessel(&drone.tags(), 7);
-        assert_eq!(tags(&drone).level, Level::Fine);
+        assert_eq!(tags(&drone).level, FindingLevel::Fine);
         drone.deck.tags = Tags::new();
         drone.deck.tag_side_m = Some(1.0);
         let one = tags(&drone);
-        assert_eq!(one.level, Level::Warning);
+        assert_eq!(one.level, FindingLevel::Warning);
         assert!(one.found.starts_with("with the feet 0.00 to 1."), "{}", one.found);
         drone.deck.tag_side_m = Some(1.6);
         let large = tags(&drone);
-        assert_eq!(large.level, Level::Broken);
+        assert_eq!(large.level, FindingLevel::Broken);
         assert!(large.found.contains("0.150 m beyond"), "{}", large.found);
     }
 
@@ -484,23 +484,23 @@ mod tests {
             found.len() == 1 && found[0].found.contains("[638.2, 358], 50 % of a side"),
             "{found:?}"
         );
-        // Without a camera nobody asks.
+        // Without a camera there is no finding.
         drone.camera.source.clear();
         assert_eq!(lenses(&drone), []);
     }
 
     #[test]
     fn deck_too_small_for_the_feet() {
-        use crate::status::finding::Level;
+        use crate::status::finding::FindingLevel;
         let drone = DroneGeometry::default();
         let of = |side: f64| DeckGeometry {
             length_m: 2.5,
             width_m: side,
             ..DeckGeometry::default()
         };
-        assert_eq!(deck(&of(1.7), &drone).level, Level::Fine);
+        assert_eq!(deck(&of(1.7), &drone).level, FindingLevel::Fine);
         let small = deck(&of(0.6), &drone);
-        assert_eq!(small.level, Level::Broken);
+        assert_eq!(small.level, FindingLevel::Broken);
         assert!(
             small.found.contains("drone.deck.width_m 0.60 m leaves 0.10 m"),
             "{}",

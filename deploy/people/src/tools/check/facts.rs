@@ -13,7 +13,7 @@ use alight_uav::camera::strangers::Stranger;
 use alight_usv::helm::HelmBearings;
 use alight_usv::sensors::Remark;
 
-use crate::tools::check::received::Measured;
+use crate::tools::check::received::SensorStatistics;
 
 /// The three files of the radio's tls section.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub struct Identity {
     pub of_authority: Option<bool>,
 }
 
-/// How the system's clock is kept.
+/// Synchronisation of the system's clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockSync {
     /// The program that reports it.
@@ -50,18 +50,18 @@ pub struct Port {
     pub key: &'static str,
     /// The endpoint or address as it stands there.
     pub address: String,
-    /// What trying it gave.
+    /// Result of trying it.
     pub state: PortState,
 }
 
-/// What trying an address gave.
+/// Result of trying an address.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortState {
     /// Free.
     Free,
     /// Somebody listens there.
     Busy,
-    /// The system refuses it; its error.
+    /// The system rejects it; its error.
     Unavailable(String),
     /// Not an address that can be tried here.
     Untried,
@@ -81,22 +81,22 @@ pub enum Reach {
 /// A real sensor, listened to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceCheck {
-    /// Its name.
+    /// The name.
     pub name: String,
-    /// Where it is.
+    /// The path.
     pub connect: String,
     /// Bytes that came and what became of them, or why none can come.
     pub received: Result<(usize, SourceStatus), String>,
-    /// What else is to be said of its bytes.
+    /// Remarks on its bytes.
     pub remarks: Vec<Remark>,
 }
 
 /// A digital input of the vessel's deck.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeckInputCheck {
-    /// Its key in the configuration.
+    /// The key in the configuration.
     pub key: &'static str,
-    /// Its file.
+    /// The file.
     pub path: String,
     /// Whether it is active, or why that cannot be known.
     pub level: Result<bool, String>,
@@ -105,35 +105,35 @@ pub struct DeckInputCheck {
 /// The boat's autopilot that the vessel's computer may steer by.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HelmCheck {
-    /// Where it is.
+    /// The path.
     pub connect: String,
-    /// What it reports, or why it cannot be steered.
+    /// The report, or why it cannot be steered.
     pub report: Result<HelmReport, String>,
 }
 
-/// What is known of a boat's autopilot without steering by it.
+/// Facts about a boat's autopilot without steering by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HelmReport {
-    /// Its heartbeats come.
+    /// Whether its heartbeats come.
     Answers,
     /// They come, in the mode in which it takes set-points.
     SteeredAlready,
-    /// Its link is open, and it need not report anything; it is sent these bearings.
+    /// The link is open, and it need not report anything; it is sent these bearings.
     Open(HelmBearings),
     /// The process that runs has it.
     Held,
 }
 
-/// What an autopilot reported.
+/// Report of an autopilot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
-    /// Of the parameters that a landing relies on those that do not suit or were not reported, with the reason.
+    /// Parameters that a landing relies on and that do not suit or were not reported, with the reason.
     pub parameters: Vec<(&'static Parameter, Reason)>,
-    /// Where its NED begins, the height above the sea.
+    /// Origin of its NED, the height above the sea.
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.
     pub geoid_m: Option<f64>,
-    /// Its system and another vehicle's, whose autopilot is received while none is configured.
+    /// The system and another vehicle's, whose autopilot is received while none is configured.
     pub several: Option<[u8; 2]>,
 }
 
@@ -159,44 +159,44 @@ pub struct SharedMemory {
     pub directory: Result<PathBuf, String>,
 }
 
-/// What a camera shows.
+/// Image of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraView {
+pub struct CameraImages {
     /// Images.
     pub images: u64,
-    /// What exposes: the setting, or why the device's own automatic does; None where nothing is asked of it.
+    /// The setting that exposes, or why the device's own automatic does; None where nothing is asked of it.
     pub exposure: Option<Result<Setting, String>>,
     /// Contrast and saturation of the tag, 0 to 1; None when it was not detected.
     pub tag: Option<[f64; 2]>,
     /// Too dark for a tag to be detected: the image's mean, grey levels.
     pub dark: Option<f64>,
-    /// A tag that is none of the deck's, where none of these was detected.
+    /// A tag of another deck, where none of this deck's was detected.
     pub stranger: Option<Stranger>,
 }
 
 /// One of the drone's cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraCheck {
-    /// Its table in the configuration.
+    /// The table in the configuration.
     pub key: &'static str,
     /// The table of its lens.
     pub lens: &'static str,
-    /// Its source as configured.
+    /// The source as configured.
     pub source: String,
     /// Whether that can be read.
     pub there: Result<(), String>,
     /// Whether the lens was calibrated.
     pub calibrated: bool,
-    /// What it shows, or why nothing; None where that cannot be looked at.
-    pub view: Option<Result<CameraView, String>>,
+    /// The image, or why it is missing; None where that cannot be looked at.
+    pub view: Option<Result<CameraImages, String>>,
 }
 
 /// Everything that was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Facts {
+pub struct CheckFacts {
     /// The configuration's file.
     pub config: PathBuf,
-    /// Its content, or why it was refused.
+    /// The content, or why it was rejected.
     pub computer: Result<Computer, String>,
     /// Alight runs here already.
     pub running: bool,
@@ -206,7 +206,7 @@ pub struct Facts {
     pub zenoh: Option<String>,
     /// The system's clock, s since 1970.
     pub clock_s: i64,
-    /// How it is kept; None when no program reports it.
+    /// The synchronisation; None when no program reports it.
     pub sync: Option<ClockSync>,
     /// Shared memory; the drone's processes need it.
     pub memory: Option<SharedMemory>,
@@ -218,9 +218,9 @@ pub struct Facts {
     pub autopilot: Option<(String, Result<Reach, String>)>,
     /// MAVLink's signing; None where no autopilot is configured.
     pub signing: Option<SigningCheck>,
-    /// What the autopilot reported, None when no heartbeat of one came; None when the link is another's or cannot be had.
+    /// Report of the autopilot, None when no heartbeat of one came; None when the link is another's or cannot be had.
     pub reported: Option<Option<AutopilotReport>>,
-    /// Where the frame of a running drone begins, and how far away the deck is, m; None while nothing runs or is known.
+    /// Origin of the frame of a running drone, and the distance of the deck, m; None while nothing runs or is known.
     pub frame: Option<(Datum, Option<f64>)>,
     /// Dead time and time constant of the attitude that the newest flight with a response identified, s; None without one.
     pub flown: Option<[f64; 2]>,
@@ -228,15 +228,15 @@ pub struct Facts {
     pub cameras: Vec<CameraCheck>,
     /// The vessel's real sensors that were listened to.
     pub sources: Vec<SourceCheck>,
-    /// What all of those gave, in figures.
-    pub measured: Measured,
+    /// Statistics of all those.
+    pub measured: SensorStatistics,
     /// Those that the running process has, as it reports them.
     pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.
     pub deck_inputs: Vec<DeckInputCheck>,
     /// The boat's autopilot; None where no helm is configured.
     pub helm: Option<HelmCheck>,
-    /// How the frequency of each processor is chosen; empty without frequency scaling.
+    /// Frequency governor of each processor; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.
     pub realtime: bool,

@@ -9,10 +9,10 @@ use std::process::Command;
 use std::time::Duration;
 
 use alight_computer::certificates;
-use alight_computer::config::DroneComputer;
 use alight_computer::config::camera::CameraSource;
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::config::method;
+use alight_computer::config::{DroneComputer, VesselComputer};
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::io::digital_line::DigitalLine;
 use alight_computer::io::mavlink_key;
@@ -31,10 +31,10 @@ use alight_uav::camera::Lens;
 use alight_uav::camera::uvdar::Fisheye;
 
 use crate::tools::check::facts::{
-    CameraCheck, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    CameraCheck, CheckFacts, ClockSync, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck,
 };
-use crate::tools::check::received::Measured;
+use crate::tools::check::received::SensorStatistics;
 use crate::tools::check::{autopilot, camera, helm, sources};
 
 /// Longest look into a file of the system.
@@ -45,10 +45,10 @@ const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 const MAX_PROCESSORS: usize = 1024;
 
 /// Everything about this computer that bears on the configuration in `path`, whose processes may run under another name.
-pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
+pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
     let computer = configured(path).map(|c| c.named(instance));
     let computer = computer.map_err(|e| e.to_string());
-    let mut facts = Facts {
+    let mut facts = CheckFacts {
         config: path.into(),
         running: false,
         identity: None,
@@ -65,7 +65,7 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
         flown: None,
         cameras: Vec::new(),
         sources: Vec::new(),
-        measured: Measured::default(),
+        measured: SensorStatistics::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         helm: None,
@@ -75,59 +75,8 @@ pub fn gather(path: &Path, instance: Option<&str>) -> Facts {
         computer: Err(String::new()),
     };
     match &computer {
-        Ok(Computer::Vessel(v)) => {
-            let instance = Instance::new(&v.instance);
-            facts.running = instance.as_ref().is_ok_and(instance::is_running);
-            facts.radio(&v.radio);
-            let inputs = deck_inputs::configured(&v.deck, &v.vessel.helm).into_iter();
-            facts.deck_inputs = inputs
-                .filter(|(_, path)| !path.is_empty())
-                .map(|(key, path)| (key, path, DigitalLine::new(path)))
-                // The process that runs has them, and reports what it cannot read.
-                .filter(|(_, _, line)| !(facts.running && line.is_exclusive()))
-                .map(|(key, path, mut line)| DeckInputCheck {
-                    key,
-                    path: path.into(),
-                    level: line.read(),
-                })
-                .collect();
-            let running = instance.as_ref().ok().filter(|_| facts.running);
-            let seen = running.and_then(snapshot);
-            let (held, received) = sources::of(path, v, seen.as_ref());
-            facts.held_sources = held;
-            (facts.sources, facts.measured) = (received.sources, received.measured);
-            facts.helm = helm::of(v, seen.as_ref());
-            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
-        }
-        Ok(Computer::Drone(d)) => {
-            let instance = Instance::new(&d.instance);
-            facts.running = instance.as_ref().is_ok_and(instance::is_running);
-            facts.radio(&d.radio);
-            let running = instance.as_ref().ok().filter(|_| facts.running);
-            let snapshot = running.and_then(snapshot);
-            if d.supervision.autopilot {
-                let name = d.autopilot.connect.clone();
-                let url: Result<LinkUrl, String> = name.parse();
-                let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
-                // The process that runs has the link, and counts its frames.
-                let link = snapshot
-                    .as_ref()
-                    .and_then(|s| s.processes.get(&ProcessKind::Autopilot));
-                let mut received = link.map_or_else(Signatures::default, |p| mavlink_key::counts(&p.metrics));
-                facts.reported = match (&url, &reach) {
-                    (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
-                        Some(autopilot::report(d, url, &mut received))
-                    }
-                    (_, _) => None,
-                };
-                facts.signing = Some(signing(&d.autopilot.signing_key, received));
-                facts.autopilot = Some((name, reach));
-            }
-            facts.frame = snapshot.as_ref().and_then(Snapshot::frame);
-            facts.flown = flown(&d.recorder.directory);
-            facts.cameras = cameras(d, snapshot.as_ref());
-            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
-        }
+        Ok(Computer::Vessel(v)) => facts.vessel(path, v),
+        Ok(Computer::Drone(d)) => facts.drone(d),
         Err(_) => {}
     }
     facts.computer = computer;
@@ -144,7 +93,7 @@ fn configured(path: &Path) -> Result<Computer, CliError> {
 
 /// Dead time and time constant of the attitude by the newest recorded flight that identified them, s.
 fn flown(directory: &str) -> Option<[f64; 2]> {
-    // Without a recorder there is none, and one that cannot be read is for `alight flights` to report.
+    // Without a recorder no flight is recorded, and a directory that cannot be read is for `alight flights` to report.
     let flights = store::flights(Path::new(directory)).unwrap_or_default();
     flights.iter().rev().find_map(|f| {
         let figures = f.summary()?.figures;
@@ -153,7 +102,7 @@ fn flown(directory: &str) -> Option<[f64; 2]> {
     })
 }
 
-/// What running processes publish.
+/// Messages of running processes.
 fn snapshot(instance: &Instance) -> Option<Snapshot> {
     let memory = Memory::join(instance, "check").ok()?;
     let mut observer = Observer::join(&memory).ok()?;
@@ -241,7 +190,64 @@ fn readable(name: &str) -> Result<(), String> {
     fs::File::open(name).map(drop).map_err(|e| e.to_string())
 }
 
-impl Facts {
+impl CheckFacts {
+    /// Facts about the vessel's computer, whose configuration is in `path`.
+    fn vessel(&mut self, path: &Path, v: &VesselComputer) {
+        let instance = Instance::new(&v.instance);
+        self.running = instance.as_ref().is_ok_and(instance::is_running);
+        self.radio(&v.radio);
+        let inputs = deck_inputs::configured(&v.deck, &v.vessel.helm).into_iter();
+        self.deck_inputs = inputs
+            .filter(|(_, path)| !path.is_empty())
+            .map(|(key, path)| (key, path, DigitalLine::new(path)))
+            // The process that runs has them, and reports what it cannot read.
+            .filter(|(_, _, line)| !(self.running && line.is_exclusive()))
+            .map(|(key, path, mut line)| DeckInputCheck {
+                key,
+                path: path.into(),
+                level: line.read(),
+            })
+            .collect();
+        let running = instance.as_ref().ok().filter(|_| self.running);
+        let snapshot = running.and_then(snapshot);
+        let (held, received) = sources::of(path, v, snapshot.as_ref());
+        self.held_sources = held;
+        (self.sources, self.measured) = (received.sources, received.measured);
+        self.helm = helm::of(v, snapshot.as_ref());
+        self.memory = Some(memory(instance.map_err(|e| e.to_string())));
+    }
+    /// Facts about the drone's computer.
+    fn drone(&mut self, d: &DroneComputer) {
+        let instance = Instance::new(&d.instance);
+        self.running = instance.as_ref().is_ok_and(instance::is_running);
+        self.radio(&d.radio);
+        let running = instance.as_ref().ok().filter(|_| self.running);
+        let snapshot = running.and_then(snapshot);
+        if d.supervision.autopilot {
+            self.autopilot(d, snapshot.as_ref());
+        }
+        self.frame = snapshot.as_ref().and_then(Snapshot::frame);
+        self.flown = flown(&d.recorder.directory);
+        self.cameras = cameras(d, snapshot.as_ref());
+        self.memory = Some(memory(instance.map_err(|e| e.to_string())));
+    }
+    /// Facts about the link to the drone's autopilot.
+    fn autopilot(&mut self, d: &DroneComputer, snapshot: Option<&Snapshot>) {
+        let name = d.autopilot.connect.clone();
+        let url: Result<LinkUrl, String> = name.parse();
+        let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
+        // The process that runs has the link, and counts its frames.
+        let link = snapshot.and_then(|s| s.processes.get(&ProcessKind::Autopilot));
+        let mut received = link.map_or_else(Signatures::default, |p| mavlink_key::counts(&p.metrics));
+        self.reported = match (&url, &reach) {
+            (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !self.running => {
+                Some(autopilot::report(d, url, &mut received))
+            }
+            (_, _) => None,
+        };
+        self.signing = Some(signing(&d.autopilot.signing_key, received));
+        self.autopilot = Some((name, reach));
+    }
     fn radio(&mut self, radio: &RadioConfig) {
         if !radio.tls.authority.is_empty() {
             self.identity = Some(identity(&radio.tls));
@@ -344,7 +350,7 @@ fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Whether a server of QUIC is there: it answers an unknown version with those it knows (RFC 9000,
+/// Whether a server of QUIC is there: it answers an unknown version with those that it supports (RFC 9000,
 /// section 6.1), without a handshake and without counting a rejected peer. Asked three times, because a
 /// radio loses packets.
 fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
@@ -361,13 +367,15 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     hello.splice(..header.len(), header);
     socket.set_read_timeout(Some(TIMEOUT / 3))?;
     let mut answer = [0u8; 1500];
-    let mut last = ErrorKind::TimedOut.into();
+    let silent = format!("no QUIC server answered within {} s", TIMEOUT.as_secs());
+    let mut last = std::io::Error::new(ErrorKind::TimedOut, silent);
     for _ in 0..3 {
         let read = socket.send(&hello).and_then(|_| socket.recv(&mut answer));
         match read {
             // Version negotiation: a long header with the version 0.
             Ok(n) if n >= 7 && answer[0] & 0x80 != 0 && answer[1..5] == [0; 4] => return Ok(()),
             Ok(_) => {}
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
             Err(e) => last = e,
         }
     }
@@ -503,6 +511,10 @@ mod tests {
             assert_eq!(reach(&endpoint) == Reach::Answers, found);
             answering.join().unwrap();
         }
+        let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let endpoint = format!("quic/{}", silent.local_addr().unwrap());
+        let why = "no QUIC server answered within 2 s".to_owned();
+        assert_eq!(reach(&endpoint), Reach::Unreachable(why));
     }
 
     #[test]

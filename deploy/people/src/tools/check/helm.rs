@@ -10,7 +10,7 @@ use alight_transport::clock::steady_ns;
 use alight_usv::helm::{HelmBearings, HelmIn, HelmNode, HelmOutput};
 use tokio::time::{Duration, Instant, sleep};
 
-use crate::status::finding::{Finding, Topic};
+use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{HelmCheck, HelmReport};
 
 /// Listened to for so long: three usual periods of an autopilot's heartbeat.
@@ -18,7 +18,7 @@ const LISTEN: Duration = Duration::from_millis(3200);
 /// Time between two looks at the link.
 const ROUND: Duration = Duration::from_millis(20);
 
-/// What is known of the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
+/// Facts about the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
 /// its link is not another reader's.
 pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
     let helm = &v.vessel.helm;
@@ -75,7 +75,7 @@ async fn listened(v: &VesselComputer) -> Result<HelmReport, alight_computer::exi
 
 /// The finding about it.
 pub fn judge(found: &HelmCheck) -> Finding {
-    const TOPIC: Topic = Topic("helm");
+    const TOPIC: FindingTopic = FindingTopic("helm");
     let at = &found.connect;
     match &found.report {
         Err(why) => TOPIC.warning(why.as_str(), REMEDY),
@@ -112,7 +112,7 @@ const fn takers(bearings: HelmBearings) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::Level;
+    use crate::status::finding::FindingLevel;
     use alight_shared::msg::VesselStatus;
     use alight_shared::time::Time;
     use alight_sim::autopilots::boat::{self, BoatAutopilot};
@@ -132,7 +132,7 @@ mod tests {
             None,
         )
         .unwrap();
-        assert_eq!(judge(&nowhere).level, Level::Warning);
+        assert_eq!(judge(&nowhere).level, FindingLevel::Warning);
         assert!(
             judge(&nowhere).found.contains("/nowhere/ttyUSB1"),
             "{:?}",
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn helm_check_beside_a_running_vessel() {
+    fn helm_check_next_to_a_running_vessel() {
         let v = computer(HelmOutput::Mavlink, "serial:///dev/ttyUSB1:57600");
         let mut snapshot = Snapshot::default();
         assert_eq!(of(&v, Some(&snapshot)), None, "nothing is reported yet");

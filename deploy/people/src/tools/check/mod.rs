@@ -23,7 +23,7 @@ use alight_computer::terminal::{self, Form};
 use clap::Args;
 use serde_json::json;
 
-use crate::status::finding::Level;
+use crate::status::finding::FindingLevel;
 
 /// A check of this computer.
 #[derive(Args, Debug)]
@@ -59,17 +59,17 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         return Ok(print(&path, args.instance.as_deref()).exit());
     }
     let findings = rules::judge(&gather::gather(&path, args.instance.as_deref()));
-    let worst = Level::worst(&findings);
+    let worst = FindingLevel::worst(&findings);
     let value = json!({ "config": path, "worst": worst, "findings": findings });
     args.form.print(&value, &findings)?;
     Ok(worst.exit())
 }
 
 /// Checks the computer of the configuration at `path`, and prints what was found; the worst of it.
-pub fn print(path: &Path, instance: Option<&str>) -> Level {
+pub fn print(path: &Path, instance: Option<&str>) -> FindingLevel {
     let findings = rules::judge(&gather::gather(path, instance));
     findings
         .iter()
         .for_each(|f| terminal::line(f.level.coloured(&f.lines())));
-    Level::worst(&findings)
+    FindingLevel::worst(&findings)
 }

@@ -1,4 +1,4 @@
-//! What the vessel's sensors gave while they were listened to, in figures: the rate, age and noise of each kind. A class of
+//! Statistics of the vessel's sensors while they were received: the rate, age and noise of each kind. A class of
 //! vessel is named by these, never by a field that is there.
 
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ const SILENT_S: f64 = 1.5;
 
 /// The measurements of one kind by that sensor which gave most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Figures {
+pub struct KindStatistics {
     /// Their rate, Hz.
     pub rate_hz: f64,
     /// Median of their age when they came, s.
@@ -25,17 +25,17 @@ pub struct Figures {
     pub with_heave: bool,
 }
 
-/// What all sensors gave, by kind; None: nothing.
+/// Statistics of all sensors, by kind; None: nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Measured {
+pub struct SensorStatistics {
     /// Inertial samples.
-    pub inertial: Option<Figures>,
+    pub inertial: Option<KindStatistics>,
     /// GNSS fixes.
-    pub gnss: Option<Figures>,
+    pub gnss: Option<KindStatistics>,
     /// Headings.
-    pub heading: Option<Figures>,
+    pub heading: Option<KindStatistics>,
     /// Attitudes.
-    pub attitude: Option<Figures>,
+    pub attitude: Option<KindStatistics>,
 }
 
 /// One measurement.
@@ -53,14 +53,14 @@ type Series = BTreeMap<u8, Vec<Sample>>;
 
 /// The measurements that came.
 #[derive(Debug, Default)]
-pub struct Received {
+pub struct MeasurementSeries {
     inertial: Series,
     gnss: Series,
     heading: Series,
     attitude: Series,
 }
 
-impl Received {
+impl MeasurementSeries {
     /// Adds what came at `now`.
     pub fn add(&mut self, now: Time<VesselClock>, readings: &[SensorReadings]) {
         let sample = |at: Time<VesselClock>, sd: f64| Sample {
@@ -95,12 +95,14 @@ impl Received {
         }
     }
     /// The figures of all that came until `now`.
-    pub fn measured(&self, now: Time<VesselClock>) -> Measured {
+    pub fn measured(&self, now: Time<VesselClock>) -> SensorStatistics {
         let best = |series: &Series| {
-            let figures = series.values().filter_map(|all| Figures::of(all, now.secs()));
-            figures.max_by(|a, b| a.rate_hz.total_cmp(&b.rate_hz))
+            let statistics = series
+                .values()
+                .filter_map(|all| KindStatistics::of(all, now.secs()));
+            statistics.max_by(|a, b| a.rate_hz.total_cmp(&b.rate_hz))
         };
-        Measured {
+        SensorStatistics {
             inertial: best(&self.inertial),
             gnss: best(&self.gnss),
             heading: best(&self.heading),
@@ -109,15 +111,15 @@ impl Received {
     }
 }
 
-impl Figures {
-    /// Of a sensor's measurements, in the order in which they came, until `until_s`; None of none.
-    fn of(all: &[Sample], until_s: f64) -> Option<Figures> {
+impl KindStatistics {
+    /// Statistics of a sensor's measurements, in the order in which they came, until `until_s`; None of none.
+    fn of(all: &[Sample], until_s: f64) -> Option<KindStatistics> {
         let (first, last) = (all.first()?, all.last()?);
         let silent_s = until_s - (last.at_s + last.age_s);
         let steps = all.len().saturating_sub(1) as f64;
         let span_s = last.at_s - first.at_s + if silent_s > SILENT_S { silent_s } else { 0.0 };
         let most = |has: fn(&Sample) -> bool| 2 * all.iter().filter(|s| has(s)).count() > all.len();
-        Some(Figures {
+        Some(KindStatistics {
             // Of a single one it is known that the next one did not come.
             rate_hz: if steps > 0.0 {
                 steps / span_s.max(1e-3)
@@ -137,9 +139,9 @@ mod tests {
     use super::*;
     use alight_shared::msg::{AttitudeFix, Header, Seq};
 
-    /// What a sensor of this rate gives from 0 s to `end_s`, each attitude 0.1 s late, listened to for 2.5 s.
-    fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> Figures {
-        let mut received = Received::default();
+    /// Measurements of a sensor of this rate from 0 s to `end_s`, each attitude 0.1 s late, received for 2.5 s.
+    fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> KindStatistics {
+        let mut received = MeasurementSeries::default();
         for k in 0..(rate_hz * end_s) as u32 {
             let at_s = f64::from(k) / rate_hz;
             let at = Time::from_secs(at_s);

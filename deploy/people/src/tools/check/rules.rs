@@ -1,6 +1,7 @@
 //! Rules over gathered facts, pure: fine, warning, fault.
 
 use alight_computer::certificates::common_name;
+use alight_computer::config::VesselComputer;
 use alight_computer::subject::Computer;
 use alight_computer::vessel::deck_inputs;
 use alight_shared::autopilot_parameters::Severity;
@@ -10,10 +11,10 @@ use alight_transport::radio::RadioConfig;
 
 use crate::status::certificate;
 use crate::status::drone::frame;
-use crate::status::finding::{Finding, Topic};
+use crate::status::finding::{Finding, FindingTopic};
 use crate::status::sources::{self, remark};
 use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, DeckInputCheck, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    AutopilotReport, CameraCheck, CheckFacts, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck, SourceCheck,
 };
 use crate::tools::check::{equipment, helm, view};
@@ -35,13 +36,13 @@ const OTHERS: u32 = 0o077;
 /// Bits with which a group may read, and nothing else.
 const GROUP_READS: u32 = 0o040;
 
-/// The findings about `facts`, in the order in which a person mends them.
-pub fn judge(facts: &Facts) -> Vec<Finding> {
+/// The findings about `facts`, in the order in which an installer repairs them.
+pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     let path = facts.config.display();
     let computer = match &facts.computer {
         Ok(computer) => computer,
         Err(why) => {
-            return vec![Topic("configuration").broken(
+            return vec![FindingTopic("configuration").broken(
                 why,
                 format!("correct {path}; `alight config drone --all` (or vessel) prints every key of the file with its unit and default"),
             )];
@@ -51,14 +52,19 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         Computer::Vessel(v) => ("vessel", v.vessel_id, &v.radio, &v.view),
         Computer::Drone(d) => ("drone", d.bridge.drone_id, &d.radio, &d.view),
     };
-    let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
+    let mut all = vec![FindingTopic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
     all.extend(identity(facts, side, id, radio));
     all.extend(router(radio));
     let remedy = "correct the file that radio.zenoh names: neither vessel nor drone starts with it";
-    all.extend(facts.zenoh.as_ref().map(|why| Topic("zenoh").broken(why, remedy)));
+    all.extend(
+        facts
+            .zenoh
+            .as_ref()
+            .map(|why| FindingTopic("zenoh").broken(why, remedy)),
+    );
     if let Computer::Drone(d) = computer {
-        all.extend(hears_vessel(radio, d.bridge.vessel_id));
+        all.extend(vessel_admitted(radio, d.bridge.vessel_id));
     }
     all.extend(facts.ports.iter().map(|p| port(p, facts.running)));
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
@@ -76,7 +82,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
             all.extend(parameters(reported, d.autopilot.check_parameters));
             all.push(origin(reported));
         }
-        (Computer::Drone(_), Some(None)) => all.push(Topic("parameters").warning(
+        (Computer::Drone(_), Some(None)) => all.push(FindingTopic("parameters").warning(
             "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
             "is it powered, and does it send to this link?",
         )),
@@ -96,24 +102,30 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
     all.extend(facts.cameras.iter().filter_map(camera_view));
     if let Computer::Vessel(v) = computer {
-        all.extend(v.sensor.sources.is_empty().then(no_sensor));
-        all.extend(facts.held_sources.iter().flat_map(sources::of));
-        for found in &facts.sources {
-            all.push(source(found));
-            all.extend(
-                found
-                    .remarks
-                    .iter()
-                    .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
-            );
-        }
-        // By what all of them gave.
-        let listened = facts.held_sources.is_empty().then_some(&facts.sources);
-        all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
-        all.extend(facts.deck_inputs.iter().map(deck_input));
-        all.extend(facts.helm.as_ref().map(helm::judge));
+        all.extend(vessel_devices(facts, v));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
+    all
+}
+
+/// Sensors, switches and helm of a vessel.
+fn vessel_devices(facts: &CheckFacts, v: &VesselComputer) -> Vec<Finding> {
+    let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
+    all.extend(facts.held_sources.iter().flat_map(sources::of));
+    for found in &facts.sources {
+        all.push(source(found));
+        all.extend(
+            found
+                .remarks
+                .iter()
+                .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
+        );
+    }
+    // By what all of them gave.
+    let listened = facts.held_sources.is_empty().then_some(&facts.sources);
+    all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
+    all.extend(facts.deck_inputs.iter().map(deck_input));
+    all.extend(facts.helm.as_ref().map(helm::judge));
     all
 }
 
@@ -123,9 +135,9 @@ const SLOW_RESPONSE_S: f64 = 0.45;
 /// A time constant that differs from the configured one by more than this factor is worth a line.
 const LAG_RATIO: f64 = 1.5;
 
-/// How the attitude answered in the last flight.
+/// Response of the attitude in the last flight.
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
-    const TOPIC: Topic = Topic("response");
+    const TOPIC: FindingTopic = FindingTopic("response");
     let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
     if dead_s + lag_s > SLOW_RESPONSE_S {
         return TOPIC.warning(
@@ -144,8 +156,8 @@ fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     TOPIC.fine(found)
 }
 
-fn clock(facts: &Facts) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("clock");
+fn clock(facts: &CheckFacts) -> Vec<Finding> {
+    const TOPIC: FindingTopic = FindingTopic("clock");
     if facts.clock_s < PLAUSIBLE_S {
         return vec![TOPIC.broken(
             "the system's clock was never set: certificates count as not yet valid",
@@ -162,15 +174,15 @@ fn clock(facts: &Facts) -> Vec<Finding> {
         Some(s) => match s.error_s {
             Some(e) if e.abs() > CLOCK_ERROR_S => TOPIC.warning(
                 format!("{} reports: {:.0} ms off", s.source, e * 1e3),
-                "wait until it has settled, or look at its sources (chronyc sources)",
+                "wait until it has converged, or look at its sources (chronyc sources)",
             ),
             Some(_) | None => TOPIC.fine(format!("synchronised, reports {}", s.source)),
         },
     }]
 }
 
-fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("certificate");
+fn identity(facts: &CheckFacts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
+    const TOPIC: FindingTopic = FindingTopic("certificate");
     let endpoints = || radio.listen.iter().chain(&radio.connect).map(String::as_str);
     let Some(identity) = &facts.identity else {
         return vec![certificate::none(endpoints())];
@@ -190,7 +202,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
     {
         all.push(TOPIC.broken(
             format!(
-                "the certificate is {}'s, and the configuration says {wanted}",
+                "the certificate is {}'s, and the configuration names {wanted}",
                 own.name
             ),
             format!("copy the files of {wanted} here, or correct the number"),
@@ -201,7 +213,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
 }
 
 fn key(identity: &Identity) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("key");
+    const TOPIC: FindingTopic = FindingTopic("key");
     let mut all = Vec::new();
     match (&identity.key, identity.key_mode) {
         (Err(why), None) => all.push(TOPIC.broken(
@@ -236,17 +248,17 @@ fn key(identity: &Identity) -> Vec<Finding> {
 /// Who admits keys where a router stands between.
 fn router(radio: &RadioConfig) -> Option<Finding> {
     (radio.router && !radio.tls.authority.is_empty()).then(|| {
-        Topic("router").fine(format!(
+        FindingTopic("router").fine(format!(
             "{} passes on what peers send: who may use which key, an operator's included, is for its own access rules",
             radio.tls.router
         ))
     })
 }
 
-fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
+fn vessel_admitted(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
     let vessel = common_name("vessel", vessel_id);
     (!radio.tls.authority.is_empty() && !radio.tls.peers.contains(&vessel)).then(|| {
-        Topic("vessel").broken(
+        FindingTopic("vessel").broken(
             format!("{vessel} is not among radio.tls.peers: its messages are rejected"),
             format!("peers = [\"{vessel}\"], or correct bridge.vessel_id"),
         )
@@ -254,7 +266,7 @@ fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
 }
 
 fn port(port: &Port, running: bool) -> Finding {
-    const TOPIC: Topic = Topic("ports");
+    const TOPIC: FindingTopic = FindingTopic("ports");
     let what = format!("{} {}", port.key, port.address);
     match &port.state {
         PortState::Free => TOPIC.fine(format!("{what} is free")),
@@ -275,21 +287,21 @@ fn port(port: &Port, running: bool) -> Finding {
 }
 
 fn dialled(to: &str, reach: &Reach) -> Finding {
-    const TOPIC: Topic = Topic("vessel");
+    const TOPIC: FindingTopic = FindingTopic("vessel");
     match reach {
         Reach::Answers => TOPIC.fine(format!("{to} answers")),
         Reach::Routed => TOPIC.fine(format!(
             "there is a route to {to}; whether it answers shows only in alight status"
         )),
         Reach::Unreachable(why) => TOPIC.warning(
-            format!("{to} does not answer: {why}"),
-            "is the vessel's computer on, its radio within reach (ping) and alight-vessel running?",
+            format!("connecting to {to}: {why}"),
+            "start alight-vessel on the vessel's computer; if it runs, ping that address and check the radio",
         ),
     }
 }
 
-fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> Finding {
-    const TOPIC: Topic = Topic("autopilot");
+fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts) -> Finding {
+    const TOPIC: FindingTopic = FindingTopic("autopilot");
     match reach {
         Ok(Reach::Answers | Reach::Routed) => match facts.reported {
             Some(Some(_)) => TOPIC.fine(format!("answers at {url}")),
@@ -310,7 +322,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &Facts) -> F
 
 /// Signing of its frames, and whether a ground station's `orders` count.
 fn signing(check: &SigningCheck, orders: bool) -> Finding {
-    const TOPIC: Topic = Topic("signing");
+    const TOPIC: FindingTopic = FindingTopic("signing");
     match (&check.key, check.received.finding()) {
         (Err(why), _) => TOPIC.broken(why, "correct autopilot.signing_key or that file"),
         (Ok(_), Some((signatures, remedy_of_signatures))) => TOPIC.broken(signatures, remedy_of_signatures),
@@ -335,15 +347,15 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
 
 /// Which of two autopilots is the drone's own is not configured.
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
-    Topic("autopilot").stopping(
-        format!("autopilots of two vehicles, {first} and {other}, are received: nothing is begun"),
+    FindingTopic("autopilot").stopping(
+        format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
         "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
     )
 }
 
-/// Where the drone's frame begins, and what its height is above the ellipsoid, as the vessel's is.
+/// Origin of the drone's frame, and its height above the ellipsoid, as the vessel's is.
 fn origin(reported: &AutopilotReport) -> Finding {
-    const TOPIC: Topic = Topic("origin");
+    const TOPIC: FindingTopic = FindingTopic("origin");
     let Some(o) = &reported.origin else {
         return TOPIC.warning(
             "the autopilot has not reported where its frame begins (GPS_GLOBAL_ORIGIN): nothing is flown without",
@@ -368,8 +380,8 @@ fn origin(reported: &AutopilotReport) -> Finding {
     }
 }
 
-fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("parameters");
+fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
+    const TOPIC: FindingTopic = FindingTopic("parameters");
     let mut all: Vec<Finding> = reported
         .parameters
         .iter()
@@ -381,7 +393,7 @@ fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
                 format!("set {} at the autopilot", p.name)
             };
             match p.severity {
-                Severity::Refuse if refuses => TOPIC.broken(wrong, change),
+                Severity::Refuse if rejects => TOPIC.broken(wrong, change),
                 Severity::Refuse | Severity::Warn => TOPIC.warning(wrong, change),
             }
         })
@@ -395,35 +407,37 @@ fn parameters(reported: &AutopilotReport, refuses: bool) -> Vec<Finding> {
 fn camera(found: &CameraCheck, running: bool) -> Finding {
     let CameraCheck { key, source, .. } = found;
     match &found.there {
-        Err(why) => Topic(key).broken(
+        Err(why) => FindingTopic(key).broken(
             format!("{source}: {why}"),
             format!(
                 "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else \
                  correct {key}.source"
             ),
         ),
-        Ok(()) if !found.calibrated => Topic(key).warning(
+        Ok(()) if !found.calibrated => FindingTopic(key).warning(
             format!("{source} is there, its lens is the simulated camera's"),
             format!(
                 "calibrate it and write focal_px, centre_px and distortion into [{}] (docs/camera.md)",
                 found.lens
             ),
         ),
-        Ok(()) if running => Topic(key).fine(format!("{source} is there, and the drone's process has it")),
-        Ok(()) => Topic(key).fine(format!("{source} is there")),
+        Ok(()) if running => {
+            FindingTopic(key).fine(format!("{source} is there, and the drone's process has it"))
+        }
+        Ok(()) => FindingTopic(key).fine(format!("{source} is there")),
     }
 }
 
 /// Whether images come, and the tag in them is fit to be detected.
 fn camera_view(found: &CameraCheck) -> Option<Finding> {
-    let (topic, source) = (Topic(found.key), &found.source);
+    let (topic, source) = (FindingTopic(found.key), &found.source);
     let view = match found.view.as_ref()? {
         Ok(view) => view,
         Err(why) => {
             return Some(topic.broken(
                 format!("{source}: {why}"),
                 format!(
-                    "v4l2-ctl --list-formats-ext says what it has: correct [{}] and [{}]; does another program hold it?",
+                    "v4l2-ctl --list-formats-ext prints its formats: correct [{}] and [{}]; does another program hold it?",
                     found.key, found.lens
                 ),
             ));
@@ -439,7 +453,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
             return Some(topic.warning(
                 format!("{source} {why}: its own automatic exposes"),
                 format!(
-                    "v4l2-ctl --list-ctrls says what it has; expose by its maker's means for less than \
+                    "v4l2-ctl --list-ctrls prints its controls; expose by its maker's means for less than \
                      {0}.exposure_s and set {0}.exposure_s = 0",
                     found.key
                 ),
@@ -477,7 +491,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
 }
 
 fn memory(memory: &SharedMemory) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("shared memory");
+    const TOPIC: FindingTopic = FindingTopic("shared memory");
     let mut all = Vec::new();
     match (&memory.writable, memory.free_bytes) {
         (Err(why), _) => all.push(TOPIC.broken(
@@ -506,14 +520,14 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 }
 
 fn no_sensor() -> Finding {
-    Topic("sensors").warning(
+    FindingTopic("sensors").warning(
         "no sensor is configured: there is no estimate",
         "a table [[sensor.sources]] in vessel.toml for each (docs/sensors.md)",
     )
 }
 
 fn source(found: &SourceCheck) -> Finding {
-    const TOPIC: Topic = Topic("sensors");
+    const TOPIC: FindingTopic = FindingTopic("sensors");
     let who = format!("{} ({})", found.name, found.connect);
     match &found.received {
         Err(why) => TOPIC.warning(
@@ -541,7 +555,7 @@ fn source(found: &SourceCheck) -> Finding {
 }
 
 fn deck_input(found: &DeckInputCheck) -> Finding {
-    const TOPIC: Topic = Topic("deck");
+    const TOPIC: FindingTopic = FindingTopic("deck");
     let input = format!("{}: {}", found.key, found.path);
     match &found.level {
         Err(why) if deck_inputs::is_consent(&input) => {
@@ -552,8 +566,8 @@ fn deck_input(found: &DeckInputCheck) -> Finding {
     }
 }
 
-fn processors(facts: &Facts, drone: bool) -> Vec<Finding> {
-    const TOPIC: Topic = Topic("processors");
+fn processors(facts: &CheckFacts, drone: bool) -> Vec<Finding> {
+    const TOPIC: FindingTopic = FindingTopic("processors");
     let mut all = Vec::new();
     let slow: Vec<&String> = facts.governors.iter().filter(|g| *g != "performance").collect();
     all.push(match slow.first() {
@@ -572,7 +586,7 @@ fn processors(facts: &Facts, drone: bool) -> Vec<Finding> {
     if drone && !facts.realtime {
         all.push(TOPIC.warning(
             "this user may not ask for real-time priority",
-            "the shipped unit permits it (LimitRTPRIO); beside it: ulimit -r 40",
+            "the shipped unit permits it (LimitRTPRIO); in a shell: ulimit -r 40",
         ));
     }
     all

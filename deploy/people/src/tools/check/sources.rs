@@ -12,7 +12,7 @@ use alight_computer::io::runtime;
 use alight_computer::process::sealed;
 use alight_computer::process::snapshot::Snapshot;
 use alight_computer::situation::{Situation, SourceHealth};
-use alight_computer::vessel::sensors::{self, strangers_remark};
+use alight_computer::vessel::sensors::{self, foreign_remark};
 use alight_shared::config;
 use alight_shared::msg::SourceStatus;
 use alight_shared::node::Node;
@@ -21,7 +21,7 @@ use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{Instant, timeout_at};
 
 use crate::tools::check::facts::SourceCheck;
-use crate::tools::check::received::{Measured, Received};
+use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
 
 /// All sources are listened to for so long, s: two periods of the slowest receivers and the pause of a link that is opened
 /// late.
@@ -29,19 +29,23 @@ pub const LISTEN_S: f64 = 2.5;
 /// The node is stepped at least this often.
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 
-/// What came of sources that were listened to.
+/// Result of the sources that were received.
 #[derive(Clone, Debug, Default)]
-pub struct Heard {
+pub struct ListenedSources {
     /// Each of them.
     pub sources: Vec<SourceCheck>,
-    /// What all of them gave, in figures.
-    pub measured: Measured,
+    /// Statistics of all of them.
+    pub measured: SensorStatistics,
 }
 
-/// The sources of the process that runs by this file, as it reports them in `seen`, and the others, listened to. Beside a
+/// The sources of the process that runs by this file, as it reports them in `snapshot`, and the others, received. Next to a
 /// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
-pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<SourceHealth>, Heard) {
-    let flown: Option<VesselComputer> = seen
+pub fn of(
+    path: &Path,
+    v: &VesselComputer,
+    snapshot: Option<&Snapshot>,
+) -> (Vec<SourceHealth>, ListenedSources) {
+    let flown: Option<VesselComputer> = snapshot
         .and_then(|_| sealed::running(path))
         .and_then(|text| config::parse(&text, &path.display().to_string()).ok());
     let is_flown = |source: &SourceConfig| {
@@ -49,19 +53,21 @@ pub fn of(path: &Path, v: &VesselComputer, seen: Option<&Snapshot>) -> (Vec<Sour
         flown.is_some_and(|sources| sources.contains(source))
     };
     let (held, open): (Vec<_>, Vec<_>) = v.sensor.sources.iter().cloned().partition(is_flown);
-    let mut reported = seen.map_or_else(Vec::new, |seen| Situation::of(seen, steady_ns()).sources());
+    let mut reported = snapshot.map_or_else(Vec::new, |snapshot| {
+        Situation::of(snapshot, steady_ns()).sources()
+    });
     reported.retain(|r| held.iter().any(|s| s.name == r.name));
     let mut others = v.clone();
     others.sensor.sources = open;
     (reported, listen(&others))
 }
 
-/// What each source sends. The ports must be free: a serial port gives each byte to one reader.
-pub fn listen(computer: &VesselComputer) -> Heard {
+/// Data of each source. The ports must be free: a serial port gives each byte to one reader.
+pub fn listen(computer: &VesselComputer) -> ListenedSources {
     runtime::block_on(async { Ok(received(computer).await) }).unwrap_or_default()
 }
 
-async fn received(computer: &VesselComputer) -> Heard {
+async fn received(computer: &VesselComputer) -> ListenedSources {
     let sources = &computer.sensor.sources;
     let (mut links, mut why) = (Vec::new(), vec![None; sources.len()]);
     for (k, source) in sources.iter().enumerate() {
@@ -79,8 +85,8 @@ async fn received(computer: &VesselComputer) -> Heard {
         }
     };
     let mut bytes_in = vec![0_usize; sources.len()];
-    let mut strangers = vec![None; sources.len()];
-    let mut all = Received::default();
+    let mut foreign = vec![None; sources.len()];
+    let mut all = MeasurementSeries::default();
     let end = Instant::now() + Duration::from_secs_f64(if sources.is_empty() { 0.0 } else { LISTEN_S });
     while Instant::now() < end {
         let mut input = SensorsIn {
@@ -91,7 +97,7 @@ async fn received(computer: &VesselComputer) -> Heard {
         if let Ok(arrival) = timeout_at(step, links.next()).await {
             let k = arrival.link;
             bytes_in[k] += arrival.bytes.len();
-            strangers[k] = arrival.strangers;
+            foreign[k] = arrival.foreign;
             input.bytes[k] = arrival.bytes;
             why[k] = arrival.error.or(why[k].take());
         }
@@ -112,7 +118,7 @@ async fn received(computer: &VesselComputer) -> Heard {
         .map(|(k, ((source, why), bytes))| SourceCheck {
             name: source.name.clone(),
             connect: source.connect.clone(),
-            remarks: strangers_remark(strangers.get(k).copied().flatten())
+            remarks: foreign_remark(foreign.get(k).copied().flatten())
                 .into_iter()
                 .chain(remarks.get(k).cloned().unwrap_or_default())
                 .collect(),
@@ -125,7 +131,7 @@ async fn received(computer: &VesselComputer) -> Heard {
             },
         })
         .collect();
-    Heard { sources, measured }
+    ListenedSources { sources, measured }
 }
 
 async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
@@ -152,25 +158,25 @@ mod tests {
     }
 
     #[test]
-    fn sources_beside_a_running_vessel() {
+    fn sources_next_to_a_running_vessel() {
         let name = format!("alight-check-sources-{}.toml", std::process::id());
         let path = std::env::temp_dir().join(name);
         std::fs::write(&path, file(&["imu", "compass"])).unwrap();
         let computer: VesselComputer = config::load(&path).unwrap();
-        let mut seen = Snapshot {
+        let mut snapshot = Snapshot {
             computer: Facts::vessel(&computer).report.into(),
             ..Snapshot::default()
         };
         let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
         // It runs by another file.
-        let (held, listened) = of(&path, &computer, Some(&seen));
+        let (held, listened) = of(&path, &computer, Some(&snapshot));
         assert!(held.is_empty());
         assert_eq!(names(&listened.sources), ["imu", "compass"]);
 
         let (_, sealed) = SealedConfig::begin::<VesselComputer>(&path).unwrap();
         let now = steady_ns();
-        seen.vessel.set(now, Some(VesselStatus::default()));
-        seen.sources = (0..2)
+        snapshot.vessel.set(now, Some(VesselStatus::default()));
+        snapshot.sources = (0..2)
             .map(|number| {
                 let report = SourceReport {
                     number,
@@ -182,7 +188,7 @@ mod tests {
         // A source was added since the start.
         std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
         let edited: VesselComputer = config::load(&path).unwrap();
-        let (held, listened) = of(&path, &edited, Some(&seen));
+        let (held, listened) = of(&path, &edited, Some(&snapshot));
         assert_eq!(
             held.iter().map(|h| &*h.name).collect::<Vec<_>>(),
             ["imu", "compass"]

@@ -17,7 +17,7 @@ use alight_shared::autopilot_parameters::of_px4;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::msg::{Certificate, Reason, ReasonCode, SourceStatus};
+use alight_shared::msg::{Certificate, Reason, ReasonCode};
 use alight_shared::time::Span;
 use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
@@ -28,14 +28,16 @@ use alight_uav::camera::metering::Setting;
 use alight_uav::camera::strangers::Stranger;
 use alight_usv::sensors::SourceConfig;
 
-use crate::status::finding::{Finding, Level};
+use crate::status::finding::{Finding, FindingLevel};
 use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, CameraView, ClockSync, DeckInputCheck, Facts, Identity, Port, PortState,
-    Reach, SharedMemory, SigningCheck, SourceCheck,
+    AutopilotReport, CameraCheck, CameraImages, CheckFacts, ClockSync, Identity, Port, PortState, Reach,
+    SharedMemory, SigningCheck,
 };
-use crate::tools::check::received::Measured;
+use crate::tools::check::received::SensorStatistics;
 use crate::tools::check::rules::judge;
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
+
+mod faults;
 
 fn certificate(name: &str, days_left: i64) -> Certificate {
     Certificate {
@@ -56,12 +58,12 @@ fn tls(peers: &[&str]) -> TlsConfig {
     }
 }
 
-fn vessel() -> Facts {
+fn vessel() -> CheckFacts {
     let mut computer = VesselComputer::default();
     computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
     computer.radio.tls = tls(&["drone-1"]);
     computer.sensor.sources = vec![SourceConfig::default()];
-    Facts {
+    CheckFacts {
         config: PathBuf::from("/etc/alight/vessel.toml"),
         computer: Ok(Computer::Vessel(Box::new(computer))),
         running: false,
@@ -94,7 +96,7 @@ fn vessel() -> Facts {
         flown: None,
         cameras: Vec::new(),
         sources: Vec::new(),
-        measured: Measured::default(),
+        measured: SensorStatistics::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
         helm: None,
@@ -104,7 +106,7 @@ fn vessel() -> Facts {
     }
 }
 
-fn drone() -> Facts {
+fn drone() -> CheckFacts {
     let mut computer = DroneComputer::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
     computer.radio.tls = tls(&["vessel-1"]);
@@ -162,7 +164,7 @@ fn several() -> Option<Option<AutopilotReport>> {
         ..all
     }))
 }
-/// The same with an origin and a geoid as given.
+/// A report with an origin and a geoid as given.
 fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {
@@ -172,7 +174,7 @@ fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<Autopilot
     }))
 }
 
-fn worst(findings: &[Finding]) -> Level {
+fn worst(findings: &[Finding]) -> FindingLevel {
     findings.iter().map(|f| f.level).max().unwrap()
 }
 
@@ -187,8 +189,8 @@ fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCh
     }
 }
 
-/// The same, looked through.
-fn looked(view: Result<CameraView, &str>) -> CameraCheck {
+/// The camera, looked through.
+fn looked(view: Result<CameraImages, &str>) -> CameraCheck {
     CameraCheck {
         view: Some(view.map_err(str::to_owned)),
         ..camera("/dev/video0", Ok(()), true)
@@ -196,8 +198,8 @@ fn looked(view: Result<CameraView, &str>) -> CameraCheck {
 }
 
 /// A tag of this contrast and saturation, exposed for 1 ms.
-fn exposed(contrast: f64, saturation: f64) -> CameraView {
-    CameraView {
+fn exposed(contrast: f64, saturation: f64) -> CameraImages {
+    CameraImages {
         images: 60,
         exposure: Some(Ok(Setting {
             exposure_s: 0.001,
@@ -213,243 +215,8 @@ fn exposed(contrast: f64, saturation: f64) -> CameraView {
 fn check_of_faultless_computers() {
     for facts in [vessel(), drone()] {
         let findings = judge(&facts);
-        assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
+        assert_eq!(worst(&findings), FindingLevel::Fine, "{findings:#?}");
         assert!(findings.iter().all(|f| f.remedy.is_empty()));
-    }
-}
-
-/// A computer's faults of one level: the change, and a part of the finding.
-type Wrongs<'a> = (fn() -> Facts, Level, &'a [(fn(&mut Facts), &'static str)]);
-
-#[test]
-fn check_of_each_fault() {
-    fn own(f: &mut Facts) -> &mut Identity {
-        f.identity.as_mut().unwrap()
-    }
-    fn shared(f: &mut Facts) -> &mut SharedMemory {
-        f.memory.as_mut().unwrap()
-    }
-    fn unmeasured(f: &mut Facts) {
-        let Ok(Computer::Vessel(v)) = &mut f.computer else {
-            panic!("the vessel's");
-        };
-        v.sensor.sources.clear();
-    }
-    fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
-        f.sources = vec![SourceCheck {
-            name: "compass".into(),
-            connect: "serial:///dev/ttyUSB0:115200".into(),
-            received,
-            remarks: Vec::new(),
-        }];
-    }
-    fn input(f: &mut Facts, level: Result<bool, String>) {
-        f.deck_inputs = vec![DeckInputCheck {
-            key: "deck.crew_switch",
-            path: "/sys/class/gpio/gpio17/value".into(),
-            level,
-        }];
-    }
-    let wrongs: [Wrongs; 4] = [
-        (
-            vessel,
-            Level::Broken,
-            &[
-                (|f| f.clock_s = 40, "never set"),
-                (
-                    |f| own(f).own = Ok(certificate("vessel-1", -3)),
-                    "expired 3 days ago",
-                ),
-                (|f| own(f).own = Ok(certificate("vessel-2", 800)), "vessel-2's"),
-                (|f| own(f).own.as_mut().unwrap().in_future = true, "not valid yet"),
-                (|f| own(f).authority = Err("no such file".into()), "no such file"),
-                (
-                    |f| own(f).key = Err("permission denied".into()),
-                    "permission denied",
-                ),
-                (|f| own(f).key_fits = Some(false), "does not belong"),
-                (|f| own(f).of_authority = Some(false), "another authority"),
-                (|f| f.identity = None, "names no files"),
-                (|f| f.ports[0].state = PortState::Busy, "another program"),
-                (
-                    |f| f.ports[0].state = PortState::Unavailable("not here".into()),
-                    "not here",
-                ),
-            ],
-        ),
-        (
-            vessel,
-            Level::Warning,
-            &[
-                (|f| f.sync = None, "no program reports"),
-                (
-                    |f| f.sync.as_mut().unwrap().synchronised = false,
-                    "not synchronised",
-                ),
-                (|f| f.sync.as_mut().unwrap().error_s = Some(-0.3), "-300 ms"),
-                (
-                    |f| own(f).own = Ok(certificate("vessel-1", 29)),
-                    "expires in 29 days",
-                ),
-                (|f| own(f).key_mode = Some(0o100_644), "mode 644"),
-                (|f| unmeasured(f), "no sensor is configured"),
-                (|f| source(f, Err("no such device".into())), "no such device"),
-                (|f| source(f, Ok((0, SourceStatus::default()))), "nothing came"),
-                (|f| source(f, Ok((900, SourceStatus::default()))), "900 bytes"),
-                (
-                    |f| input(f, Err("not exported".into())),
-                    "gpio17/value: not exported",
-                ),
-                (|f| f.governors[2] = "powersave".into(), "powersave"),
-            ],
-        ),
-        (
-            drone,
-            Level::Warning,
-            &[
-                (
-                    |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
-                    "does not answer",
-                ),
-                (
-                    |f| {
-                        f.autopilot = Some((
-                            "serial:///dev/x".into(),
-                            Ok(Reach::Unreachable("not there".into())),
-                        ))
-                    },
-                    "not there",
-                ),
-                (
-                    |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
-                    "simulated camera's",
-                ),
-                (
-                    |f| f.cameras.push(looked(Ok(exposed(0.2, 0.0)))),
-                    "contrast 20 %, saturation 0 % on the tag, exposed for 1.0 ms with gain 4",
-                ),
-                (
-                    |f| f.cameras.push(looked(Ok(exposed(0.6, 0.3)))),
-                    "saturation 30 %",
-                ),
-                (
-                    |f| {
-                        f.cameras.push(looked(Ok(CameraView {
-                            tag: None,
-                            dark: Some(3.2),
-                            ..exposed(0.0, 0.0)
-                        })))
-                    },
-                    "too dark to see the tags: image mean 3 of 255, exposed for 1.0 ms with gain 4",
-                ),
-                (
-                    |f| {
-                        f.cameras.push(looked(Ok(CameraView {
-                            exposure: Some(Err("has no control".into())),
-                            ..exposed(0.6, 0.0)
-                        })))
-                    },
-                    "has no control: its own automatic exposes",
-                ),
-                (
-                    |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
-                    "7200 m away",
-                ),
-                (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
-                (
-                    |f| {
-                        let mut d = DroneComputer::default();
-                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-                        d.radio.tls = tls(&["vessel-1"]);
-                        d.autopilot.unsigned_orders = true;
-                        f.computer = Ok(Computer::Drone(Box::new(d)));
-                        f.signing = signed(Ok(0), 0).map(|s| SigningCheck {
-                            path: String::new(),
-                            ..s
-                        });
-                    },
-                    "whoever reaches the autopilot's link may order",
-                ),
-                (|f| f.reported = Some(None), "no heartbeat"),
-                (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
-                (|f| f.reported = several(), "of two vehicles, 1 and 2"),
-                (
-                    |f| f.reported = reported("MC_AIRMODE", 0.0),
-                    "MC_AIRMODE is 0, 1 to 2 is needed",
-                ),
-                (
-                    |f| f.reported = unreported("MC_AIRMODE", 3),
-                    "the autopilot has not reported MC_AIRMODE (3 requests)",
-                ),
-                (
-                    |f| {
-                        f.reported = reported("COM_OF_LOSS_T", 1.0);
-                        let mut d = DroneComputer::default();
-                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-                        d.radio.tls = tls(&["vessel-1"]);
-                        d.autopilot.check_parameters = false;
-                        f.computer = Ok(Computer::Drone(Box::new(d)));
-                    },
-                    "COM_OF_LOSS_T is 1 s",
-                ),
-                (|f| f.realtime = false, "real-time"),
-                (|f| f.processors = 1, "one processor"),
-            ],
-        ),
-        (
-            drone,
-            Level::Broken,
-            &[
-                (|f| f.signing = signed(Err("no such file"), 0), "no such file"),
-                (|f| f.signing = signed(Ok(0o600), 4), "not signed"),
-                (|f| shared(f).free_bytes = Some(1 << 20), "1 MB free"),
-                (|f| shared(f).writable = Err("read-only".into()), "read-only"),
-                (|f| shared(f).directory = Err("another's".into()), "another's"),
-                (
-                    |f| f.reported = reported("COM_OF_LOSS_T", 1.0),
-                    "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
-                ),
-                (
-                    |f| f.reported = unreported("COM_OF_LOSS_T", 10),
-                    "(10 requests); for a firmware without it set autopilot.check_parameters = false",
-                ),
-                (
-                    |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
-                    "no kind of link",
-                ),
-                (
-                    |f| {
-                        f.cameras
-                            .push(camera("/dev/video9", Err("no such file".into()), true))
-                    },
-                    "no such file",
-                ),
-                (|f| f.cameras.push(looked(Err("no image came"))), "no image came"),
-                (
-                    |f| {
-                        let mut d = DroneComputer::default();
-                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-                        d.radio.tls = tls(&["vessel-2"]);
-                        f.computer = Ok(Computer::Drone(Box::new(d)));
-                    },
-                    "vessel-1 is not among",
-                ),
-            ],
-        ),
-    ];
-    let each = wrongs
-        .iter()
-        .flat_map(|(facts, level, wrongs)| wrongs.iter().map(move |w| (facts(), *level, w)));
-    for (mut facts, level, (spoil, word)) in each {
-        spoil(&mut facts);
-        let findings = judge(&facts);
-        let bad: Vec<_> = findings.iter().filter(|f| f.level != Level::Fine).collect();
-        assert_eq!(bad.len(), 1, "{word}: {bad:#?}");
-        assert!(
-            bad[0].level == level && bad[0].found.contains(word),
-            "{word}: {bad:?}"
-        );
-        assert!(bad[0].remedy.len() > 8, "{word}: names a remedy: {bad:?}");
     }
 }
 
@@ -469,7 +236,7 @@ fn autopilot_check_with_and_without_answer() {
 
 #[test]
 fn camera_check_with_and_without_a_tag() {
-    let found = |view: CameraView| {
+    let found = |view: CameraImages| {
         let mut facts = drone();
         facts.cameras.push(looked(Ok(view)));
         let all = judge(&facts);
@@ -477,43 +244,46 @@ fn camera_check_with_and_without_a_tag() {
         (view.level, view.found.clone())
     };
     let fit = found(exposed(0.6, 0.01));
-    assert_eq!(fit.0, Level::Fine);
+    assert_eq!(fit.0, FindingLevel::Fine);
     assert!(fit.1.contains("contrast 60 %"), "{fit:?}");
-    let none = found(CameraView {
+    let none = found(CameraImages {
         tag: None,
         ..exposed(0.0, 0.0)
     });
-    assert_eq!(none.0, Level::Fine);
+    assert_eq!(none.0, FindingLevel::Fine);
     assert!(
         none.1.contains("60 images") && none.1.contains("no tag in view"),
         "{none:?}"
     );
-    for (stranger, word) in [
+    for (stranger, text) in [
         (Stranger::Mirrored(7), "mirrored (number 7)"),
         (Stranger::Number(3), "number 3"),
         (Stranger::Family("25h9"), "another family (25h9)"),
     ] {
-        let other = found(CameraView {
+        let other = found(CameraImages {
             tag: None,
             stranger: Some(stranger),
             ..exposed(0.0, 0.0)
         });
-        assert!(other.0 == Level::Warning && other.1.contains(word), "{other:?}");
+        assert!(
+            other.0 == FindingLevel::Warning && other.1.contains(text),
+            "{other:?}"
+        );
     }
 }
 
 #[test]
 fn check_behind_a_router() {
     let mut facts = drone();
-    let said = |facts: &Facts| judge(facts).into_iter().find(|f| f.topic == "router");
-    assert!(said(&facts).is_none());
+    let router_finding = |facts: &CheckFacts| judge(facts).into_iter().find(|f| f.topic == "router");
+    assert!(router_finding(&facts).is_none());
     let Ok(Computer::Drone(computer)) = &mut facts.computer else {
         unreachable!("a drone's")
     };
     computer.radio.router = true;
     computer.radio.tls.router = "vessel-9".into();
-    let found = said(&facts).unwrap();
-    assert!(found.level == Level::Fine && found.found.contains("vessel-9 passes on"));
+    let found = router_finding(&facts).unwrap();
+    assert!(found.level == FindingLevel::Fine && found.found.contains("vessel-9 passes on"));
 }
 
 #[test]
@@ -523,10 +293,10 @@ fn check_of_an_unprotected_radio() {
     let mut computer = VesselComputer::default();
     computer.sensor.sources = vec![SourceConfig::default()];
     facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
-    assert_eq!(worst(&judge(&facts)), Level::Warning);
+    assert_eq!(worst(&judge(&facts)), FindingLevel::Warning);
     computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
     facts.computer = Ok(Computer::Vessel(Box::new(computer)));
-    assert_eq!(worst(&judge(&facts)), Level::Fine);
+    assert_eq!(worst(&judge(&facts)), FindingLevel::Fine);
 }
 
 #[test]
@@ -535,12 +305,12 @@ fn check_of_an_origin_without_both_heights() {
     facts.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None);
     let all = judge(&facts);
     let origin = all.iter().find(|f| f.topic == "origin").unwrap();
-    assert_eq!(origin.level, Level::Fine);
+    assert_eq!(origin.level, FindingLevel::Fine);
     assert!(origin.found.contains("by the geoid's model"), "{}", origin.found);
 }
 
 #[test]
-fn check_beside_a_running_vessel() {
+fn check_next_to_a_running_vessel() {
     let mut facts = vessel();
     facts.ports[0].state = PortState::Busy;
     facts.running = true;
@@ -550,7 +320,7 @@ fn check_beside_a_running_vessel() {
         ..SourceHealth::default()
     }];
     let all = judge(&facts);
-    assert_eq!(worst(&all), Level::Fine);
+    assert_eq!(worst(&all), FindingLevel::Fine);
     assert!(
         all.iter()
             .any(|f| f.topic == "source" && f.found.starts_with("imu"))
@@ -689,7 +459,7 @@ fn check_of_a_broken_configuration() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-/// What is found of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
+/// Report of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
 /// signatures, and what the autopilot was commanded.
 fn found_of_autopilot(
     computer: &DroneComputer,
@@ -715,7 +485,7 @@ fn found_of_autopilot(
             let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
             let received: Vec<Vec<u8>> = received.into_iter().collect();
             for sent in px4.step_bytes(&truth, &received).1 {
-                // Nobody may listen yet.
+                // There may be no receiver yet.
                 let _lost = socket.send(&sent);
             }
         }
@@ -739,7 +509,7 @@ fn autopilot_check_over_a_signed_link() {
     let other = Some(Signing::new([7; 32]));
     let mut computer = DroneComputer::default();
     let text = |s: Signatures| s.finding().map(|(text, _)| text).unwrap_or_default();
-    // Nobody asked for signatures: they are not looked at, and it is said that they are there.
+    // Signatures were not configured: they are not checked, and their presence is reported.
     let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
     assert!(
         found.is_some() && text(signatures).contains("neither checked"),

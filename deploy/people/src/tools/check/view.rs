@@ -4,11 +4,11 @@ use std::net::SocketAddr;
 
 use alight_computer::config::view::ViewConfig;
 
-use crate::status::finding::{Finding, Topic};
+use crate::status::finding::{Finding, FindingTopic};
 
 /// Judges where the page is and what it may do.
 pub fn judge(view: &ViewConfig) -> Option<Finding> {
-    const TOPIC: Topic = Topic("view");
+    const TOPIC: FindingTopic = FindingTopic("view");
     if !view.on {
         return None;
     }
@@ -21,7 +21,7 @@ pub fn judge(view: &ViewConfig) -> Option<Finding> {
     } else {
         TOPIC.warning(
             format!(
-                "everybody who reaches http://{} can give the crew's order",
+                "every browser that reaches http://{} can give the crew's order",
                 view.listen
             ),
             "view.abort = false, or view.listen on loopback, unless that network is the crew's alone",
@@ -32,7 +32,7 @@ pub fn judge(view: &ViewConfig) -> Option<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::Level;
+    use crate::status::finding::FindingLevel;
 
     #[test]
     fn warning_of_orders_over_a_network() {
@@ -46,10 +46,10 @@ mod tests {
             judge(&view).map(|f| f.level)
         };
         assert_eq!(level(false, "192.168.7.1:7450", true), None);
-        assert_eq!(level(true, "127.0.0.1:7450", true), Some(Level::Fine));
-        assert_eq!(level(true, "192.168.7.1:7450", false), Some(Level::Fine));
+        assert_eq!(level(true, "127.0.0.1:7450", true), Some(FindingLevel::Fine));
+        assert_eq!(level(true, "192.168.7.1:7450", false), Some(FindingLevel::Fine));
         for listen in ["192.168.7.1:7450", "0.0.0.0:7450", "[::]:7450"] {
-            assert_eq!(level(true, listen, true), Some(Level::Warning), "{listen}");
+            assert_eq!(level(true, listen, true), Some(FindingLevel::Warning), "{listen}");
         }
     }
 }

@@ -22,7 +22,7 @@ use alight_usv::deck::MAX_DRONES;
 use serde_json::json;
 
 use super::{CommandArgs, POLL_PERIOD};
-use crate::status::finding::Level;
+use crate::status::finding::FindingLevel;
 use crate::status::vessel::drone;
 
 /// From ashore it takes a session and two radios.
@@ -47,14 +47,14 @@ fn sending() -> Retransmission<SteadyClock> {
     Retransmission::new(look(0), REPEAT, look(MAX_POLLS_ASHORE) - look(0))
 }
 
-/// What the terminal ashore knows of its order.
+/// State of an order at the terminal ashore.
 struct Ashore {
     order: OperatorCommand<VesselClock>,
     /// Nothing is commanded.
     asks_only: bool,
     /// Something of the vessel came: the session is open.
     contact: bool,
-    /// What the vessel reports of this order.
+    /// The vessel's report on this order.
     receipt: Option<CommandProgress>,
     /// Looks until that.
     receipt_looks: u32,
@@ -71,7 +71,7 @@ struct Ashore {
 }
 
 impl Ashore {
-    /// A receipt of this order; those of others, and of former ones, say nothing about it.
+    /// A receipt of this order; those of others, and of former ones, do not count.
     fn receive_receipt(&mut self, r: &CommandReceipt) {
         let h = &self.order.header;
         let own = r.operator == [h.boot, h.sequence]
@@ -158,7 +158,7 @@ impl Ashore {
             ) => true,
         }
     }
-    /// The drone's newest status tells why it does not carry the order out.
+    /// The drone's newest status states why it does not carry the order out.
     fn has_reason(&self) -> bool {
         match self.order.kind {
             CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
@@ -170,7 +170,7 @@ impl Ashore {
     fn is_taken(&self) -> bool {
         self.receipt == Some(CommandProgress::Taken) || self.asks_only && self.drone().is_some()
     }
-    /// What is known of drone `number` and of the order, for a person.
+    /// State of drone `number` and of the order, for the operator.
     fn lines(&self, number: u32) -> Vec<String> {
         let mut lines = match self.drone() {
             Some(status) => {
@@ -181,7 +181,7 @@ impl Ashore {
                     format!("battery {}", Charge(status.battery)),
                 ];
                 let finding = drone(status);
-                if finding.level > Level::Fine {
+                if finding.level > FindingLevel::Fine {
                     lines.push(format!("ALARM: {} -> {}", finding.found, finding.remedy));
                 }
                 lines
@@ -193,7 +193,7 @@ impl Ashore {
         }
         lines
     }
-    /// What became of the order, for a person.
+    /// Result of the order, for the operator.
     fn outcome(&self) -> &'static str {
         let abort = self.order.kind == CommandKind::Abort;
         match self.receipt {
@@ -215,7 +215,7 @@ impl Ashore {
             }
             Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
             Some(CommandProgress::Unknown) => {
-                "the vessel was started anew and does not know what became of it:\nlook at the drone, then \
+                "the vessel was started again and does not know its result:\nlook at the drone, then \
                  command again"
             }
             None if self.sent == 0 => "the command was NOT SENT",
@@ -401,7 +401,7 @@ mod tests {
         assert_eq!(sent, 6, "each half second for three");
     }
 
-    /// A terminal that names nobody, after so many looks at a vessel that receives these drones.
+    /// A terminal that names no drone, after so many looks at a vessel that receives these drones.
     fn unnamed(drones: &[u32], looks: u32) -> (Ashore, Result<(), CliError>) {
         let mut terminal = ordered(CommandKind::Land);
         terminal.contact = true;
@@ -425,7 +425,7 @@ mod tests {
         assert!(one.is_due(0) && one.order.header.drone == 2);
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
-        // Several: nobody is commanded, and the answer lists them.
+        // Several: none is commanded, and the answer lists them.
         let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
         let why = chosen.unwrap_err().0;
         assert!(
@@ -433,7 +433,7 @@ mod tests {
             "{why}"
         );
         assert!((0..MAX_POLLS_ASHORE).all(|k| !several.is_due(k)));
-        // None: nobody is commanded by a guess.
+        // None: no drone is commanded by a guess.
         let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
         assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| !none.is_due(k)));
     }

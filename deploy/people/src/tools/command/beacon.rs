@@ -1,4 +1,4 @@
-//! `alight command deck-at`: an operator's word where the vessel is, to the predictor of this computer. It leads to a search for
+//! `alight command deck-at`: an operator's place of the vessel, for the predictor of this computer. It leads to a search for
 //! the deck's tags, where `mission.least_vessel` permits that, and to no landing without them.
 
 use alight_computer::exit::{CliError, Exit};
@@ -22,22 +22,22 @@ const REPEAT_POLLS: u32 = 10;
 /// A vessel of which no speed is stated drifts at this, m/s; one that is stated is off by this and a tenth.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
-/// It counts for so long where `--for` does not say, s.
+/// It counts for so long without `--for`, s.
 const LASTS_S: u32 = 300;
 
 /// Latitude and longitude, deg, of what stands behind `deck-at`.
-fn place(words: &[String]) -> Result<[f64; 2], CliError> {
+fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     let wrong = || {
         CliError(format!(
             "deck-at {}: two numbers in degrees are needed, latitude (-90 to 90) and longitude (-180 to 180), as in \
              alight command deck-at 59.3456 18.1234",
-            words.join(" ")
+            values.join(" ")
         ))
     };
-    let [latitude, longitude] = words else {
+    let [latitude, longitude] = values else {
         return Err(wrong());
     };
-    let degrees = |word: &str, limit: f64| word.parse().ok().filter(|v: &f64| v.abs() <= limit);
+    let degrees = |number: &str, limit: f64| number.parse().ok().filter(|v: &f64| v.abs() <= limit);
     match (degrees(latitude, 90.0), degrees(longitude, 180.0)) {
         (Some(latitude), Some(longitude)) => Ok([latitude, longitude]),
         (_, _) => Err(wrong()),
@@ -58,7 +58,7 @@ fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliErro
 
 /// The beacon of these arguments at `at`.
 fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, CliError> {
-    let [latitude_deg, longitude_deg] = place(&args.words)?;
+    let [latitude_deg, longitude_deg] = place(&args.values)?;
     let beacon = DeckBeacon {
         header,
         source: BeaconSource::Operator,
@@ -90,7 +90,7 @@ fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
 
 /// Gives it to the predictor, and waits until its forecast shows it.
 pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
-    place(&args.words)?;
+    place(&args.values)?;
     velocity(args.speed, args.course)?;
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
     if computer.drone.mission.least_vessel > VesselLevel::Beacon {
@@ -131,7 +131,7 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
                 format!("drone {drone}: vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
             }
             None => format!(
-                "drone {drone}: the predictor has not taken it: alight status shows what runs; a more exact beacon counts \
+                "drone {drone}: the predictor has not taken it: alight status lists the processes; a more exact beacon counts \
                  more, and the autopilot has to report its origin first"
             ),
         });
@@ -159,9 +159,9 @@ mod tests {
         assert_eq!(followed(&DeckForecast::default(), given), None);
     }
 
-    /// What cannot be, or could only be guessed, is rejected: the most exact beacon replaces all others.
+    /// Values that cannot be, or could only be guessed, are rejected: the most exact beacon replaces all others.
     #[test]
-    fn beacons_that_are_refused() {
+    fn beacons_that_are_rejected() {
         let given = |options: &str| {
             let line = format!("command deck-at 59.3 18.1 {options}");
             let command = CommandArgs::augment_args(clap::Command::new("command"));
@@ -186,10 +186,10 @@ mod tests {
 
     #[test]
     fn places_that_are_none() {
-        let words = |text: &str| -> Vec<String> { text.split(' ').map(String::from).collect() };
-        assert_eq!(place(&words("59.3456 -18.1234")).ok(), Some([59.3456, -18.1234]));
+        let values = |text: &str| -> Vec<String> { text.split(' ').map(String::from).collect() };
+        assert_eq!(place(&values("59.3456 -18.1234")).ok(), Some([59.3456, -18.1234]));
         for wrong in ["", "59.3", "59.3 18.1 4", "91 0", "59 181", "north 18", "NaN 0"] {
-            assert!(place(&words(wrong)).is_err(), "{wrong}");
+            assert!(place(&values(wrong)).is_err(), "{wrong}");
         }
     }
 }

@@ -5,9 +5,9 @@ use alight_computer::quantity::MINUTE;
 use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 use clap::Args;
 
-use super::{CommandArgs, Order};
+use super::{CommandArgs, OrderArg};
 
-/// Where a station is.
+/// Place of a station.
 #[derive(Args, Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StationArgs {
     /// station: above the deck, m [default: the approach's]
@@ -49,9 +49,9 @@ pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     )))
 }
 
-/// What belongs to a station is given with it alone.
+/// Rejects flags of a station with another order.
 pub(super) fn check(args: &CommandArgs) -> Result<(), CliError> {
-    if args.station != StationArgs::default() && args.order != Order::Station {
+    if args.station != StationArgs::default() && args.order != OrderArg::Station {
         return Err(CliError(
             "--height, --ahead and --right belong to alight command station".into(),
         ));

@@ -13,7 +13,7 @@ use alight_computer::record::reading::{contained, is_mcap};
 use alight_computer::terminal::{Form, note};
 use alight_shared::config;
 use alight_shared::msg::Decoded;
-use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, Recording};
+use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, SensorRecording};
 use alight_usv::review::{Review, SourceReview, review};
 use alight_usv::sensors::{Measurement, Mount};
 use alight_usv::{ComputerIn, VesselNodeConfig};
@@ -107,7 +107,7 @@ fn not_started(origin: &str, review: &Review) -> String {
     parts.join("; ")
 }
 
-/// How the recorded sensors are mounted.
+/// Mounting of the recorded sensors.
 fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
     let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
     match name {
@@ -141,12 +141,12 @@ fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     Ok(bytes)
 }
 
-/// What the recording holds, and the configuration in it.
+/// Content of the recording, and the configuration in it.
 fn recorded(
     path: &Path,
     origin: &str,
     mount: &Mount,
-) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
+) -> Result<(SensorRecording, Option<VesselNodeConfig>), CliError> {
     if path.is_dir() || is_mcap(path) {
         return contained(path, || flown(path)).map(|(r, c)| (r, Some(c)));
     }
@@ -155,8 +155,8 @@ fn recorded(
         .map_err(|e| CliError(e.to_string()))
 }
 
-/// What the vessel's process recorded.
-fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
+/// Recording of the vessel's process.
+fn flown(path: &Path) -> Result<(SensorRecording, VesselNodeConfig), CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
     let config = log.first("vessel")?.config::<VesselComputer>()?.vessel;
     let mut all = Vec::new();
@@ -179,7 +179,7 @@ fn flown(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
     if all.len() > MAX_MEASUREMENTS {
         return Err(error(format!("more than {MAX_MEASUREMENTS} measurements")));
     }
-    let recording = Recording {
+    let recording = SensorRecording {
         format: "MCAP",
         measurements: all,
         decoded,
@@ -197,7 +197,7 @@ mod tests {
         let rows: String = (0..=30).map(|t| format!("{t},1,2\n")).collect();
         let table = format!("t_s,roll_deg,pitch_deg\n{rows}");
         let recorded = log::read(table.as_bytes(), "slow.csv", &Mount::default()).unwrap();
-        let recorded = Recording {
+        let recorded = SensorRecording {
             decoded: Decoded {
                 left_out: 7,
                 ..recorded.decoded

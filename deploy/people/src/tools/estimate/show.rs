@@ -1,7 +1,8 @@
-//! The report for a person, within 100 columns.
+//! The report for people, within 100 columns.
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, number};
+use alight_computer::terminal::wrap;
 use alight_shared::frames::wrap_angle;
 use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
@@ -36,6 +37,125 @@ fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     table
 }
 
+/// Sensors: samples, and what the estimator did with them.
+fn sources(r: &Review) -> Table {
+    let heads = [
+        "source",
+        "samples",
+        "Hz",
+        "gaps",
+        "longest s",
+        "used",
+        "gated",
+        "order",
+        "refused",
+        "spare",
+    ];
+    let mut table = Table::new(1.., heads);
+    for s in &r.sources {
+        table.row(cells![
+            format_args!("{} {}", s.kind, s.source),
+            s.samples,
+            Cell::number(s.rate_hz, 2),
+            s.gaps,
+            Cell::number(s.longest_gap_s, 3),
+            s.counts.taken,
+            s.counts.gated,
+            s.counts.out_of_order,
+            s.counts.rejected,
+            s.counts.spare
+        ]);
+    }
+    table
+}
+
+/// Modes of the motion at the end.
+fn modes(r: &Review) -> Table {
+    let heads = ["modes at the end", "period s", "damping", "heave m", "tilt deg"];
+    let mut table = Table::new(1.., heads);
+    for (k, m) in r.sea.modes.iter().enumerate() {
+        table.row(cells![
+            k + 1,
+            Cell::number(m.period_s, 2),
+            Cell::number(m.damping_ratio, 3),
+            Cell::number(m.heave_m, 3),
+            Cell::number(m.tilt_deg, 2)
+        ]);
+    }
+    table
+}
+
+/// Consistency of the innovations of each channel.
+fn innovations(r: &Review) -> Table {
+    let heads = ["innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"];
+    let mut table = Table::new(1.., heads);
+    for f in &r.innovations {
+        table.row(cells![
+            f.channel.name(),
+            f.fused,
+            f.gated,
+            Cell::number(f.nis_mean, 2),
+            format_args!("{:.1} %", 100.0 * f.inside_95)
+        ]);
+    }
+    table
+}
+
+/// Errors of the predictions by horizon, next to the references.
+fn predictions(r: &Review) -> Table {
+    let heads = ["prediction", "", "by"].map(String::from);
+    let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));
+    let mut table = Table::new(3.., heads.chain(["in 95 % (95)".into()]));
+    for p in &r.predictions {
+        let digits = if p.unit == "m" { 3 } else { 2 };
+        let cell = |v: Option<f64>| Cell::number(v, digits);
+        let [x, y, z] = p.inside_95.map(|v| 100.0 * v);
+        let inside = Cell::from(format_args!("{x:.0} {y:.0} {z:.0} %"));
+        let errors = p.rms.map(|v| cell(Some(v)));
+        table.row(
+            cells![p.what, p.unit, "modes"]
+                .into_iter()
+                .chain(errors)
+                .chain([inside]),
+        );
+        let references = [("ridge", p.ridge_rms), ("held", p.hold_rms.map(Some))];
+        for (by, errors) in references
+            .into_iter()
+            .filter(|(_, e)| e.iter().any(Option::is_some))
+        {
+            let row = cells!["", "", by].into_iter().chain(errors.map(cell));
+            table.row(row.chain([Cell::default()]));
+        }
+    }
+    table
+}
+
+/// Lines below the table of the predictions.
+fn prediction_notes(r: &Review) -> Vec<String> {
+    let mut lines = match r.predictions.first() {
+        Some(p) => vec![
+            format!(
+                "  rms against the later estimate, {} predictions; modes: as broadcast; ridge: regression on two",
+                p.count
+            ),
+            "  minutes of estimates; held: the last estimate stands still".into(),
+        ],
+        None => vec!["  too short for a prediction to be compared".into()],
+    };
+    let worse = r
+        .predictions
+        .iter()
+        .filter(|p| p.rms.iter().zip(&p.hold_rms).any(|(a, b)| a > b));
+    let worse: Vec<String> = worse.map(|p| p.what.to_string()).collect();
+    if !worse.is_empty() {
+        lines.push(format!(
+            "  worse than the last estimate held: {}",
+            worse.join(", ")
+        ));
+    }
+    lines
+}
+
 /// The report.
 pub fn table(origin: &str, r: &Review) -> String {
     let mut out = String::new();
@@ -50,37 +170,12 @@ pub fn table(origin: &str, r: &Review) -> String {
         d.good, d.corrupted, d.ignored, d.undated, r.outliers_in_time
     ));
     for note in &r.notes {
-        wrapped(note, &mut line);
+        let mut text = String::from(" ");
+        wrap(&mut text, 4, 98, note);
+        line(text);
     }
     line(String::new());
-    let heads = [
-        "source",
-        "samples",
-        "Hz",
-        "gaps",
-        "longest s",
-        "used",
-        "gated",
-        "order",
-        "refused",
-        "spare",
-    ];
-    let mut sources = Table::new(1.., heads);
-    for s in &r.sources {
-        sources.row(cells![
-            format_args!("{} {}", s.kind, s.source),
-            s.samples,
-            Cell::number(s.rate_hz, 2),
-            s.gaps,
-            Cell::number(s.longest_gap_s, 3),
-            s.counts.taken,
-            s.counts.gated,
-            s.counts.out_of_order,
-            s.counts.rejected,
-            s.counts.spare
-        ]);
-    }
-    line(sources.text());
+    line(sources(r).text());
     line(String::new());
     let [heave, roll, pitch] = r.motion_sd;
     line(format!(
@@ -100,18 +195,7 @@ pub fn table(origin: &str, r: &Review) -> String {
         sea.confidence
     ));
     line(String::new());
-    let heads = ["modes at the end", "period s", "damping", "heave m", "tilt deg"];
-    let mut modes = Table::new(1.., heads);
-    for (k, m) in sea.modes.iter().enumerate() {
-        modes.row(cells![
-            k + 1,
-            Cell::number(m.period_s, 2),
-            Cell::number(m.damping_ratio, 3),
-            Cell::number(m.heave_m, 3),
-            Cell::number(m.tilt_deg, 2)
-        ]);
-    }
-    line(modes.text());
+    line(modes(r).text());
     if sea.modes.is_empty() {
         line("none identified".into());
     }
@@ -121,75 +205,9 @@ pub fn table(origin: &str, r: &Review) -> String {
         line(String::new());
     }
     line(format!("from {:.0} s on:", r.evaluated_from_s));
-    let mut innovations = Table::new(
-        1..,
-        ["innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"],
-    );
-    for f in &r.innovations {
-        innovations.row(cells![
-            f.channel.name(),
-            f.fused,
-            f.gated,
-            Cell::number(f.nis_mean, 2),
-            format_args!("{:.1} %", 100.0 * f.inside_95)
-        ]);
-    }
-    line(innovations.text());
+    line(innovations(r).text());
     line(String::new());
-    let heads = ["prediction", "", "by"].map(String::from);
-    let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));
-    let mut predictions = Table::new(3.., heads.chain(["in 95 % (95)".into()]));
-    for p in &r.predictions {
-        let digits = if p.unit == "m" { 3 } else { 2 };
-        let cell = |v: Option<f64>| Cell::number(v, digits);
-        let [x, y, z] = p.inside_95.map(|v| 100.0 * v);
-        let inside = Cell::from(format_args!("{x:.0} {y:.0} {z:.0} %"));
-        let errors = p.rms.map(|v| cell(Some(v)));
-        predictions.row(
-            cells![p.what, p.unit, "modes"]
-                .into_iter()
-                .chain(errors)
-                .chain([inside]),
-        );
-        let beside = [("ridge", p.ridge_rms), ("held", p.hold_rms.map(Some))];
-        for (by, errors) in beside.into_iter().filter(|(_, e)| e.iter().any(Option::is_some)) {
-            let row = cells!["", "", by].into_iter().chain(errors.map(cell));
-            predictions.row(row.chain([Cell::default()]));
-        }
-    }
-    line(predictions.text());
-    if let Some(p) = r.predictions.first() {
-        line(format!(
-            "  rms against the later estimate, {} predictions; modes: as broadcast; ridge: regression on two",
-            p.count
-        ));
-        line("  minutes of estimates; held: the last estimate stands still".into());
-    } else {
-        line("  too short for a prediction to be compared".into());
-    }
-    let worse = r
-        .predictions
-        .iter()
-        .filter(|p| p.rms.iter().zip(&p.hold_rms).any(|(a, b)| a > b));
-    let worse: Vec<String> = worse.map(|p| p.what.to_string()).collect();
-    if !worse.is_empty() {
-        line(format!(
-            "  worse than the last estimate held: {}",
-            worse.join(", ")
-        ));
-    }
+    line(predictions(r).text());
+    prediction_notes(r).into_iter().for_each(line);
     out
-}
-
-/// A note over lines of at most 98 columns.
-fn wrapped(note: &str, line: &mut impl FnMut(String)) {
-    let mut text = String::from(" ");
-    for word in note.split_whitespace() {
-        if text.len() + word.len() > 97 {
-            line(core::mem::replace(&mut text, String::from("   ")));
-        }
-        text.push(' ');
-        text.push_str(word);
-    }
-    line(text);
 }

@@ -5,7 +5,7 @@ use alight_shared::msg::{
 use alight_shared::time::Span;
 
 use super::*;
-use crate::status::finding::Level;
+use crate::status::finding::FindingLevel;
 use crate::status::{Figure, StateView};
 
 /// The vessel heads east; the deck is at north 10, east 20, one metre above the sea.
@@ -75,7 +75,7 @@ fn board_places_of_drone_and_plan() {
         position: [7.0, 24.0, -6.0],
         ..DroneState::default()
     };
-    let seen = PredictorIn {
+    let predictor_in = PredictorIn {
         drone: Some(drone),
         ..PredictorIn::default()
     };
@@ -83,7 +83,7 @@ fn board_places_of_drone_and_plan() {
         forecast: Some(forecast(1.0)),
         ..PredictorOut::default()
     };
-    board.predictor(at(1.0), &seen, &predicted);
+    board.predictor(at(1.0), &predictor_in, &predicted);
     let stage = PlanStage {
         position: [10.0, 22.0, -2.0],
         ..PlanStage::default()
@@ -243,14 +243,14 @@ fn board_alarms() {
     let has = |text: &str| {
         alarms
             .iter()
-            .any(|f| f.level == Level::Broken && f.found.contains(text))
+            .any(|f| f.level == FindingLevel::Broken && f.found.contains(text))
     };
     assert!(
         has("Gave up") && has("estimate is 1.6 s old") && has("battery at 25 %"),
         "{alarms:?}"
     );
     for name in ["link", "battery"] {
-        assert_eq!(named(&picture, name).level, Level::Broken, "{name}");
+        assert_eq!(named(&picture, name).level, FindingLevel::Broken, "{name}");
     }
 }
 

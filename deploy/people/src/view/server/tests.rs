@@ -13,7 +13,7 @@ use alight_computer::record::observer::{NodeStep, StepObserver};
 use crate::view::watcher::Watcher;
 
 /// No test waits longer for an answer.
-const PATIENCE: Duration = Duration::from_secs(10);
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn served(may_order: bool) -> Served {
     let free = "127.0.0.1:0".parse().unwrap();
@@ -39,7 +39,7 @@ fn picture(name: &str) -> Picture {
 }
 fn connect(to: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(to).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
 /// One request, and all of its answer.
@@ -188,7 +188,7 @@ fn viewers_page_structure() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // What changes each second is read to nobody: two lines are, when they change in kind.
+    // What changes each second is not read out: two lines are, when they change in kind.
     assert!(!html.contains("aria-live"));
     let live: Vec<&str> = html
         .lines()
@@ -207,7 +207,7 @@ fn viewers_page_structure() {
 }
 
 #[test]
-fn viewers_order_beside_120_slow_connections() {
+fn viewers_order_next_to_120_slow_connections() {
     let server = Server::start(served(true)).unwrap();
     server.show(picture("Descent"));
     let to = server.page();
@@ -430,7 +430,7 @@ fn foxglove_viewer_topics_and_rates() {
         viewer.read().is_ok_and(|m| m.is_binary())
     });
     assert!(begun, "no message in 500 steps");
-    viewer.get_ref().set_read_timeout(Some(PATIENCE)).unwrap();
+    viewer.get_ref().set_read_timeout(Some(TIMEOUT)).unwrap();
     for _ in 0..250 {
         step(&mut watcher);
     }

@@ -28,7 +28,7 @@ pub(super) struct Knots<'a> {
     pub(super) longest: f64,
 }
 
-/// Smooths what has to be; says what was done.
+/// Smooths the channels that need it; returns remarks on that.
 pub(super) fn smooth(mut knots: Knots<'_>, has: &[bool; CHANNELS]) -> Vec<String> {
     let channels = (0..CHANNELS).filter(|c| has[*c]);
     channels.filter_map(|c| smooth_channel(&mut knots, c)).collect()
@@ -93,9 +93,9 @@ fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
 }
 
-/// How the values of a channel step.
+/// Step sizes of a channel's values.
 struct Steps {
-    /// The resolution: what all changes are multiples of; 0 where there is none.
+    /// The resolution: all changes are multiples of it; 0 without one.
     size: f64,
     /// Median change, where there is one.
     typical: f64,
@@ -111,7 +111,7 @@ impl Steps {
             .filter(|d| *d > 1e-9)
             .collect();
         changes.sort_unstable_by(f64::total_cmp);
-        let (Some(least), n) = (changes.first().copied(), changes.len()) else {
+        let (Some(smallest), n) = (changes.first().copied(), changes.len()) else {
             return Steps {
                 size: 0.0,
                 typical: 0.0,
@@ -119,13 +119,13 @@ impl Steps {
             };
         };
         let multiple = |d: &&f64| {
-            let k = **d / least;
+            let k = **d / smallest;
             (k - k.round()).abs() < 0.02 * k.clamp(1.0, 10.0)
         };
         let on_grid = changes.iter().filter(multiple).count();
         Steps {
             size: if on_grid as f64 > 0.98 * n as f64 {
-                least
+                smallest
             } else {
                 0.0
             },
@@ -269,7 +269,7 @@ mod tests {
     fn swell(t: f64) -> f64 {
         0.7 * (1.05 * t).sin() + 0.3 * (1.7 * t + 1.0).sin()
     }
-    /// Greatest errors of the heave and of its slope over three rows, against the swell.
+    /// Maximum errors of the heave and of its slope over three rows, against the swell.
     fn errors(r: &Recording) -> [f64; 2] {
         let mut worst = [0.0_f64; 2];
         for k in 200..r.t.len() - 200 {

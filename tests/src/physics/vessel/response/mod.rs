@@ -66,7 +66,7 @@ pub enum HullError {
     /// A file could not be read.
     #[error(
         "reading hull {path}: {source}; give twin-5m, mono-5m, work-12m or the path of a response table \
-         (CSV), with its places in a .toml of the same name beside it"
+         (CSV), with its places in a .toml of the same name next to it"
     )]
     Read {
         /// The file.
@@ -79,9 +79,9 @@ pub enum HullError {
     Row {
         /// The file.
         origin: String,
-        /// Its line, counted from 1.
+        /// Line of the table, counted from 1.
         line: usize,
-        /// What is wrong.
+        /// Fault of the line.
         message: String,
     },
     /// The places cannot be used.
@@ -89,7 +89,7 @@ pub enum HullError {
     Places {
         /// The file.
         origin: String,
-        /// What is wrong.
+        /// Fault of the places.
         message: String,
     },
 }
@@ -99,10 +99,10 @@ config! {
     pub struct HullConfig {
         /// twin-5m, mono-5m, work-12m, or the path of a response table (CSV).
         pub table: String = String::new();
-        /// Bow up at rest instead of what the hull's file says, deg.
+        /// Bow up at rest instead of the value in the hull's file, deg.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub trim_pitch_deg: Option<f64> = None, in -20.0..=20.0;
-        /// Starboard down at rest instead of what the hull's file says, deg.
+        /// Starboard down at rest instead of the value in the hull's file, deg.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub trim_roll_deg: Option<f64> = None, in -20.0..=20.0;
     }
@@ -126,7 +126,7 @@ pub struct HullFiles {
 }
 
 impl HullFiles {
-    /// A hull that comes with the program, or the table of that path with the .toml beside it.
+    /// A hull that comes with the program, or the table of that path with the .toml next to it.
     pub fn load(name: &str) -> Result<HullFiles, HullError> {
         if let Some((name, table, places)) = SUPPLIED.iter().find(|s| s.0 == name) {
             return Ok(HullFiles {
@@ -143,10 +143,10 @@ impl HullFiles {
                     source,
                 })
         };
-        let beside = path.with_extension("toml");
+        let sidecar = path.with_extension("toml");
         Ok(HullFiles {
             table: ResponseTable::parse(&read(path)?, name)?,
-            places: Places::parse(&read(&beside)?, &beside.display().to_string())?,
+            places: Places::parse(&read(&sidecar)?, &sidecar.display().to_string())?,
         })
     }
 }
@@ -162,7 +162,7 @@ struct Wave {
     k: Vector2<f64>,
     /// Phase at the origin at time zero, rad.
     phase: f64,
-    /// Where it runs to, clockwise from north, rad.
+    /// Direction towards which it runs, clockwise from north, rad.
     towards: f64,
     responses: ResponseAtFrequency,
 }
@@ -228,7 +228,7 @@ impl ResponseVessel {
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
-    /// Its autopilot steers to a set-point from `t` on; None: as its course has it.
+    /// Makes its autopilot steer to a set-point from `t` on; None: as its course has it.
     pub fn steer_to(&mut self, t: Time<TrueTime>, set_point: Option<SetPoint>) {
         self.path.steer_to(t.secs(), set_point);
     }

@@ -1,4 +1,4 @@
-//! Places on a vessel, as an installer measures them: deck, sensors, trim. One TOML file beside the
+//! Places on a vessel, as an installer measures them: deck, sensors, trim. One TOML file next to the
 //! response table.
 
 use alight_shared::config;
@@ -31,7 +31,7 @@ impl Place {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeckPlace {
-    /// Its centre, as of [`Place`].
+    /// Centre of the deck, as of [`Place`].
     pub forward_m: f64,
     /// As of [`Place`].
     pub right_m: f64,
@@ -57,7 +57,7 @@ pub struct Trim {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Places {
-    /// What she is.
+    /// Description of the vessel.
     pub description: String,
     /// The landing deck.
     pub deck: DeckPlace,
@@ -92,9 +92,9 @@ impl Places {
             .into_iter()
             .chain(of_place("antenna", &places.antenna))
             .chain(of_place("imu", &places.imu));
-        for (name, value, [least, most]) in all {
-            if !(least..=most).contains(&value) {
-                return Err(wrong(format!("{name} is {value}, allowed is {least} to {most}")));
+        for (name, value, [min, max]) in all {
+            if !(min..=max).contains(&value) {
+                return Err(wrong(format!("{name} is {value}, allowed is {min} to {max}")));
             }
         }
         Ok(places)

@@ -2,7 +2,7 @@
 //!
 //! Axes of the file: x forward, y to port, z up; the motion at the still water line amidships is
 //! `Re(H a exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. The direction is where the wave
-//! runs to, from the bow, counter-clockwise seen from above: 0 following, 90 from starboard to port, 180
+//! runs to, from the bow, counter-clockwise from above: 0 following, 90 from starboard to port, 180
 //! head sea. Waves to the other side are the mirror image: sway, roll and yaw change sign.
 
 use core::f64::consts::PI;
@@ -30,7 +30,7 @@ pub const COLUMNS: [&str; 14] = [
 ];
 /// Sign of each degree of freedom in the mirror image.
 const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-/// Greatest response of a degree of freedom, m/m or rad/m: beyond it a unit was mistaken (deg for rad).
+/// Maximum response of a degree of freedom, m/m or rad/m: beyond it a unit was mistaken (deg for rad).
 const MAX_RESPONSE: f64 = 20.0;
 /// Most rows.
 const MAX_ROWS: usize = 200_000;
@@ -215,13 +215,13 @@ fn numbers(row: &str) -> Result<[f64; 14], String> {
         *value = text
             .parse()
             .map_err(|_| format!("{name} is `{text}`, not a number"))?;
-        let [least, most] = match name {
+        let [min, max] = match name {
             "omega_radps" => [0.0, 100.0],
             "direction_deg" => [0.0, 180.0],
             _ => [-MAX_RESPONSE, MAX_RESPONSE],
         };
-        if !(least..=most).contains(value) {
-            return Err(format!("{name} is {text}, allowed is {least} to {most}"));
+        if !(min..=max).contains(value) {
+            return Err(format!("{name} is {text}, allowed is {min} to {max}"));
         }
     }
     match cells.count() {
@@ -237,7 +237,7 @@ pub struct ResponseAtFrequency {
 }
 
 impl ResponseAtFrequency {
-    /// The response to a wave that runs towards `direction` from the bow (rad, counter-clockwise seen from
+    /// The response to a wave that runs towards `direction` from the bow (rad, counter-clockwise from
     /// above, any turn): a cubic through the directions with the slopes of the neighbours (Catmull and Rom
     /// 1974), so that the motion of a turning vessel has a finite acceleration.
     pub fn towards(&self, direction: f64) -> Response {

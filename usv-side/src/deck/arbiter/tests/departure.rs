@@ -190,7 +190,7 @@ fn standing_clearance_of_two_drones() {
     assert!(!cleared(&rig), "closed once, it stands no more");
 }
 
-/// The first drone stands there with a standing clearance, and is seen so by these statuses.
+/// The first drone stands there with a standing clearance, as these statuses show.
 fn standing_with(config: &DeckConfig, inputs: DeckInputs) -> Rig {
     let mut rig = Rig::of(config, inputs);
     rig.run(&[(1, State::Landed)], 2.0);
@@ -199,7 +199,7 @@ fn standing_with(config: &DeckConfig, inputs: DeckInputs) -> Rig {
 }
 
 #[test]
-fn standing_clearance_that_nobody_remembers() {
+fn standing_clearance_that_was_forgotten() {
     let weighed = DeckConfig {
         occupancy_sensor: "weight".into(),
         ..DeckConfig::default()
@@ -229,7 +229,7 @@ fn standing_clearance_that_nobody_remembers() {
     assert!(rig.arbiter.take_off);
 }
 
-/// Somebody has been at the drone: its battery was changed, its computer started anew, or it was lifted.
+/// Somebody has been at the drone: its battery was changed, its computer restarted, or it was lifted.
 #[test]
 fn clearance_after_somebody_was_at_the_drone() {
     type Change = fn(&mut DroneStatus);
@@ -246,7 +246,7 @@ fn clearance_after_somebody_was_at_the_drone() {
     };
     assert_eq!(battery(1.0), (false, vec![(1, ClearanceEnd::Battery)]));
     assert_eq!(battery(0.9), (true, vec![]), "a gauge that recovers");
-    let anew: Change = |s| s.header.boot = 8;
+    let restarted: Change = |s| s.header.boot = 8;
     let silent = |change: Change| {
         let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
         for k in 0..6 {
@@ -258,7 +258,7 @@ fn clearance_after_somebody_was_at_the_drone() {
         }
         (rig.arbiter.take_off, rig.arbiter.ended_clearances())
     };
-    assert_eq!(silent(anew), (false, vec![(1, ClearanceEnd::Computer)]));
+    assert_eq!(silent(restarted), (false, vec![(1, ClearanceEnd::Computer)]));
     assert_eq!(silent(|_| ()), (true, vec![]));
     // A charger is slower.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());

@@ -1,0 +1,195 @@
+//! Configurations of the computers and of the simulated world in one live landing, written for their processes.
+
+use std::path::PathBuf;
+
+use alight_computer::config::camera::{CameraSource, UltravioletSource};
+use alight_computer::config::recorder::RecorderConfig;
+use alight_computer::config::supervision::Supervision;
+use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::exit::CliError;
+use alight_computer::process::instance::OwnedInstance;
+use alight_computer::process::supervisor::arguments;
+use alight_shared::config;
+use alight_shared::process::ProcessKind;
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::clocks::{ClockModel, Clocks};
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::radio::RadioConfig;
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_uav::computer;
+use alight_usv::helm::HelmConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
+
+use crate::live::air::RadioPath;
+use crate::live::args::LandArgs;
+use crate::live::boat;
+use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
+use crate::scene::Scene;
+
+/// The world's time zero lies this much in the future when the processes start, ns.
+const START_DELAY_NS: i64 = 1_500_000_000;
+
+/// The files of the computers, and the drone's clock.
+pub struct LandingSetup {
+    /// The radio between the computers.
+    pub air: RadioPath,
+    /// The vessel's computer.
+    pub vessel: VesselComputer,
+    /// The drone's computer.
+    pub drone: DroneComputer,
+    vessel_file: PathBuf,
+    /// File of the drone's computer.
+    pub drone_file: PathBuf,
+    world: PathBuf,
+    attachments: Attachments,
+    attachments_file: PathBuf,
+    /// Directory of the recording; None without one.
+    pub flight: Option<PathBuf>,
+    /// The drone's clock.
+    pub clock: ProcessClock,
+    /// Time before the order to land, s.
+    pub warm_up_s: f64,
+    /// Numbers of vessel and drone.
+    pub ids: (u32, u32),
+}
+
+impl LandingSetup {
+    /// Writes the files of a scene into the instance's directory.
+    pub fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
+        let epoch_ns = steady_ns() + START_DELAY_NS;
+        let streams = Streams::new(args.seed);
+        let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
+        let clock = |c: &ClockModel| ProcessClock {
+            epoch_ns,
+            offset_s: c.offset().secs(),
+            drift_ppm: c.drift() * 1e6,
+        };
+        let air = RadioPath::of(scene, args, owned, epoch_ns)?;
+        let mavlink = format!("127.0.0.1:{}", free_port()?);
+        let attachments = Attachments {
+            impairment: air.impairment.clone(),
+            baseline: scene.nodes.baseline,
+        };
+        let (own_helm, helm) = boat::simulated(&scene.nodes.vessel.helm)?;
+        let vessel = vessel_computer(scene, args, &air, clock(&clocks.vessel), own_helm);
+        let drone = drone_computer(scene, args, &air, clock(&clocks.drone), &mavlink);
+        let world = SimulatedWorld {
+            epoch_ns,
+            mavlink,
+            helm,
+            ..simulated_world(scene, args)?
+        };
+        Ok(LandingSetup {
+            air,
+            vessel_file: write(owned, "vessel.toml", &vessel)?,
+            drone_file: write(owned, "drone.toml", &drone)?,
+            world: write(owned, "world.toml", &world)?,
+            attachments_file: write(owned, "attachments.toml", &attachments)?,
+            attachments,
+            clock: drone.clock,
+            warm_up_s: scene.scenario.start.warm_up_s,
+            ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
+            // A recording is made of what the processes record, which without --log goes with the instance.
+            flight: match (&args.log, &args.record) {
+                (Some(flight), _) => Some(flight.clone()),
+                (None, Some(_)) => Some(owned.file("flight")),
+                (None, None) => None,
+            },
+            vessel,
+            drone,
+        })
+    }
+    /// The command of a process: as it flies, or attached.
+    pub fn arguments(&self, kind: ProcessKind) -> Vec<String> {
+        let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
+            &self.drone_file
+        } else if kind == ProcessKind::Vessel {
+            &self.vessel_file
+        } else {
+            &self.world
+        };
+        let attachable = [ProcessKind::Vessel, ProcessKind::Bridge, ProcessKind::Planner].contains(&kind);
+        if attachable && self.attachments != Attachments::default() {
+            attached(kind.name(), &self.attachments_file, config)
+        } else {
+            arguments(kind, config)
+        }
+    }
+}
+
+/// The vessel's computer of a scene.
+fn vessel_computer(
+    scene: &Scene,
+    args: &LandArgs,
+    air: &RadioPath,
+    clock: ProcessClock,
+    helm: HelmConfig,
+) -> VesselComputer {
+    let [tls, _] = air.tls.clone();
+    VesselComputer {
+        vessel_id: scene.nodes.bridge.vessel_id,
+        instance: args.instance.clone(),
+        clock,
+        radio: RadioConfig::listening(&air.listen, tls),
+        deck: DeckConfig::default(),
+        vessel: VesselNodeConfig {
+            helm,
+            ..scene.nodes.vessel.clone()
+        },
+        ..VesselComputer::default()
+    }
+}
+
+/// The drone's computer of a scene, whose simulated autopilot sends to `mavlink`.
+fn drone_computer(
+    scene: &Scene,
+    args: &LandArgs,
+    air: &RadioPath,
+    clock: ProcessClock,
+    mavlink: &str,
+) -> DroneComputer {
+    let [_, tls] = air.tls.clone();
+    DroneComputer {
+        instance: args.instance.clone(),
+        clock,
+        radio: RadioConfig::dialling(&air.dial, tls),
+        autopilot: AutopilotLinkConfig {
+            connect: args.connect.clone().unwrap_or(match args.flown_by() {
+                AutopilotKind::Internal => format!("udpin://{mavlink}"),
+                kind @ (AutopilotKind::Px4 | AutopilotKind::Ardupilot) => kind.connect().into(),
+            }),
+            // Whoever reaches a simulation may order what it does.
+            unsigned_orders: true,
+            ..scene.nodes.autopilot.clone()
+        },
+        bridge: scene.nodes.bridge.clone(),
+        camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
+        uvdar: UltravioletSource::default(),
+        supervision: Supervision::default(),
+        recorder: RecorderConfig::default(),
+        view: scene.view(),
+        drone: scene.nodes.settings(),
+    }
+}
+
+/// The simulated vehicles of a scene, without links and time zero.
+fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, CliError> {
+    Ok(SimulatedWorld {
+        instance: args.instance.clone(),
+        vessel_instance: args.instance.clone(),
+        seed: args.seed,
+        sea: scene.sea.clone(),
+        planner: scene.nodes.planner_name().into(),
+        truth: args.record.is_some(),
+        plot: args.plot.clone(),
+        autopilot: args.flown_by(),
+        firmware: match &args.firmware {
+            Some(path) => config::load(path)?,
+            None => FirmwareConfig::default(),
+        },
+        ground_station: args.ground_station.map(|a| a.to_string()),
+        scenario: scene.scenario.drawn(args.seed),
+        ..SimulatedWorld::default()
+    })
+}

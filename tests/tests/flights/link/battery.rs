@@ -1,0 +1,126 @@
+//! Batteries: what the link does below its reserve, and by the mission's choice.
+
+use super::BOTH;
+use super::config;
+use super::rig::LinkRig;
+use alight_shared::msg::{AutopilotMode, BatteryPlace, State};
+use alight_uav::autopilot::message::{CommandResult, command};
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{ControlAuthority, Diversion};
+
+#[test]
+fn battery_at_0_percent_and_without_a_gauge() {
+    let mut c = config();
+    c.battery.diversion = Diversion::None;
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
+    p.linked.autopilot.battery = 0.0;
+    p.run(4.0);
+    assert_eq!(p.state().battery, Some(0.0));
+    p.linked.autopilot.battery_reported = false;
+    p.run(4.0);
+    assert_eq!(p.state().battery, None);
+}
+
+#[test]
+fn battery_reserve_diversions() {
+    for (firmware, to, mode) in [
+        (Firmware::Px4, Diversion::Return, AutopilotMode::Return),
+        (Firmware::Px4, Diversion::Land, AutopilotMode::Land),
+        (Firmware::ArduCopter, Diversion::Return, AutopilotMode::Return),
+        (Firmware::ArduCopter, Diversion::Land, AutopilotMode::Land),
+    ] {
+        let mut c = config();
+        c.battery.diversion = to;
+        let mut p = LinkRig::commanding(firmware, 5.0, &c);
+        p.mission = State::Tracking;
+        p.linked.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert_eq!(p.mode(), mode);
+        assert_eq!(p.commands_of(command::SET_MODE).len(), 1);
+        let at = p.t_s;
+        p.run(10.0);
+        assert_eq!(p.sent_since(at), 0);
+    }
+    let mut none = config();
+    none.battery.diversion = Diversion::None;
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
+    p.linked.autopilot.battery = 0.05;
+    p.run(10.0);
+    assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
+}
+
+#[test]
+fn low_battery_return_and_landing() {
+    for (place, mode) in [
+        (BatteryPlace::Home, AutopilotMode::Return),
+        (BatteryPlace::Here, AutopilotMode::Land),
+        (BatteryPlace::Deck, AutopilotMode::Offboard),
+    ] {
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+        p.mission = State::GaveUp;
+        // Below the mission's reserve, then for the deck below the link's own.
+        p.linked.autopilot.battery = 0.15;
+        p.run(1.0);
+        p.assert_commanding();
+        p.low_battery = Some(place);
+        p.run(1.0);
+        assert_eq!(p.mode(), mode, "{place:?}");
+        p.linked.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert_eq!(p.mode(), mode, "{place:?}");
+    }
+}
+
+/// A gauge that steps below the last reserve: the mission, which counts what has lasted, chooses before the link does.
+#[test]
+fn diversion_after_the_mission_has_counted() {
+    for firmware in BOTH {
+        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        p.mission = State::Tracking;
+        p.counted = Some(0.6);
+        p.linked.autopilot.battery = 0.08;
+        p.run(5.5);
+        p.assert_commanding();
+        p.counted = Some(0.08);
+        p.low_battery = Some(BatteryPlace::Deck);
+        p.run(10.0);
+        p.assert_commanding();
+        // One that has counted it and chooses nothing, and one that never counts it.
+        p.low_battery = None;
+        p.run(4.0);
+        assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
+    }
+    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    p.counted = Some(0.6);
+    p.linked.autopilot.battery = 0.08;
+    p.run(70.0);
+    assert_eq!(p.mode(), AutopilotMode::Return);
+}
+
+#[test]
+fn denied_diversion_attempts() {
+    let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
+    p.linked.autopilot.battery = 0.05;
+    p.linked.autopilot.answer = Some(CommandResult::Denied);
+    p.run(20.0);
+    assert_eq!(p.commands_of(command::SET_MODE).len(), 3);
+    assert_eq!(p.sent_since(p.t_s - 10.0), 0);
+    assert_eq!(p.authority(), ControlAuthority::Diverted(Diversion::Return));
+}
+
+#[test]
+fn battery_reserve_in_descent_and_flare() {
+    for state in [State::Descent, State::Flare] {
+        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+        p.mission = state;
+        p.linked.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        // Nor while the pilot goes on without the mission.
+        p.mission_silent = true;
+        p.run(3.0);
+        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        p.run(2.0);
+        assert!(!p.commands_of(command::SET_MODE).is_empty());
+    }
+}

@@ -1,0 +1,102 @@
+//! Parameters of the autopilot that the link checks.
+
+use super::config;
+use super::rig::LinkRig;
+use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
+
+#[test]
+fn ardu_copter_without_the_thrust_option() {
+    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
+    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
+    p.run(5.0);
+    assert_eq!(p.authority(), ControlAuthority::OptionMissing);
+    assert!(
+        p.texts.iter().any(|t| t.contains("GUID_OPTIONS bit 3")),
+        "{:?}",
+        p.texts
+    );
+    p.choose(AutopilotMode::Offboard);
+    p.run(2.0);
+    assert!(p.sent.is_empty());
+    // The mission does not have the drone.
+    assert_eq!(p.state().mode, AutopilotMode::Other);
+    // The person sets it.
+    p.linked.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
+    p.run(2.0);
+    p.assert_commanding();
+}
+
+#[test]
+fn unsuitable_parameters_until_set() {
+    for (firmware, name, wrong, good) in [
+        (Firmware::Px4, "COM_OF_LOSS_T", 1.0, 0.25),
+        (Firmware::Px4, "COM_OBL_RC_ACT", 0.0, 5.0),
+        (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
+        (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
+    ] {
+        let mut p = LinkRig::new(firmware, 5.0, &config());
+        p.linked.autopilot.parameters.insert(name, wrong);
+        p.run(3.0);
+        let why = p.state().rejection;
+        assert_eq!(why.code, ReasonCode::AutopilotParameter, "{firmware:?}: {why}");
+        let text = format!("{name} is {wrong}");
+        assert!(why.to_string().starts_with(&text), "{firmware:?}: {why}");
+        assert_eq!(
+            p.texts.iter().filter(|t| t.contains(&text)).count(),
+            1,
+            "{:?}",
+            p.texts
+        );
+        // Who commands does not depend on it: a descent under way goes on.
+        p.give_the_mode();
+        p.run(1.0);
+        p.assert_commanding();
+        p.linked.autopilot.parameters.insert(name, good);
+        p.run(1.5);
+        assert_eq!(p.state().rejection, Reason::default(), "{firmware:?}");
+        // It was not saved.
+        p.linked.autopilot.parameters.insert(name, wrong);
+        p.linked.autopilot.restart();
+        p.run(5.0);
+        assert_eq!(p.state().rejection, why, "{firmware:?}");
+    }
+}
+
+#[test]
+fn missing_parameter_and_disabled_check() {
+    for check_parameters in [true, false] {
+        let c = AutopilotLinkConfig {
+            check_parameters,
+            ..config()
+        };
+        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
+        p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
+        p.run(8.0);
+        assert!(
+            p.texts.iter().any(|t| t.contains("MPC_ACC_UP_MAX")),
+            "{:?}",
+            p.texts
+        );
+        let why = p.state().rejection;
+        assert_eq!(
+            why.to_string().contains("has not reported MPC_ACC_UP_MAX"),
+            check_parameters,
+            "{why}"
+        );
+    }
+}
+
+#[test]
+fn parameter_with_a_warning() {
+    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
+    p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
+    p.run(3.0);
+    assert_eq!(p.state().rejection, Reason::default());
+    assert!(
+        p.texts.iter().any(|t| t.contains("MC_AIRMODE is 0")),
+        "{:?}",
+        p.texts
+    );
+}

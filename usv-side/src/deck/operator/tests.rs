@@ -1,0 +1,338 @@
+//! Tests of the operator relay.
+
+use super::*;
+use alight_shared::msg::{Reason, ReasonCode, State};
+
+fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
+    OperatorCommand {
+        header: Header::new(1, drone, 5, sequence, Time::EPOCH),
+        kind,
+    }
+}
+fn status(state: State, waiting: ReasonCode) -> DroneStatus {
+    DroneStatus {
+        header: Header::new(1, 3, 1, 1, Time::EPOCH),
+        state,
+        waiting: Reason::plain(waiting),
+        ..DroneStatus::default()
+    }
+}
+
+/// A status of a mission that has received the newest repetition.
+fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
+    Some(DroneStatus {
+        abort: Some([relay.boot, relay.sequence]),
+        ..status(State::GaveUp, ReasonCode::NotCommanded)
+    })
+}
+
+/// The relay of the vessel's next process at `t_s`, with what this one leaves, and what it sends at once.
+fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
+    let mut relay = OperatorRelay::new(1, before.boot + 1);
+    let input = OperatorIn {
+        given: before.given(),
+        ..OperatorIn::default()
+    };
+    let out = relay.step(Time::from_secs(t_s), &input);
+    (relay, out)
+}
+
+/// Steps the relay with at most one command and one status.
+fn step(
+    relay: &mut OperatorRelay,
+    t_s: f64,
+    command: Option<OperatorCommand<VesselClock>>,
+    status: Option<DroneStatus>,
+) -> (bool, Vec<CommandKind>) {
+    let input = OperatorIn {
+        commands: command.into_iter().collect(),
+        statuses: status.into_iter().collect(),
+        ..OperatorIn::default()
+    };
+    let out = relay.step(Time::from_secs(t_s), &input);
+    let sent = out.commands.iter().map(|c| c.kind).collect();
+    (!out.accepted.is_empty(), sent)
+}
+
+#[test]
+fn relayed_command_until_acknowledged() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let land = Some(command(1, 3, CommandKind::Land));
+    let idle = Some(status(State::Idle, ReasonCode::NotCommanded));
+    let (accepted, sent) = step(&mut relay, 1.0, land, idle);
+    assert!(accepted && sent.len() == 1);
+    assert!(!step(&mut relay, 1.1, land, None).0, "a repetition");
+    let sent: usize = (11..30)
+        .map(|k| step(&mut relay, f64::from(k) * 0.1, None, idle).1.len())
+        .sum();
+    assert_eq!(sent, 3);
+    // It climbs for another order, as far as is known.
+    let climbing = status(State::GetAltitude, ReasonCode::TooFar);
+    assert_eq!(step(&mut relay, 3.0, None, Some(climbing)).1, [CommandKind::Land]);
+    let climbing = Some(DroneStatus {
+        order: Some([relay.boot, relay.sequence]),
+        ..climbing
+    });
+    assert!(step(&mut relay, 3.5, None, climbing).1.is_empty());
+    assert!(step(&mut relay, 4.0, None, None).1.is_empty());
+    assert_eq!(relay.rejected().total(), 0);
+}
+
+/// Receipts for operators in a step: boot, sequence and progress.
+fn receipts(
+    relay: &mut OperatorRelay,
+    t_s: f64,
+    command: Option<OperatorCommand<VesselClock>>,
+    status: Option<DroneStatus>,
+) -> Vec<(u32, u32, CommandProgress)> {
+    let input = OperatorIn {
+        commands: command.into_iter().collect(),
+        statuses: status.into_iter().collect(),
+        ..OperatorIn::default()
+    };
+    let out = relay.step(Time::from_secs(t_s), &input);
+    assert!(
+        out.receipts
+            .iter()
+            .all(|r| r.header.vessel == 1 && r.header.drone == 3)
+    );
+    let reported = out
+        .receipts
+        .iter()
+        .map(|r| (r.operator[0], r.operator[1], r.progress));
+    reported.collect()
+}
+
+#[test]
+fn receipts_of_a_command_in_every_progress() {
+    use CommandProgress::{Forbidden, GivenUp, Pending, Replaced, Taken, Unknown};
+    let mut relay = OperatorRelay::new(1, 9);
+    let of = |sequence, kind| Some(command(sequence, 3, kind));
+    let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+    // A drone that gave up before is no answer to an abort.
+    let abort = of(1, CommandKind::Abort);
+    assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
+    assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
+    // Each repetition by the terminal is answered.
+    assert_eq!(receipts(&mut relay, 1.5, abort, gave_up), [(5, 1, Pending)]);
+    assert_eq!(
+        receipts(&mut relay, 1.6, of(2, CommandKind::Land), None),
+        [(5, 2, Forbidden)]
+    );
+    let over = echo(&relay);
+    assert_eq!(receipts(&mut relay, 2.0, None, over), [(5, 1, Taken)]);
+    assert_eq!(receipts(&mut relay, 2.5, abort, None), [(5, 1, Taken)]);
+    assert_eq!(
+        receipts(&mut relay, 4.0, of(3, CommandKind::Land), None),
+        [(5, 3, Pending)]
+    );
+    let hold = of(4, CommandKind::Hold);
+    assert_eq!(
+        receipts(&mut relay, 4.5, hold, None),
+        [(5, 3, Replaced), (5, 4, Pending)]
+    );
+    assert_eq!(receipts(&mut relay, 14.6, None, None), [(5, 4, GivenUp)]);
+    // An abort that is pending stays so through a restart; of the others the next process knows no more.
+    assert_eq!(
+        receipts(&mut relay, 15.0, of(5, CommandKind::Abort), None),
+        [(5, 5, Pending)]
+    );
+    let (mut relay, _) = restarted(&relay, 16.0);
+    assert_eq!(
+        receipts(&mut relay, 16.5, of(5, CommandKind::Abort), None),
+        [(5, 5, Pending)]
+    );
+    assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
+    // What the drone acknowledges and rejects is not repeated.
+    let mut relay = OperatorRelay::new(1, 9);
+    let ready = of(1, CommandKind::Ready);
+    assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
+    let rejected = DroneStatus {
+        order: Some([relay.boot, relay.sequence]),
+        rejected: Some(ReasonCode::SortiesDone.into()),
+        ..status(State::Landed, ReasonCode::NotReady)
+    };
+    assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
+    // So is an abort that the drone receives and does not carry out, unless a newer order is what it rejects.
+    for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
+        let mut relay = OperatorRelay::new(1, 9);
+        receipts(&mut relay, 1.0, abort, None);
+        let rejected = DroneStatus {
+            order,
+            rejected: Some(ReasonCode::NotInControl.into()),
+            ..echo(&relay).unwrap()
+        };
+        assert_eq!(
+            receipts(&mut relay, 1.5, None, Some(rejected)),
+            [(5, 1, progress)]
+        );
+    }
+}
+
+#[test]
+fn relayed_commands_behind_an_abort() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let [land, abort, again, last] = [
+        (1, CommandKind::Land),
+        (2, CommandKind::Abort),
+        (3, CommandKind::Land),
+        (4, CommandKind::Land),
+    ]
+    .map(|(sequence, kind)| Some(command(sequence, 3, kind)));
+    assert_eq!(step(&mut relay, 1.0, land, None), (true, vec![CommandKind::Land]));
+    assert_eq!(
+        step(&mut relay, 1.2, abort, None),
+        (true, vec![CommandKind::Abort])
+    );
+    assert!(!step(&mut relay, 1.3, again, None).0);
+    let descent = Some(status(State::Descent, ReasonCode::TooFar));
+    assert_eq!(step(&mut relay, 1.8, None, descent).1, [CommandKind::Abort]);
+    // It gave up before, as a status shows that was under way.
+    let before = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+    assert_eq!(step(&mut relay, 2.3, None, before).1, [CommandKind::Abort]);
+    let over = echo(&relay);
+    assert!(step(&mut relay, 2.4, None, over).1.is_empty());
+    assert!(step(&mut relay, 2.5, last, None).0);
+    assert_eq!(relay.rejected().total(), 1);
+}
+
+#[test]
+fn landing_ordered_unaware_of_an_abort() {
+    let of = |boot: u32, sequence: u32, kind: CommandKind| {
+        let mut c = command(sequence, 3, kind);
+        c.header.boot = boot;
+        Some(c)
+    };
+    let mut relay = OperatorRelay::new(1, 9);
+    let before = of(6, 1, CommandKind::Land);
+    assert!(step(&mut relay, 1.0, before, None).0);
+    assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
+    let meanwhile = of(7, 1, CommandKind::Land);
+    assert!(!step(&mut relay, 2.1, meanwhile, None).0);
+    let over = echo(&relay);
+    assert!(step(&mut relay, 2.4, None, over).1.is_empty());
+    let just_after = of(8, 1, CommandKind::Land);
+    assert!(!step(&mut relay, 2.9, just_after, None).0);
+    assert_eq!(relay.rejected().total(), 2);
+    // Their terminals repeat them, also to the vessel's next process.
+    for k in 0..24 {
+        if k == 12 {
+            relay = restarted(&relay, 8.9).0;
+        }
+        for repeated in [before, meanwhile, just_after] {
+            let (accepted, sent) = step(&mut relay, 3.0 + 0.5 * f64::from(k), repeated, None);
+            assert!(!accepted && sent.is_empty(), "{repeated:?}");
+        }
+    }
+    assert!(step(&mut relay, 15.0, of(7, 2, CommandKind::Land), None).0);
+    assert!(!step(&mut relay, 15.5, meanwhile, None).0);
+}
+
+#[test]
+fn relay_time_limit_and_foreign_commands() {
+    let mut relay = OperatorRelay::new(1, 9);
+    assert!(!step(&mut relay, 1.0, Some(command(1, 0, CommandKind::Abort)), None).0);
+    let mut other = command(2, 3, CommandKind::Abort);
+    other.header.vessel = 2;
+    assert!(!step(&mut relay, 1.0, Some(other), None).0);
+    assert_eq!(relay.rejected().total(), 2);
+    let hold = command(3, 3, CommandKind::Hold);
+    let sent: usize = (0..100)
+        .map(|k| {
+            let given = (k == 0).then_some(hold);
+            step(&mut relay, 1.0 + f64::from(k) * 0.5, given, None).1.len()
+        })
+        .sum();
+    assert_eq!(sent, 21);
+}
+
+#[test]
+fn relayed_abort_after_a_restart() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let abort = Some(command(1, 3, CommandKind::Abort));
+    assert!(step(&mut relay, 1.0, abort, None).0);
+    let sent: usize = (1..1200)
+        .map(|k| step(&mut relay, 1.0 + f64::from(k) * 0.5, None, None).1.len())
+        .sum();
+    assert_eq!(sent, 1199, "ten minutes without a radio");
+    assert_eq!(relay.unacknowledged().collect::<Vec<_>>(), [3]);
+    // The vessel's process is restarted, then once more with its computer, whose clock begins at zero.
+    for (t_s, given_s) in [(700.0, 1.0), (0.5, 0.5)] {
+        let (mut relay, out) = restarted(&relay, t_s);
+        assert_eq!(out.commands.len(), 1);
+        assert_eq!(out.commands[0].kind, CommandKind::Abort);
+        assert_eq!(out.commands[0].header.at, Time::from_secs(given_s));
+        let land = Some(command(2, 3, CommandKind::Land));
+        assert!(!step(&mut relay, t_s + 0.1, land, None).0);
+        let over = echo(&relay);
+        assert!(step(&mut relay, t_s + 0.6, None, over).1.is_empty());
+        assert_eq!(relay.unacknowledged().count(), 0);
+    }
+}
+
+/// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not show.
+#[test]
+fn hold_while_the_drone_climbs_out() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let climbs = status(State::ClimbOut, ReasonCode::OffHeight);
+    let hold = Some(command(1, 3, CommandKind::Hold));
+    assert!(step(&mut relay, 1.0, hold, Some(climbs)).0);
+    assert_eq!(step(&mut relay, 1.6, None, Some(climbs)).1, [CommandKind::Hold]);
+    let echoed = DroneStatus {
+        order: Some([9, 2]),
+        ..climbs
+    };
+    assert!(step(&mut relay, 2.2, None, Some(echoed)).1.is_empty());
+}
+
+#[test]
+fn relayed_command_time() {
+    let mut relay = OperatorRelay::new(1, 4);
+    let mut given = Vec::new();
+    for k in 0..20 {
+        let land = (k == 0).then(|| command(1, 3, CommandKind::Land));
+        let input = OperatorIn {
+            commands: land.into_iter().collect(),
+            ..OperatorIn::default()
+        };
+        let out = relay.step(Time::from_secs(1.0 + 0.1 * f64::from(k)), &input);
+        given.extend(out.commands.iter().map(|c| (c.header.at, c.header.sequence)));
+    }
+    let at = Time::from_secs(1.0);
+    assert_eq!(given, [(at, 1), (at, 2), (at, 3), (at, 4)]);
+}
+
+/// A terminal repeats its landing while the vessel's process is restarted, and the pilot aborts it on the drone.
+#[test]
+fn relayed_command_time_after_a_restart() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let land = Some(command(1, 3, CommandKind::Land));
+    assert!(step(&mut relay, 1.0, land, None).0);
+    let (mut relay, out) = restarted(&relay, 3.0);
+    assert_eq!(out.commands[0].header.at, Time::from_secs(1.0));
+    assert_eq!(step(&mut relay, 3.1, land, None), (false, vec![]));
+    let sent: usize = (0..20)
+        .map(|k| step(&mut relay, 3.2 + 0.5 * f64::from(k), land, None).1.len())
+        .sum();
+    assert_eq!(sent, 15, "10 s after it was given");
+    assert!(step(&mut relay, 14.0, Some(command(2, 3, CommandKind::Land)), None).0);
+    // A restarted computer does not know any more when it was given: no landing goes on from there.
+    let (mut relay, out) = restarted(&relay, 0.5);
+    assert!(out.commands.is_empty());
+    assert!(!step(&mut relay, 1.0, Some(command(2, 3, CommandKind::Land)), None).0);
+}
+
+#[test]
+fn replaced_command() {
+    let mut relay = OperatorRelay::new(1, 9);
+    let [land, mut hold] = [CommandKind::Land, CommandKind::Hold].map(|kind| command(1, 3, kind));
+    hold.header.boot = 6;
+    assert!(step(&mut relay, 1.0, Some(land), None).0);
+    assert_eq!(
+        step(&mut relay, 1.2, Some(hold), None),
+        (true, vec![CommandKind::Hold])
+    );
+    // The first operator's terminal repeats its own.
+    assert!(!step(&mut relay, 1.5, Some(land), None).0);
+    assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
+}
