@@ -60,7 +60,10 @@ config! {
         /// No descent begins that succeeds with less than this probability: speed and angle of the contact,
         /// four feet on the deck, and staying there.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
-        /// What a minute of waiting above the deck costs, as a probability: the more, the sooner a descent begins that is
+        /// No descent begins whose contact is unsafe with more than this probability: too hard, too fast along the deck, too
+        /// tilted, or with a foot over an edge. A refused landing costs a minute, an unsafe one the drone.
+        pub max_harm: f64 = 0.01, in 0.0..=1.0;
+        /// Cost of a minute of waiting above the deck, as a probability: the more, the sooner a descent begins that is
         /// likely enough, and the less it waits for the calm between two groups of waves.
         /// Chosen: a battery that lasts ten minutes above the deck.
         pub waiting_cost_per_min: f64 = alight_shared::landing::WAITING_COST_PER_MIN, in 0.0..=10.0;

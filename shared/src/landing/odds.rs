@@ -52,6 +52,17 @@ impl Odds {
         let p: f64 = self.each().iter().map(|(_, p)| *p).product();
         if p.is_finite() { p.min(MAX_ODDS) } else { 0.0 }
     }
+    /// The probability of an unsafe contact: too hard, too fast along the deck, too tilted, or with a foot over an edge; 1 where
+    /// a value is not finite. A slide at rest is no contact.
+    pub fn harm(&self) -> f64 {
+        let safe = self.hard * self.fast * self.tilted * self.outside;
+        if safe.is_finite() { 1.0 - safe } else { 1.0 }
+    }
+    /// Why an unsafe contact is likelier than `max`.
+    pub fn harmful(&self, max: f64) -> Option<Reason> {
+        let harm = self.harm();
+        (harm > max).then_some(Reason::new(ReasonCode::HarmLikely, harm, max))
+    }
     /// Why it is not likely enough: the number and the limit that costs most of it.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();

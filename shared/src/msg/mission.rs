@@ -339,6 +339,8 @@ pub struct MissionState {
     pub battery_reserve: f64,
     /// Probability that a landing from here succeeds, 0 to 1; None while that is not known.
     pub likelihood: Option<f64>,
+    /// Probability that the contact of a landing from here is unsafe, 0 to 1; None while that is not known.
+    pub harm: Option<f64>,
     /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
     pub wind: Option<[f64; 2]>,
     /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
@@ -775,6 +777,7 @@ message!(MissionState, DroneClock, |m| {
     m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     (0.0..=1e3).contains(&m.battery_reserve) => "battery_reserve",
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
+    m.harm.is_none_or(|p| FRACTION.contains(&p)) => "harm",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     m.wind_sd_mps.is_none_or(|sd| (0.0..=MAX_SPEED_MPS).contains(&sd)) => "wind_sd_mps",

@@ -270,6 +270,8 @@ pub enum ReasonCode {
     MayFly,
     /// The mission stood still for too long and begins again: feet above the deck, m, and how long it stood still, s.
     StoodStill,
+    /// An unsafe contact is too likely: its probability.
+    HarmLikely,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -599,6 +601,12 @@ impl fmt::Display for Reason {
             ReasonCode::LikelyBeside => likely(f, "it may miss the deck's middle"),
             ReasonCode::LikelySlides => likely(f, "slope and wind may move it off"),
             ReasonCode::TurnTooFast => likely(f, "the vessel turns"),
+            ReasonCode::HarmLikely => write!(
+                f,
+                "an unsafe contact is {:.1} % likely (limit {:.1})",
+                v * 100.0,
+                l * 100.0
+            ),
             ReasonCode::FalseTouchdown => {
                 write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
             }

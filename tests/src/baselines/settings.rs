@@ -40,6 +40,7 @@ impl Baseline {
                 descent_timeout_s: WAITING_S,
                 flare_timeout_s: WAITING_S,
                 min_probability: 0.0,
+                max_harm: 1.0,
                 // It has no vessel that reports the deck's apparent slope.
                 friction: 2.0,
                 ..base

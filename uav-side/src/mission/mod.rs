@@ -778,6 +778,7 @@ impl Mission {
                 Some(moments) => Some(moments.now.whole()),
                 None => s.odds.map(|o| o.whole()),
             },
+            harm: s.odds.filter(|_| s.lift_off.is_none()).map(|o| o.harm()),
             wind: wind.map(|(wind, _)| wind.into()),
             wind_sd_mps: wind.map(|(_, sd)| sd),
             meets: self.meets,

@@ -295,14 +295,16 @@ fn widening(progress: &Progress) -> f64 {
     if progress.is_urgent() { WIDER } else { 1.0 }
 }
 
-/// Why the landing is not as likely to succeed as is `needed`; an empty battery leaves no other place.
-fn unlikely(progress: &Progress, s: &Situation, needed: f64) -> Option<Reason> {
+/// Why the landing is not as likely to succeed as is `needed`, or its contact likelier to be unsafe than `max_harm`; an empty
+/// battery leaves no other place.
+fn unlikely(progress: &Progress, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if progress.is_urgent() || s.forced_descent.is_some() {
         return None;
     }
     // Of what is not known no landing is likely.
     let unknown = Reason::new(ReasonCode::LikelyBeside, 0.0, needed);
-    s.odds.map_or(Some(unknown), |odds| odds.below(needed))
+    let why = |odds: Odds| odds.below(needed).or_else(|| odds.harmful(max_harm));
+    s.odds.map_or(Some(unknown), why)
 }
 
 /// Tracking: until stably above the deck.
@@ -360,7 +362,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
             .or_else(|| (!deck.identified).then(|| NotIdentified.into()))
             .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))
-            .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability)))
+            .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability), c.max_harm))
     });
     let early = s.forced_descent.filter(|at| s.now < *at);
     if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
@@ -448,7 +450,7 @@ fn violation(
         .or_else(|| deck.infeasible(c, WIDER * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
         .or_else(|| contradicted(deck, progress))
-        .or_else(|| unlikely(progress, s, needed))
+        .or_else(|| unlikely(progress, s, needed, c.max_harm + REPEAT_RISK))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 

@@ -2,11 +2,12 @@
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckGrantStale,
-    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, Glare, HeightReached, InSight,
-    Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, Missed,
-    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
-    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TiltExcess, TooDark, TooFar,
-    TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, Glare, HarmLikely,
+    HeightReached, InSight, Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides,
+    LikelyTilted, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady,
+    OffHeight, OriginMoved, Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight,
+    TiltExcess, TooDark, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns,
+    VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CameraLight, Course, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -444,6 +445,7 @@ fn reasons_not_to_descend() {
     let rows = [
         (with_deck(|d| d.vision_age_s = 1.5), stays(VisionLost)),
         (with_odds(|p| p.hard = 0.94), stays(LikelyHard)),
+        (with_odds(|p| p.hard = 0.98), stays(HarmLikely)),
         (with_odds(|p| p.fast = 0.9), stays(LikelyFast)),
         (with_odds(|p| (p.fast, p.turns) = (0.9, true)), stays(TurnTooFast)),
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
@@ -491,6 +493,7 @@ fn descent_with_a_lasting_violation() {
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
         (with_odds(|p| p.tilted = 0.85), LikelyTilted),
+        (with_odds(|p| p.hard = 0.96), HarmLikely),
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
         (with(|s| s.swing_rad = 0.2), Swings),

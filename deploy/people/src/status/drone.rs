@@ -262,7 +262,8 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
             .and_then(|m| mode(m, s.snapshot.autopilot.as_ref()))
             .map(|f| f.stale(s.snapshot.mission.is_old(s.now_ns))),
     );
-    let advice = s.seen.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    all.extend(likelihood(s));
+    let advice = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
     all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
     all.extend(s.snapshot.response.as_ref().map(response));
     all.extend(processes(s));
@@ -413,6 +414,16 @@ fn autopilot(s: &Situation) -> Figure {
     let armed = if armed { "armed" } else { "disarmed" };
     let old = s.snapshot.autopilot.is_old(s.now_ns);
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
+}
+
+/// Probability that a landing from here succeeds, and that its contact is unsafe.
+fn likelihood(s: &Situation) -> Option<Figure> {
+    let m = (*s.snapshot.mission)?;
+    let value = format!("{:.0} %", (100.0 * m.likelihood?).floor());
+    let note = m
+        .harm
+        .map_or(String::new(), |p| format!("unsafe contact {:.1} %", 100.0 * p));
+    Some(Figure::of("likelihood", value, note).stale(s.snapshot.mission.is_old(s.now_ns)))
 }
 
 /// When the plan touches down.

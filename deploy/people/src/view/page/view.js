@@ -86,20 +86,17 @@ function showState(state) {
 
 // ---- figures ----
 
-const percent = (p) => `${Math.floor(100 * p)} %`;
 const unknown = (name) => ({ name, value: null, note: "", level: "fine", stale: false });
 const figure = (name) => picture.figures.find((f) => f.name === name) || unknown(name);
 const short = (f, parts) => ({ ...f, note: f.note.split(", ").slice(0, parts).join(", ").replace(/ \(.*\)$/, "") });
 
 function droneTiles() {
-  const { mission, state } = picture;
   const battery = figure("battery");
   const notes = battery.note.split(", ");
-  const likely = mission && typeof mission.likelihood === "number" ? percent(mission.likelihood) : null;
   return [
     { ...battery, note: notes.find((n) => n.startsWith("turns back")) || notes[0], is: "keep" },
     short(figure("link"), 1),
-    { ...unknown("likelihood"), value: likely, note: "of a landing from here", stale: !!state && state.stale },
+    figure("likelihood"),
     short(figure("touchdown"), 1),
     figure("deck"),
     short(figure("wind"), 1),
