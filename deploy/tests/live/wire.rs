@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::admission::Sender;
-use alight_shared::topics;
+use alight_shared::topics::{self, Topic};
 use alight_transport::Received;
 use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
 use zenoh::Wait;
@@ -121,7 +121,7 @@ fn foreign_program_on_the_radio() {
     assert_eq!(schema, topics::WAVE.described());
     assert!(answers(&unauthorised, "alight/vessel-1/@schema/estimate").is_empty());
     // It asks for the newest, which was published before it came.
-    let encoding = format!("application/octet-stream;{}", topics::WAVE.encoding_schema());
+    let encoding = format!("application/octet-stream;{}", Topic::encoding_schema());
     let newest = answers(&unauthorised, WAVE);
     assert_eq!(
         (newest.len(), &newest[0].payload().to_bytes()[..]),
@@ -147,7 +147,7 @@ fn foreign_program_on_the_radio() {
     assert_eq!(received.expect("received").encoding().to_string(), encoding);
     assert_eq!(
         vessel.flows()[0].bytes / vessel.flows()[0].messages,
-        148 + topics::WAVE.encoding_schema().len() as u64
+        148 + Topic::encoding_schema().len() as u64
     );
 }
 

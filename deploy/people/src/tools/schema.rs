@@ -96,7 +96,7 @@ fn fields(topic: &Topic) -> String {
     if topic.medium == Medium::Radio {
         lines.push(format!(
             "encoding: application/octet-stream;{}",
-            topic.encoding_schema()
+            Topic::encoding_schema()
         ));
     }
     for f in &fields {

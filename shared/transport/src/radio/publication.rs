@@ -57,11 +57,11 @@ impl Publication {
             held: None,
         }
     }
-    /// With the messages of this topic: their encoding names the type and its version, and their schema can be asked for.
+    /// With the messages of this topic: their encoding names the version, and their schema can be asked for.
     pub fn of(self, topic: &'static Topic) -> Publication {
         Publication {
             topic: Some(topic),
-            overhead: HEADER_BYTES + topic.encoding_schema().len() as u64,
+            overhead: HEADER_BYTES + Topic::encoding_schema().len() as u64,
             ..self
         }
     }
@@ -71,7 +71,7 @@ impl Publication {
         Publication { held, ..self }
     }
     pub(super) fn encoding(&self) -> Encoding {
-        let schema = self.topic.map(Topic::encoding_schema);
+        let schema = self.topic.map(|_| Topic::encoding_schema());
         schema.map_or_else(Encoding::default, |s| {
             Encoding::APPLICATION_OCTET_STREAM.with_schema(s)
         })
