@@ -39,13 +39,20 @@ pub const PROCESS: Topic = Topic {
     schema: schema::of::<crate::process::ProcessState>,
 };
 
-/// Reports of the vessel's process about itself, which it broadcasts for its drones, under its own name.
+/// Reports of the vessel's process about itself, which it broadcasts for its drones, under its own name. While the link is
+/// congested they come half as often.
 pub const VESSEL_PROCESS: Topic = Topic {
     name: "process",
     medium: Medium::Radio,
+    rate_hz: 1.0,
     bytes: crate::wire::MAX_WIRE_BYTES,
+    stale_after: Span::from_millis(6000),
     ..PROCESS
 };
+/// The topic of a process's reports: of one of this computer, or of the vessel's `by_radio`.
+pub const fn process_reports(by_radio: bool) -> &'static Topic {
+    if by_radio { &VESSEL_PROCESS } else { &PROCESS }
+}
 
 /// A topic.
 #[derive(Clone, Copy, Debug)]

@@ -79,10 +79,12 @@ impl Situation {
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
         self.snapshot.processes.get(&kind)
     }
-    /// Whether that process reports.
+    /// Whether that process reports. A vessel's does so less often by radio.
     pub fn reports(&self, kind: ProcessKind) -> bool {
+        let by_radio = kind == ProcessKind::Vessel && !self.known.processes.contains(&kind);
+        let stale_s = topics::process_reports(by_radio).stale_after.secs();
         self.process(kind)
-            .is_some_and(|p| self.since_s(p.at_ns) <= topics::PROCESS.stale_after.secs())
+            .is_some_and(|p| self.since_s(p.at_ns) <= stale_s)
     }
     /// Whether every process has had the time to report.
     pub fn has_waited(&self) -> bool {

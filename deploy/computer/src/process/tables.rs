@@ -17,7 +17,8 @@ impl Snapshot {
         for (kind, p) in &self.processes {
             let up_s = (p.at_ns - p.began_ns) as f64 * 1e-9;
             let old_s = (now_ns - p.at_ns) as f64 * 1e-9;
-            let silent = old_s > topics::PROCESS.stale_after.secs();
+            let by_radio = *kind == ProcessKind::Vessel && self.processes.contains_key(&ProcessKind::Bridge);
+            let silent = old_s > topics::process_reports(by_radio).stale_after.secs();
             table.row(cells![
                 kind.name(),
                 p.pid,

@@ -45,8 +45,8 @@ const PUBLICATIONS: [(&Topic, Urgency); 10] = [
 /// The subscriptions, in their order; the third is the status of drones.
 const TIME_REQUESTS: usize = 0;
 const COMMANDS: usize = 1;
-/// While the link is congested, one in so many reports of the process is sent.
-const STATUS_DECIMATION: u32 = 4;
+/// One in so many reports of the process, which are two a second, is sent; while the link is congested, half of them.
+const STATUS_DECIMATION: u32 = 2;
 
 /// The vessel's end of the radio.
 pub struct VesselRadio {
@@ -151,15 +151,16 @@ impl VesselRadio {
             self.send(RECEIPTS, receipts);
         }
     }
-    /// The report of the process with the rates of the radio; sent, for people can wait, less often while only
-    /// `rate_fraction` of the full rates is used.
+    /// The report of the process with the rates of the radio; sent less often than it is made, for people can wait, and
+    /// still less often while only `rate_fraction` of the full rates is used.
     pub fn report(&mut self, report: ProcessState, rate_fraction: f64) -> ProcessState {
         let report = ProcessState {
             flows: self.rates.since(&self.radio, report.at_ns),
             ..report
         };
         self.reports += 1;
-        if rate_fraction > 0.5 || self.reports.is_multiple_of(STATUS_DECIMATION) {
+        let congested = u32::from(rate_fraction <= 0.5);
+        if self.reports.is_multiple_of(STATUS_DECIMATION << congested) {
             self.send(STATE, [&report]);
         }
         report
