@@ -6,9 +6,9 @@ use alight_shared::admission::command::counts_despite;
 use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
 use alight_shared::bus::wiring;
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, Header,
-    LinkState, Message, MissionState, OperatorCommand, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, VesselSurroundings, WaveModel,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, EstimateUpdate,
+    Header, LinkState, Message, MissionState, OperatorCommand, TimeReply, TimeRequest, UpdateReceiver,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -141,6 +141,7 @@ pub struct Bridge {
     newest: Option<Time<VesselClock>>,
     /// Boot and time of validity of the newest estimate.
     newest_received: Option<(u32, Time<VesselClock>)>,
+    updates: UpdateReceiver<VesselClock>,
     clock: ClockOffset,
     link: LinkStatistics,
     rejections: Rejections,
@@ -163,6 +164,7 @@ impl Bridge {
             orders: Default::default(),
             newest: None,
             newest_received: None,
+            updates: UpdateReceiver::default(),
             clock: ClockOffset::new(&config.clock),
             link: LinkStatistics::new(config.loss_window_s),
             rejections: Rejections::default(),
@@ -204,7 +206,7 @@ impl Bridge {
         packet.sender.check(Sender::Vessel(self.config.vessel_id))?;
         match kind {
             PacketKind::Estimate => {
-                let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
+                let m: EstimateUpdate<VesselClock> = decode(&packet.bytes)?;
                 let admitted = self.admit(arrival, &m, kind, &topics::ESTIMATE, 0.0);
                 if admitted == Err(RejectionReason::OutOfOrder) {
                     self.link.out_of_order(arrival);
@@ -213,12 +215,14 @@ impl Bridge {
                 self.newest_received = Some((m.header.boot, m.header.at));
                 self.clock.one_way(m.header.at, arrival);
                 self.link.admitted(arrival, at, advance);
-                out.estimate = Some(m.restamped(at));
+                let completed = self.updates.estimate(&m);
+                out.estimate = completed.map(|m| m.restamped(at)).or(out.estimate);
             }
             PacketKind::Wave => {
-                let m: WaveModel<VesselClock> = decode(&packet.bytes)?;
+                let m: WaveUpdate<VesselClock> = decode(&packet.bytes)?;
                 let (at, _) = self.admit(arrival, &m, kind, &topics::WAVE, 0.0)?;
-                out.wave = Some(m.restamped(at));
+                let completed = self.updates.waves(&m);
+                out.wave = completed.map(|m| m.restamped(at)).or(out.wave);
             }
             PacketKind::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;

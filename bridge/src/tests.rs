@@ -5,8 +5,8 @@ use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
-    CommandKind, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    CommandKind, EstimateUpdate, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, WaveUpdate, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -27,7 +27,8 @@ fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<V
     VesselEstimate {
         header: Header::new(1, 0, boot, sequence, at),
         datum: Datum::default(),
-        eta: [1.0, 2.0, 0.1, 0.05, -0.03, 1.0],
+        // Numbers that no rounding changes.
+        eta: [1.0, 2.0, 0.125, 0.0625, -0.03125, 1.0],
         eta_dot: [0.5; 6],
         eta_ddot: [f16::from_f32(0.1); 6],
         uncertainty: [[0.3, 0.3, 0.0].map(f16::from_f32); 6],
@@ -45,6 +46,10 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped
             bytes: wire::encode(m).unwrap(),
         },
     )
+}
+/// An estimate as it is sent, with everything.
+fn estimate_packet(arrival: f64, m: &VesselEstimate<VesselClock>) -> Stamped<DroneClock, Packet> {
+    packet(arrival, PacketKind::Estimate, &EstimateUpdate::whole(m))
 }
 fn step(b: &mut Bridge, now: f64, packets: Vec<Stamped<DroneClock, Packet>>) -> BridgeOut {
     b.step(
@@ -64,7 +69,7 @@ fn reply(q: &TimeRequest<DroneClock>, boot: u32, at: f64) -> TimeReply<VesselClo
 }
 
 fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option<VesselEstimate<DroneClock>> {
-    step(b, now, vec![packet(now, PacketKind::Estimate, m)]).estimate
+    step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
 /// A bridge whose clock has settled over `seconds` of exchanges, and the time then. `delays` are there
@@ -129,7 +134,7 @@ fn bridge_wave_model_and_prediction() {
         &mut b,
         now,
         vec![
-            packet(now, PacketKind::Wave, &wave),
+            packet(now, PacketKind::Wave, &WaveUpdate::whole(&wave)),
             packet(now, PacketKind::Prediction, &prediction),
         ],
     );
@@ -139,10 +144,24 @@ fn bridge_wave_model_and_prediction() {
 }
 
 #[test]
+fn bridge_estimates_without_the_rest() {
+    let (mut b, now) = exchanged(5, |_| (0.05, 0.05));
+    let mut given = |k: u32| {
+        let at = now + 0.03 * f64::from(k);
+        let m = estimate(1, k, vessel(at - 0.02));
+        let p = packet(at, PacketKind::Estimate, &EstimateUpdate::of(&m));
+        step(&mut b, at, vec![p]).estimate.map(|e| e.eta == m.eta)
+    };
+    let completed = [1, 2, 3, 4, 7].map(&mut given);
+    assert_eq!(completed, [None, None, Some(true), Some(true), Some(true)]);
+    assert_eq!(b.rejections().total(), 0);
+}
+
+#[test]
 fn bridge_without_clock_offset() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let m = estimate(1, 0, vessel(1.0));
-    let out = step(&mut b, 1.0, vec![packet(1.0, PacketKind::Estimate, &m)]);
+    let out = step(&mut b, 1.0, vec![estimate_packet(1.0, &m)]);
     assert!(out.estimate.is_none());
     assert_eq!(b.rejections().of(RejectionReason::NoClock), 1);
     assert_eq!(out.link.unwrap().clock_offset_sd_s, f64::INFINITY);
@@ -175,14 +194,14 @@ fn bridge_rejection_reasons() {
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
         let mut m = estimate(1, 11, vessel(now - 0.02));
         f(&mut m);
-        packet(now, PacketKind::Estimate, &m)
+        estimate_packet(now, &m)
     };
     assert!(admitted(&mut b, now, &good).is_some());
-    let mut long = packet(now, PacketKind::Estimate, &good);
+    let mut long = estimate_packet(now, &good);
     long.value.bytes.resize(wire::MAX_WIRE_BYTES + 1, 0);
-    let mut short = packet(now, PacketKind::Estimate, &good);
+    let mut short = estimate_packet(now, &good);
     short.value.bytes.truncate(100);
-    let mut elsewhere = packet(now, PacketKind::Estimate, &estimate(1, 11, vessel(now - 0.02)));
+    let mut elsewhere = estimate_packet(now, &estimate(1, 11, vessel(now - 0.02)));
     elsewhere.value.sender = Sender::Vessel(2);
     let faults = [
         (long, RejectionReason::Oversized),
@@ -268,7 +287,7 @@ fn next_to_a_second_computer(
             .filter(|(_, s)| *s);
         for ((boot, at), _) in senders.clone().filter(|_| k % 3 == 0) {
             let m = estimate(boot, 1000 + k, vessel(at - 0.01));
-            packets.push(packet(now, PacketKind::Estimate, &m));
+            packets.push(estimate_packet(now, &m));
         }
         let out = step(b, now, packets);
         passed.extend(out.estimate.map(|e| (since, e.header.boot)));
@@ -379,7 +398,7 @@ fn bridge_link_state_at_10_hz() {
         let sent = k % 4 == 0 && now < start + 2.0;
         let seq = k / 4;
         let m = estimate(1, seq, vessel(now - 0.06));
-        let received = (sent && seq % 5 != 4).then(|| packet(now, PacketKind::Estimate, &m));
+        let received = (sent && seq % 5 != 4).then(|| estimate_packet(now, &m));
         let out = step(&mut b, now, received.into_iter().collect());
         links.extend(out.link.map(|l| (now, l)));
     }
@@ -444,7 +463,7 @@ proptest! {
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
         let (mut b, now) = converged(0.05, 0.05, 1);
-        let mut p = packet(now, PacketKind::Estimate, &estimate(1, 0, vessel(now - 0.05)));
+        let mut p = estimate_packet(now, &estimate(1, 0, vessel(now - 0.05)));
         let n = p.value.bytes.len();
         if which == 0 {
             p.value.bytes.truncate(cut % n);
@@ -467,7 +486,7 @@ proptest! {
             let now = start + 0.5 + 0.002 * k as f64;
             let m = estimate(1, *seq, vessel(start + 0.01 * f64::from(*seq)));
             // Each arrives twice.
-            let p = packet(now, PacketKind::Estimate, &m);
+            let p = estimate_packet(now, &m);
             sent += 2;
             if let Some(e) = step(&mut b, now, vec![p.clone(), p]).estimate {
                 passed += 1;
@@ -493,7 +512,7 @@ proptest! {
         let e = estimate(1, 0, Time::from_nanos(at));
         let out = step(&mut b, 0.1, vec![
             packet(0.1, PacketKind::TimeReply, &r),
-            packet(0.1, PacketKind::Estimate, &e),
+            estimate_packet(0.1, &e),
         ]);
         if let Some(e) = out.estimate {
             prop_assert!((e.header.at.secs() - 0.1).abs() < 1.2);

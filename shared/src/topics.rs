@@ -127,9 +127,9 @@ macro_rules! topics {
 topics! {
     radio {
         /// The vessel's state.
-        ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, 30.0 Hz, 300, 1000 ms;
+        ESTIMATE: "estimate", msg::EstimateUpdate<VesselClock>, 30.0 Hz, 300, 1000 ms;
         /// The vessel's wave model.
-        WAVE: "wave", msg::WaveModel<VesselClock>, 5.0 Hz, 1200, 5000 ms;
+        WAVE: "wave", msg::WaveUpdate<VesselClock>, 5.0 Hz, 1200, 5000 ms;
         /// The vessel's own prediction.
         PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, 1.0 Hz, 1200, 3000 ms;
         /// Obstacles around the vessel's deck; only with any.
@@ -308,21 +308,23 @@ mod tests {
         let header = Header::new(1, 2, 3, 4, crate::time::Time::from_nanos(5));
         let estimate = VesselEstimate::<VesselClock> {
             header,
-            eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
+            eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.25],
             uncertainty: [[f16::ONE, f16::ZERO, f16::from_f32(0.5)]; 6],
             mean_heading: [0.25, -0.5],
             ..VesselEstimate::default()
         };
-        let read = decoded(&ESTIMATE, &estimate);
+        let read = decoded(&ESTIMATE, &EstimateUpdate::whole(&estimate));
         assert_eq!((read[".header.at"], read[".header.sequence"]), (5.0, 4.0));
         assert_eq!(
             (
-                read[".eta[5]"],
-                read[".uncertainty[5][2]"],
-                read[".mean_heading[1]"]
+                read[".attitude[2]"],
+                read[".rest.uncertainty[5][2]"],
+                read[".rest.mean_heading[1]"]
             ),
-            (0.3, 0.5, -0.5)
+            (0.25, 0.5, -0.5)
         );
+        let read = decoded(&ESTIMATE, &EstimateUpdate::of(&estimate));
+        assert!(!read.contains_key(".rest.mean_heading[1]"), "the fourth has none");
         let wave = WaveModel::<VesselClock> {
             header,
             significant_height_m: 1.5,
@@ -339,8 +341,16 @@ mod tests {
                 ..CourseAdvice::default()
             }),
         };
-        let read = decoded(&WAVE, &wave);
+        let mut sender = WaveSender::default();
+        let read = decoded(&WAVE, &sender.update(&wave));
         assert_eq!((read[".modes[2].pole[1]"], read[".slopes[1]"]), (2.0, 20.0));
+        let next = Header {
+            sequence: 5,
+            ..header
+        };
+        let read = decoded(&WAVE, &sender.update(&WaveModel { header: next, ..wave }));
+        assert_eq!((read[".base"], read.get(".modes[2].pole[1]")), (4.0, None));
+        assert!(read.contains_key(".factors[2][1]"));
         let prediction = VesselPrediction::<VesselClock> {
             header,
             step_s: 0.5,
@@ -426,7 +436,7 @@ mod tests {
     }
 
     /// Numbers without a unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 20] = [
+    const WITHOUT_UNIT: [&str; 23] = [
         "boot",
         "sequence",
         "vessel",
@@ -447,6 +457,9 @@ mod tests {
         "value",
         "limit",
         "uncertainty",
+        "datum_sum",
+        "base",
+        "factors",
     ];
 
     #[test]
@@ -480,7 +493,11 @@ mod tests {
             (f.kind, f.unit, f.frame)
         };
         let text = |kind: &str, unit: &str, frame: &str| (kind.to_owned(), unit.to_owned(), frame.to_owned());
-        assert_eq!(of(&ESTIMATE, "eta"), text("f64[6]", "m, rad", "vessel's NED"));
+        assert_eq!(of(&ESTIMATE, "position"), text("f32[3]", "m", "vessel's NED"));
+        assert_eq!(
+            of(&BRIDGE_ESTIMATE, "eta"),
+            text("f64[6]", "m, rad", "vessel's NED")
+        );
         assert_eq!(of(&ESTIMATE, "header.at"), text("i64", "ns", "vessel clock"));
         assert_eq!(of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
         assert_eq!(of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));

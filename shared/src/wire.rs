@@ -158,7 +158,8 @@ fn short_name<T>() -> &'static str {
 mod tests {
     use super::*;
     use crate::msg::{
-        CourseAdvice, PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+        CourseAdvice, EstimateUpdate, PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode,
+        WaveModel, WaveSender, WaveUpdate, f16,
     };
     use crate::time::VesselClock;
 
@@ -178,13 +179,17 @@ mod tests {
 
     #[test]
     fn estimate_within_300_bytes_round_trip() {
-        let bytes = encode(&estimate()).unwrap();
-        // The layout table of `alight_shared::msg`.
-        assert_eq!(bytes.len(), 198);
+        let whole = EstimateUpdate::whole(&estimate());
+        let bytes = encode(&whole).unwrap();
+        // The layout table of `alight_shared::msg::update`.
+        assert_eq!(bytes.len(), 161);
         assert_eq!(bytes[12..16], 3u32.to_le_bytes(), "sequence");
-        assert_eq!(bytes[50..58], 1.0f64.to_le_bytes(), "eta north");
-        assert_eq!(bytes[98..102], 0.5f32.to_le_bytes(), "eta_dot north");
-        assert_eq!(decode::<VesselEstimate<VesselClock>>(&bytes).unwrap(), estimate());
+        assert_eq!(bytes[26..30], 1.0f32.to_le_bytes(), "position north");
+        assert_eq!(bytes[50..52], f16::from_f32(0.5).to_le_bytes(), "eta_dot north");
+        assert_eq!(decode::<EstimateUpdate<VesselClock>>(&bytes).unwrap(), whole);
+        let mut later = estimate();
+        later.header.sequence += 1;
+        assert_eq!(encode(&EstimateUpdate::of(&later)).unwrap().len(), 77);
     }
 
     #[test]
@@ -197,14 +202,18 @@ mod tests {
             slopes: Seq::filled([10; 60]),
             advice: None,
         };
-        assert_eq!(encode(&waves).unwrap().len(), 51 + 12 * 32 + 60);
+        let mut sender = WaveSender::default();
+        assert_eq!(encode(&sender.update(&waves)).unwrap().len(), 63 + 12 * 32 + 60);
+        let mut next = waves;
+        next.header.sequence += 1;
+        assert_eq!(encode(&sender.update(&next)).unwrap().len(), 63 + 12 * 4);
         let advised = WaveModel {
             advice: Some(CourseAdvice::default()),
             modes: Seq::filled([WaveMode::default(); 24]),
             ..waves
         };
-        let longest = encode(&advised).unwrap().len();
-        assert_eq!(longest, 51 + 24 * 32 + 60 + 44);
+        let longest = encode(&WaveUpdate::whole(&advised)).unwrap().len();
+        assert_eq!(longest, 63 + 24 * 32 + 60 + 44);
         assert!(longest <= crate::topics::WAVE.bytes);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),

@@ -3,8 +3,9 @@
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
-    AttitudeFix, CourseAdvice, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message,
-    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    AttitudeFix, CourseAdvice, EstimateUpdate, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES,
+    MESSAGE_VERSION, Message, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings,
+    WaveModel, WaveSender, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -53,8 +54,12 @@ pub struct VesselIn {
 pub struct VesselOut {
     /// State estimate, when due.
     pub estimate: Option<VesselEstimate<VesselClock>>,
+    /// The form of the estimate that is broadcast.
+    pub estimate_update: Option<EstimateUpdate<VesselClock>>,
     /// Wave model, when due.
     pub wave: Option<WaveModel<VesselClock>>,
+    /// The form of the wave model that is broadcast.
+    pub wave_update: Option<WaveUpdate<VesselClock>>,
     /// Prediction, when due.
     pub prediction: Option<VesselPrediction<VesselClock>>,
     /// Obstacles around the deck, when due; never without any.
@@ -144,6 +149,7 @@ pub struct VesselNode {
     in_use: [SelectedSource; 2],
     estimate: (Periodic<VesselClock>, u32),
     wave: (Periodic<VesselClock>, u32),
+    wave_sender: WaveSender<VesselClock>,
     prediction: (Periodic<VesselClock>, u32),
     around: (Surroundings, Periodic<VesselClock>, u32),
     replies: u32,
@@ -167,6 +173,7 @@ impl VesselNode {
             in_use: Default::default(),
             estimate: Default::default(),
             wave: Default::default(),
+            wave_sender: WaveSender::default(),
             prediction: Default::default(),
             around: (config.surroundings.around(&config.deck), Periodic::default(), 0),
             replies: 0,
@@ -377,6 +384,7 @@ impl Node for VesselNode {
         {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.rejected);
+            out.estimate_update = out.estimate.as_ref().map(EstimateUpdate::of);
         }
         if self
             .apparent_slope
@@ -393,6 +401,7 @@ impl Node for VesselNode {
             let advice = advice.as_ref().map(CourseAdvice::from);
             let m = m.map(|m| WaveModel { advice, ..m });
             out.wave = m.and_then(|m| checked(m, &mut self.wave.1, &mut self.rejected));
+            out.wave_update = out.wave.as_ref().map(|m| self.wave_sender.update(m));
         }
         if self
             .prediction

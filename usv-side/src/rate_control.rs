@@ -36,8 +36,8 @@ config! {
         /// Chosen: above the jitter of every radio profile, below half of the predictor's timeout.
         pub congestion_delay_s: f64 = 0.2, in 0.02..=10.0;
         /// Fraction of the full rates for a new drone.
-        /// Chosen: 2.5 kB/s with headers, clearly less than 32 kbit/s, so that the delay found at
-        /// the start is one without a queue. At 0.3 (4 kB/s) 0.74 s of queueing delay remained.
+        /// Chosen: 1.4 kB/s with headers, clearly less than 32 kbit/s, so that the delay found at
+        /// the start is one without a queue. At 4 kB/s 0.74 s of queueing delay remained.
         pub initial_fraction: f64 = 0.15, in 0.05..=1.0;
         /// Smallest fraction of the full rates.
         /// Chosen: estimates at 4.5 Hz.

@@ -11,8 +11,9 @@ use alight_shared::config::{self, Check};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel, f16,
+    CommandKind, DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
+    WaveSender, WaveUpdate, f16,
 };
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, VesselClock};
@@ -87,8 +88,8 @@ fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
 
 /// All that is received on the radio takes it.
 fn decode_all(bytes: &[u8]) {
-    let _sound = decoded::<VesselEstimate<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<WaveModel<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<EstimateUpdate<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
@@ -120,6 +121,10 @@ fn sound() -> Vec<Vec<u8>> {
         slopes: Seq::filled([10; 60]),
         advice: None,
     };
+    let mut waves = WaveSender::default();
+    let whole = waves.update(&wave);
+    let mut continued = wave;
+    continued.header.sequence += 1;
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::default(),
         step_s: 0.2,
@@ -146,8 +151,9 @@ fn sound() -> Vec<Vec<u8>> {
         kind: CommandKind::Land,
     };
     [
-        wire::encode(&estimate),
-        wire::encode(&wave),
+        wire::encode(&EstimateUpdate::whole(&estimate)),
+        wire::encode(&whole),
+        wire::encode(&waves.update(&continued)),
         wire::encode(&prediction),
         wire::encode(&request),
         wire::encode(&reply),
@@ -175,7 +181,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_radio_messages(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
+    fn damaged_radio_messages(which in 0_usize..10, all in prop::collection::vec(damage(), 1..8)) {
         let good = sound();
         decode_all(&damaged(good[which % good.len()].clone(), &all));
     }

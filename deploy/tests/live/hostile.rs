@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-use alight_shared::msg::{DroneStatus, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveModel};
+use alight_shared::msg::{DroneStatus, EstimateUpdate, TimeReply, TimeRequest, VesselPrediction, WaveUpdate};
 use alight_shared::time::{DroneClock, VesselClock};
 use alight_shared::wire::{MAX_WIRE_BYTES, decode, encode};
 use zenoh::Wait;
@@ -59,14 +59,14 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
     match key.rsplit_once("-1/").expect("a key").1 {
         "estimate" => forged!(
             bytes,
-            VesselEstimate<VesselClock>,
+            EstimateUpdate<VesselClock>,
             how,
-            |m: &mut VesselEstimate<VesselClock>| {
+            |m: &mut EstimateUpdate<VesselClock>| {
                 m.header.sequence += 1;
-                m.eta[2] = f64::NAN;
+                m.position[2] = none;
             }
         ),
-        "wave" => forged!(bytes, WaveModel<VesselClock>, how, |m: &mut WaveModel<
+        "wave" => forged!(bytes, WaveUpdate<VesselClock>, how, |m: &mut WaveUpdate<
             VesselClock,
         >| {
             m.header.sequence += 1;

@@ -6,7 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
+use crate::msg::{Header, Seq, UpdateReceiver, WaveMode, WaveModel, WaveSender};
 use crate::time::VesselClock;
+use crate::wire::encode;
 
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, in the order of a sample's value, and their rates.
 fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
@@ -196,4 +198,57 @@ fn motion_model_after_a_gap_and_nan() {
         matches!(&fading[..], [m] if m.pole.im == 0.0),
         "the past has a hole"
     );
+}
+
+/// Ahead of the newest sample the modes that a drone has are those of the vessel, of which most messages hold a factor each.
+#[test]
+fn wave_models_over_the_radio() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut noisy =
+        |v: f64| v + 0.003 * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
+    let mut model = MotionModel::<VesselClock>::default();
+    let (mut sender, mut receiver) = (WaveSender::default(), UpdateReceiver::default());
+    let (mut sizes, mut whole, mut worst) = (Vec::new(), 0, 0.0_f64);
+    for k in 0..1800 {
+        let t = SAMPLE_S * f64::from(k);
+        let (value, rate) = waves(t);
+        model.push(MotionSample {
+            at: Time::from_secs(t),
+            mean_heading: 0.3,
+            value: value.map(&mut noisy),
+            rate: rate.map(&mut noisy),
+            level_variance: 0.0,
+        });
+        model.work();
+        if k < 600 || k % 2 != 0 {
+            continue;
+        }
+        let modes = model.modes().unwrap();
+        let sent = WaveModel {
+            header: Header::new(1, 0, 7, k, modes.at),
+            significant_height_m: 1.0,
+            confidence: 1.0,
+            modes: Seq::filled(modes.modes.iter().map(WaveMode::from)),
+            slopes: Seq::filled([10; 60]),
+            advice: None,
+        };
+        let update = sender.update(&sent);
+        sizes.push(encode(&update).unwrap().len());
+        whole += u32::from(!update.modes.is_empty());
+        let received = Modes::from(&receiver.waves(&update).unwrap());
+        for ahead in [0.0, 1.0, 2.0] {
+            let (a, b) = (received.motion(ahead), modes.motion(ahead));
+            for (dof, of) in [(HEAVE, 0.5), (ROLL, 0.06), (PITCH, 0.06)] {
+                worst = worst.max((a[dof][0] - b[dof][0]).abs() / of);
+            }
+        }
+    }
+    let bytes = sizes.iter().sum::<usize>() as f64 / sizes.len() as f64;
+    assert!(
+        f64::from(whole) < 0.5 * sizes.len() as f64,
+        "{whole} of {}",
+        sizes.len()
+    );
+    assert!(worst < 0.02, "{worst}");
+    assert!(bytes < 480.0, "{bytes}");
 }

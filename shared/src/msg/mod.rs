@@ -1,4 +1,5 @@
-//! Messages: fixed-size plain data, the same on the wire and in shared memory.
+//! Messages: fixed-size plain data, the same on the wire and in shared memory, but for the vessel's estimate and wave
+//! model, which travel over the radio in the forms of [`update`].
 //!
 //! Every message begins with a [`Header`]: who, which boot, which sequence number and when the
 //! content was valid. `C` is the clock of that time: messages of the vessel carry `VesselClock`
@@ -48,6 +49,7 @@ mod sensors;
 mod seq;
 mod station;
 mod text;
+pub mod update;
 pub mod vessel;
 
 pub use aboard::{
@@ -86,6 +88,7 @@ pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_
 pub use seq::Seq;
 pub use station::{KeptStation, MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 pub use text::Text;
+pub use update::{EstimateRest, EstimateUpdate, UpdateReceiver, WaveSender, WaveUpdate};
 pub use vessel::{
     CourseAdvice, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS,
     TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
@@ -97,7 +100,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 27;
+pub const MESSAGE_VERSION: u16 = 28;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

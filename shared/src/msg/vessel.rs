@@ -2,8 +2,7 @@
 //!
 //! # Byte layout on the wire
 //!
-//! bincode 2, little endian, fixed-width integers, no padding (`alight_shared::wire`). Each message is
-//! self-contained.
+//! bincode 2, little endian, fixed-width integers, no padding (`alight_shared::wire`).
 //!
 //! | bytes | header (26 B, first in every message) |
 //! |---|---|
@@ -16,28 +15,7 @@
 //!
 //! IEEE 754, of 16 bits (11 bits of precision) where three digits suffice.
 //!
-//! | bytes | vessel estimate (198 B, 30 Hz, bound 300 B) |
-//! |---|---|
-//! | 26..50 | datum: latitude deg, longitude deg, height m (3 x f64) |
-//! | 50..98 | `eta`: north, east, down m, roll, pitch, yaw rad (6 x f64) |
-//! | 98..122 | `eta_dot` m/s, rad/s (6 x f32) |
-//! | 122..134 | `eta_ddot` m/s², rad/s² (6 x f16) |
-//! | 134..170 | per degree of freedom: sd of eta, sd of eta_dot, their correlation (6 x 3 x f16) |
-//! | 170..182 | deck centre in the body frame, m (3 x f32) |
-//! | 182..190 | mean velocity north, east, m/s (2 x f32) |
-//! | 190..198 | mean heading rad, its rate rad/s (2 x f32) |
-//!
-//! | bytes | wave model (51 + 32 n + m B and 44 B with advice, n <= 24 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
-//! |---|---|
-//! | 26..30 | significant height, m (f32) |
-//! | 30..34 | confidence (f32) |
-//! | 34..42 | n (u64) |
-//! | + 0..8 | pole: real and imaginary part, 1/s (2 x f32) |
-//! | + 8..32 | shape per degree of freedom: real, imaginary part (6 x 2 x f16) |
-//! | then 0..8 | m (u64) |
-//! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
-//! | then 0..1 | advice follows (1), or none (0) |
-//! | + 0..44 | `heading`, `speed`, `likelihood`, `tilt`, each now and advised, `turn_s`, `way_lost_m`, `waves_to` (11 x f32) |
+//! Estimate and wave model travel in the forms of [`super::EstimateUpdate`] and [`super::WaveUpdate`].
 //!
 //! | bytes | prediction (62 + 54 n B, n <= 16 stages, 1 Hz, bound 1200 B) |
 //! |---|---|
@@ -142,7 +120,7 @@ impl CourseAdvice {
         self.heading[0] != self.heading[1] || self.speed[0] != self.speed[1]
     }
     /// Within the bounds of its figures.
-    fn is_sane(&self) -> bool {
+    pub(super) fn is_sane(&self) -> bool {
         within(&self.heading, MAX_ANGLE_RAD)
             && within(&self.speed, MAX_SPEED_MPS)
             && self.likelihood.iter().all(|p| (0.0..=1.0).contains(p))
@@ -325,6 +303,18 @@ impl<C: Clock> VesselPrediction<C> {
     }
 }
 
+/// Standard deviations of a value and its rate with their correlation, of each degree of freedom.
+pub(super) fn are_uncertainties(all: &[[f16; 3]]) -> bool {
+    all.iter()
+        .all(|[value, rate, correlation]| are_deviations(&[*value, *rate]) && within([correlation], 1.001))
+}
+/// Modes whose poles and shapes are possible.
+pub(super) fn are_modes(modes: &[WaveMode]) -> bool {
+    modes.iter().all(|c| {
+        let [decay, turn] = &c.pole;
+        (-1e3..=0.0).contains(decay) && (-40.0..=40.0).contains(turn) && within(c.shape.iter().flatten(), 1e4)
+    })
+}
 /// Standard deviations.
 fn are_deviations(values: &[f16]) -> bool {
     values.iter().all(|v| (0.0..=1e4).contains(&f32::from(*v)))
@@ -337,9 +327,7 @@ message!(@C VesselEstimate<C>, C, |m| {
     within(&m.eta_dot[..3], MAX_SPEED_MPS)
         && within(&m.eta_dot[3..], MAX_RATE_RPS) => "eta_dot",
     within(&m.eta_ddot, 200.0) => "eta_ddot",
-    m.uncertainty.iter().all(|[value, rate, correlation]| {
-        are_deviations(&[*value, *rate]) && within([correlation], 1.001)
-    }) => "uncertainty",
+    are_uncertainties(&m.uncertainty) => "uncertainty",
     within(&m.deck_centre, 100.0) => "deck_centre",
     within(&m.mean_velocity, MAX_SPEED_MPS) && within(&m.mean_heading, 50.0) => "mean motion",
     m.datum.is_on_earth() => "datum",
@@ -347,8 +335,7 @@ message!(@C VesselEstimate<C>, C, |m| {
 message!(@C WaveModel<C>, C, |m| {
     (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",
     (0.0..=1.0).contains(&m.confidence) => "confidence",
-    m.modes.iter().all(|c| (-1e3..=0.0).contains(&c.pole[0]) && (-40.0..=40.0).contains(&c.pole[1])) => "pole",
-    m.modes.iter().all(|c| within(c.shape.iter().flatten(), 1e4)) => "shape",
+    are_modes(&m.modes) => "modes",
     m.advice.is_none_or(|a| a.is_sane()) => "advice",
 });
 message!(@C VesselSurroundings<C>, C, |m| {

@@ -23,8 +23,8 @@ use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState,
-    DroneStatus, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
-    VesselEstimate, still_armed_s,
+    DroneStatus, EstimateUpdate, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest,
+    UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::step::{Recorded, Step};
@@ -162,9 +162,9 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
     if packet.value.kind != PacketKind::Estimate {
         return None;
     }
-    let mut estimate: VesselEstimate<VesselClock> = wire::decode(&packet.value.bytes).ok()?;
+    let mut estimate: EstimateUpdate<VesselClock> = wire::decode(&packet.value.bytes).ok()?;
     estimate.header.boot = estimate.header.boot.wrapping_add(TWIN_BOOT);
-    estimate.eta[0] += north_m;
+    estimate.position[0] += north_m as f32;
     let bytes = wire::encode(&estimate).ok()?;
     let value = Packet {
         bytes,

@@ -322,8 +322,8 @@ impl World {
     }
     /// Broadcasts the output of the vessel's computer to the drones.
     fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
-        self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate);
-        self.broadcast(t, PacketKind::Wave, &output.vessel.wave);
+        self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate_update);
+        self.broadcast(t, PacketKind::Wave, &output.vessel.wave_update);
         self.broadcast(t, PacketKind::Prediction, &output.vessel.prediction);
         self.broadcast(t, PacketKind::Surroundings, &output.vessel.surroundings);
         self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);

@@ -43,8 +43,8 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 #[test]
 fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&slight());
-    // The estimates alone are 7.4 kB/s: less than that would not be the full rates.
-    assert!((10_000.0..13_000.0).contains(&bytes_per_s), "{bytes_per_s}");
+    // Estimates are 4.6 kB/s, predictions 1.0 and wave models 1.4 or more: less would not be the full rates.
+    assert!((7_000.0..9_000.0).contains(&bytes_per_s), "{bytes_per_s}");
     assert_eq!(overflowed, 0.0);
 }
 

@@ -139,11 +139,11 @@ impl VesselRadio {
             lamp: _,
             helm: _,
         } = out;
-        self.send(ESTIMATE, &vessel.estimate);
+        self.send(ESTIMATE, &vessel.estimate_update);
         self.send(TIME_REPLY, &vessel.time_replies);
         self.send(DECK, grant);
         self.send(OPERATOR, commands);
-        self.send(WAVE, &vessel.wave);
+        self.send(WAVE, &vessel.wave_update);
         self.send(PREDICTION, &vessel.prediction);
         self.send(SURROUNDINGS, &vessel.surroundings);
         if self.operators {
