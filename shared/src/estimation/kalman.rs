@@ -154,9 +154,14 @@ impl Gaussian {
     /// `P h` for a sparse row `h` of (index, gain), into the scratch column; returns `h P h'`.
     pub fn project(&mut self, h: &[(usize, f64)]) -> f64 {
         self.column.fill(0.0);
+        let n = self.len();
         for &(i, g) in h {
-            if i < self.len() {
-                self.column.axpy(g, &self.p.column(i), 1.0);
+            if i < n {
+                add_scaled(
+                    self.column.as_mut_slice(),
+                    g,
+                    &self.p.as_slice()[i * n..(i + 1) * n],
+                );
             }
         }
         h.iter()
@@ -172,10 +177,11 @@ impl Gaussian {
         let k = 1.0 / s;
         self.x.axpy(innovation * k, &self.column, 1.0);
         let n = self.len();
-        for j in 0..n {
-            let f = -self.column[j] * k;
+        let columns = self.p.as_mut_slice().chunks_exact_mut(n.max(1));
+        for (to, c) in columns.zip(self.column.iter()) {
+            let f = -c * k;
             if f != 0.0 {
-                self.p.column_mut(j).axpy(f, &self.column, 1.0);
+                add_scaled(to, f, self.column.as_slice());
             }
         }
         for i in 0..n {
@@ -189,24 +195,23 @@ impl Gaussian {
 
 /// `out[:, i] = sum_c A[i, c] p[:, c]`, i.e. `p A'`.
 fn multiply_rows(a: &Transition, p: &DMatrix<f64>, out: &mut DMatrix<f64>) {
-    for i in 0..a.len() {
-        let mut column = out.column_mut(i);
-        let mut first = true;
-        for &(c, v) in a.row(i) {
-            if first {
-                column.copy_from(&p.column(c));
-                if v != 1.0 {
-                    column *= v;
-                }
-                first = false;
-            } else {
-                column.axpy(v, &p.column(c), 1.0);
-            }
+    let n = p.nrows();
+    for (i, to) in out.as_mut_slice().chunks_exact_mut(n.max(1)).enumerate() {
+        let mut terms = a
+            .row(i)
+            .iter()
+            .map(|&(c, v)| (v, &p.as_slice()[c * n..(c + 1) * n]));
+        match terms.next() {
+            Some((v, column)) => to.iter_mut().zip(column).for_each(|(t, p)| *t = v * p),
+            None => to.fill(0.0),
         }
-        if first {
-            column.fill(0.0);
-        }
+        terms.for_each(|(v, column)| add_scaled(to, v, column));
     }
+}
+
+/// `to += f column`: of slices, so that the processor takes several at a time.
+fn add_scaled(to: &mut [f64], f: f64, column: &[f64]) {
+    to.iter_mut().zip(column).for_each(|(t, c)| *t += f * c);
 }
 
 /// Replaces `p` by `(p + p') / 2`.

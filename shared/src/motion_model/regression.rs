@@ -36,7 +36,7 @@ const MEMORY: f64 = 1000.0;
 /// Sums over rows of past `z` and future `f`, newer ones counting more.
 #[derive(Clone, Debug)]
 pub(super) struct Regression {
-    /// Sum of `[z; f] z'`, inputs first.
+    /// Sum of `[z; f] z'`, inputs first: of their square the lower triangle, which is its mirror image too.
     pub(super) products: DMatrix<f64>,
     /// Sum of the squares of `f`.
     pub(super) squares: DVector<f64>,
@@ -103,7 +103,13 @@ impl Regression {
                 row.rows_mut(INPUTS + DOFS * j, DOFS).copy_from_slice(&s.value);
             }
         }
-        self.products.ger(1.0, &row, &z, keep);
+        // Of slices, so that the processor takes several at a time.
+        let columns = self.products.as_mut_slice().chunks_exact_mut(INPUTS + OUTPUTS);
+        for (j, (column, z)) in columns.zip(z.iter()).enumerate() {
+            for (sum, value) in column[j..].iter_mut().zip(&row.as_slice()[j..]) {
+                *sum = z * value + keep * *sum;
+            }
+        }
         self.sums *= keep;
         self.sums += &row;
         self.squares *= keep;

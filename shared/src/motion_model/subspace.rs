@@ -123,7 +123,8 @@ impl Fit {
         let scale_in = DVector::from_fn(INPUTS, |i, _| channel[i % CHANNELS]);
         let scale_out = DVector::from_fn(OUTPUTS, |j, _| dof[j % DOFS]);
         let gram = Mat::from_fn(INPUTS, INPUTS, |i, j| {
-            (sums.products[(i, j)] / w - mean_in[i] * mean_in[j]) / (scale_in[i] * scale_in[j])
+            let product = sums.products[(i.max(j), i.min(j))];
+            (product / w - mean_in[i] * mean_in[j]) / (scale_in[i] * scale_in[j])
         });
         let cross = Mat::from_fn(INPUTS, OUTPUTS, |i, j| {
             (sums.products[(INPUTS + j, i)] / w - mean_in[i] * mean_out[j]) / (scale_in[i] * scale_out[j])

@@ -103,8 +103,10 @@ impl<C: Clock> Modes<C> {
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = Motion::default();
         for m in &self.modes {
-            for (sum, part) in out.iter_mut().flatten().zip(m.motion(t).into_iter().flatten()) {
-                *sum += part;
+            for (sum, part) in out.iter_mut().zip(m.motion(t)) {
+                for k in 0..part.len() {
+                    sum[k] += part[k];
+                }
             }
         }
         out
