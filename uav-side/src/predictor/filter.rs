@@ -114,13 +114,13 @@ impl Filter {
     /// The state at `t`: predicted from what was known then.
     pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> State {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);
-        let mut s = match self.entries.get(i - 1) {
-            Some(e) => (*e.after, e.at),
+        let Some(before) = self.entries.get(i - 1) else {
             // Never empty; a level deck stands in.
-            None => return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0)),
+            return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0));
         };
-        self.advance(&mut s.0, waves, s.1, t);
-        s.0
+        let mut state = *before.after;
+        self.advance(&mut state, waves, before.at, t);
+        state
     }
     /// Time of the first observation.
     pub fn started(&self) -> Time<DroneClock> {

@@ -71,7 +71,7 @@ impl Horizon {
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let knots: [[[f64; 3]; KNOTS.len()]; AXES] =
             core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
-        let mut modes = waves.modes(now, self.stage_s);
+        let (mut modes, variance) = (waves.modes(now, self.stage_s), waves.variance(now));
         let mut out = Seq::new();
         let mut knot = 0;
         for k in 0..FORECAST_STAGES {
@@ -79,7 +79,7 @@ impl Horizon {
                 self.advance(&mut mean, &heads);
                 modes.advance();
             }
-            let predicted = waves.variance(now, k as f64 * self.stage_s);
+            let predicted = variance(k as f64 * self.stage_s);
             let square = self.oscillators.first().map_or(0.0, |o| o.omega * o.omega);
             while knot + 2 < KNOTS.len() && KNOTS[knot + 1] < k {
                 knot += 1;
@@ -118,7 +118,7 @@ impl Horizon {
         let mut modes = waves.modes(now, self.stage_s);
         let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| [0.0; 3], 0.0, waves.lever_arm(), &modes.motion());
+            let s = self.mean(&mean, waves.lever_arm(), &modes.motion()).stage;
             let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             *force = Rotation3::from_axis_angle(&Vector3::z_axis(), s.euler[2]) * f;
             self.advance(&mut mean, &heads);
@@ -215,15 +215,8 @@ impl Horizon {
         [value, rate, acceleration].map(|v: f64| v.max(0.0))
     }
 
-    /// One stage from the means; `var` gives the variances of value, rate and acceleration per degree of freedom.
-    fn stage(
-        &self,
-        mean: &[[f64; MAX_STATES]; AXES],
-        var: impl Fn(usize) -> [f64; 3],
-        clock_var: f64,
-        lever_arm: &Vector3<f64>,
-        modes: &DeckMotion,
-    ) -> DeckStage {
+    /// One stage from the means.
+    fn mean(&self, mean: &[[f64; MAX_STATES]; AXES], lever_arm: &Vector3<f64>, modes: &DeckMotion) -> Mean {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
             let x = &mean[i];
@@ -263,6 +256,36 @@ impl Horizon {
             a[0] -= turn * mean[1][RATE];
             a[1] += turn * mean[0][RATE];
         }
+        Mean {
+            stage: DeckStage {
+                position: [v[0], v[1], v[2]],
+                velocity: [r[0], r[1], r[2]],
+                acceleration: [a[0], a[1], a[2]],
+                euler: [roll, pitch, yaw],
+                euler_rates: [dr + r[5] * pitch, dp - r[5] * roll, r[5]],
+                ..DeckStage::default()
+            },
+            rate: r,
+            acceleration: a,
+            turn: (s, c),
+        }
+    }
+
+    /// The same with deviations; `var` gives the variances of value, rate and acceleration per degree of freedom.
+    fn stage(
+        &self,
+        mean: &[[f64; MAX_STATES]; AXES],
+        var: impl Fn(usize) -> [f64; 3],
+        clock_var: f64,
+        lever_arm: &Vector3<f64>,
+        modes: &DeckMotion,
+    ) -> DeckStage {
+        let Mean {
+            stage,
+            rate: r,
+            acceleration: a,
+            turn: (s, c),
+        } = self.mean(mean, lever_arm, modes);
         let all: [[f64; 3]; AXES] = core::array::from_fn(var);
         let sd = |i: usize| (all[i][0] + r[i] * r[i] * clock_var).sqrt();
         let rate_sd = |i: usize| (all[i][1] + a[i] * a[i] * clock_var).sqrt();
@@ -270,18 +293,24 @@ impl Horizon {
         let turned = |n: f64, e: f64| ((c * n).hypot(s * e), (s * n).hypot(c * e));
         let (tilt_sd, tilt_rate_sd) = (turned(sd(3), sd(4)), turned(rate_sd(3), rate_sd(4)));
         DeckStage {
-            position: [v[0], v[1], v[2]],
-            velocity: [r[0], r[1], r[2]],
-            acceleration: [a[0], a[1], a[2]],
-            euler: [roll, pitch, yaw],
-            euler_rates: [dr + r[5] * pitch, dp - r[5] * roll, r[5]],
             position_sd: [sd(0), sd(1), sd(2)],
             velocity_sd: [rate_sd(0), rate_sd(1), rate_sd(2)],
             acceleration_sd: [0, 1, 2].map(acceleration_sd),
             euler_sd: [tilt_sd.0, tilt_sd.1, sd(5)],
             euler_rates_sd: [tilt_rate_sd.0, tilt_rate_sd.1, rate_sd(5)],
+            ..stage
         }
     }
+}
+
+/// A stage without deviations, and what they are made of.
+struct Mean {
+    stage: DeckStage,
+    /// Per degree of freedom.
+    rate: [f64; AXES],
+    acceleration: [f64; AXES],
+    /// Sine and cosine of the heading by compass.
+    turn: (f64, f64),
 }
 
 /// Position and heading are forecast in the drone's frame; tilt as it is.

@@ -384,15 +384,21 @@ impl Waves {
     pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
-    /// Variance per degree of freedom of what the newest modes predict at `now` for `ahead` seconds later, beyond what
+    /// Variance per degree of freedom of what the newest modes predict at `now` for so many seconds later, beyond what
     /// the residual oscillator stands for.
-    pub fn variance(&self, now: Time<DroneClock>, ahead: f64) -> [f64; AXES] {
-        let Some(newest) = self.messages.back() else {
-            return [0.0; AXES];
-        };
-        let age = (now - newest.at).secs().max(0.0);
-        let (held, then) = (self.left(age), self.left(age + ahead));
-        core::array::from_fn(|i| (then[i] * then[i] - held[i] * held[i]).max(0.0))
+    pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
+        let age = self
+            .messages
+            .back()
+            .map(|newest| (now - newest.at).secs().max(0.0));
+        let held = age.map(|age| (age, self.left(age)));
+        move |ahead| {
+            let Some((age, held)) = held else {
+                return [0.0; AXES];
+            };
+            let then = self.left(age + ahead);
+            core::array::from_fn(|i| (then[i] * then[i] - held[i] * held[i]).max(0.0))
+        }
     }
 }
 
