@@ -660,11 +660,27 @@ impl DroneComputer {
     /// Takes note of the newest messages.
     fn look(&mut self, now: Time<DroneClock>) {
         let (t, o) = (now.nanos(), &mut self.observer);
-        self.odometry = o.odometry.newest(t).or(self.odometry);
-        self.autopilot_state = o.autopilot.newest(t).unwrap_or(self.autopilot_state);
-        self.forecast = o.forecast.newest(t).or(self.forecast);
-        self.mission_state = o.mission.newest(t).unwrap_or(self.mission_state);
-        self.last_set_point = o.set_point.newest(t).or(self.last_set_point);
+        // None of them is copied without a newer one: they are large.
+        o.odometry
+            .newest(t)
+            .into_iter()
+            .for_each(|m| self.odometry = Some(m));
+        o.autopilot
+            .newest(t)
+            .into_iter()
+            .for_each(|m| self.autopilot_state = m);
+        o.forecast
+            .newest(t)
+            .into_iter()
+            .for_each(|m| self.forecast = Some(m));
+        o.mission
+            .newest(t)
+            .into_iter()
+            .for_each(|m| self.mission_state = m);
+        o.set_point
+            .newest(t)
+            .into_iter()
+            .for_each(|m| self.last_set_point = Some(m));
     }
 
     /// The header of a message of this computer or its operator.
