@@ -1,5 +1,5 @@
 //! `cargo bench -p alight-uav --bench planner`: the planner's step (references, solve, message) over recorded landings,
-//! then criterion on a free and a limited instance of its solve.
+//! then criterion on a free and a limited instance of its solve, of both planners.
 #![allow(missing_docs)]
 
 // What only the planner's tests use of them.
@@ -18,7 +18,7 @@ use criterion::Criterion;
 
 use approach::{ABOVE, Approach, MODERATE, Sea};
 use planner::mpc_faa::{Mpc, Problem, Solution};
-use planner::{Planner, PlannerConfig};
+use planner::{Planner, PlannerConfig, PlannerKind};
 
 // A benchmark is a shell, not a node: it may read a clock.
 #[allow(clippy::disallowed_methods)]
@@ -29,11 +29,29 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
 }
 
 fn main() {
-    let config = PlannerConfig::default();
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut criterion = Criterion::default()
+        .configure_from_args()
+        .sample_size(20)
+        .measurement_time(Duration::from_secs(2));
+    for kind in [PlannerKind::Alight, PlannerKind::MpcFaa] {
+        let config = PlannerConfig {
+            kind,
+            ..PlannerConfig::default()
+        };
+        measure(&config, &mut criterion);
+    }
+    criterion.final_summary();
+}
+
+fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
+    let (drone, deck, name) = (
+        DroneGeometry::default(),
+        DeckGeometry::default(),
+        config.kind.name(),
+    );
     let (mut steps, mut recorded): (Vec<Duration>, Vec<(Problem, u32)>) = Default::default();
     for phase in [0.0, 2.0, 4.0] {
-        let mut planner = Planner::new(&config, &drone, &deck, 1);
+        let mut planner = Planner::new(config, &drone, &deck, 1);
         // The last metres of the approach, tracking, descent, flare, contact.
         let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
         let mut approach = Approach::new(Sea { phase, ..MODERATE }, from, 2.0);
@@ -52,25 +70,27 @@ fn main() {
     steps.sort_unstable();
     let quantile = |q: f64| steps.get(((steps.len() as f64 - 1.0) * q).round() as usize);
     println!(
-        "planner step, all of it: p50 {:?}, p99 {:?} of {}",
+        "{name}: step, all of it: p50 {:?}, p99 {:?}, longest {:?} of {}, {} limited, most iterations {}",
         quantile(0.5).copied().unwrap_or_default(),
         quantile(0.99).copied().unwrap_or_default(),
-        steps.len()
+        quantile(1.0).copied().unwrap_or_default(),
+        steps.len(),
+        recorded.iter().filter(|(_, iterations)| *iterations > 0).count(),
+        recorded
+            .iter()
+            .map(|(_, iterations)| *iterations)
+            .max()
+            .unwrap_or_default()
     );
-    let mut criterion = Criterion::default()
-        .configure_from_args()
-        .sample_size(20)
-        .measurement_time(Duration::from_secs(2));
-    let (mut mpc, mut solution) = (Mpc::new(&config, &drone), Solution::default());
-    for (name, limited) in [("free", false), ("limited", true)] {
+    let (mut mpc, mut solution) = (Mpc::new(config, &drone), Solution::default());
+    for (limits, limited) in [("free", false), ("limited", true)] {
         let instance = recorded
             .iter()
             .rfind(|(_, iterations)| (*iterations > 0) == limited);
         let Some((problem, _)) = instance else { continue };
         let (ceiling, mut problem) = (problem.ceiling.clone(), problem.clone());
-        criterion.bench_function(&format!("planner/{name}"), |b| {
+        criterion.bench_function(&format!("{name}/{limits}"), |b| {
             b.iter(|| mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution));
         });
     }
-    criterion.final_summary();
 }

@@ -26,10 +26,12 @@ pub struct Condensed<const N: usize> {
     response: Vec<SVector<f64, N>>,
     /// Weights the factor was made for.
     factored_for: Vec<SVector<f64, N>>,
-    /// Lower Cholesky factor of H, row-major.
+    /// Transposed Cholesky factor of H, upper, row-major.
     factor: Vec<f64>,
-    /// The unforced trajectory minus the reference, weighted.
-    residual: Vec<SVector<f64, N>>,
+    /// Weighted responses at one stage, by component: loops over them are loops over stages.
+    weighted: [Vec<f64>; N],
+    /// Half the solution: the factor's inverse on the negative gradient.
+    half: Vec<f64>,
     /// Right-hand side, then the solution.
     work: Vec<f64>,
 }
@@ -48,7 +50,8 @@ impl<const N: usize> Condensed<N> {
             response,
             factored_for: Vec::new(),
             factor: vec![0.0; stages * stages],
-            residual: vec![SVector::zeros(); stages],
+            weighted: core::array::from_fn(|_| vec![0.0; stages]),
+            half: vec![0.0; stages],
             work: vec![0.0; stages],
         }
     }
@@ -69,18 +72,18 @@ impl<const N: usize> Condensed<N> {
         }
         // Gradient: free response with the previous input held.
         let mut free = *x0;
+        self.half.fill(0.0);
         for k in 0..n {
             free = self.model.step(&free, previous_input);
-            self.residual[k] = (free - cost[k].reference).component_mul(&cost[k].weight);
-        }
-        for j in 0..n {
-            let mut sum = 0.0;
-            for k in j..n {
-                sum += self.response[k + 1 - j].dot(&self.residual[k]);
+            let residual = (free - cost[k].reference).component_mul(&cost[k].weight);
+            for j in 0..=k {
+                self.half[j] += self.response[k + 1 - j].dot(&residual);
             }
-            self.work[j] = -sum;
         }
-        self.substitute();
+        self.half.iter_mut().for_each(|v| *v = -*v);
+        forward(&self.factor, &mut self.half);
+        self.work.copy_from_slice(&self.half);
+        backward(&self.factor, &mut self.work);
         let mut u = previous_input;
         for k in 0..n {
             u += self.work[k];
@@ -98,57 +101,82 @@ impl<const N: usize> Condensed<N> {
             return true;
         }
         self.factored_for.clear();
-        for i in 0..n {
-            for j in 0..=i {
-                let mut sum = if i == j { self.increment_weight } else { 0.0 };
-                for k in i..n {
-                    sum += self.response[k + 1 - i]
-                        .component_mul(&cost[k].weight)
-                        .dot(&self.response[k + 1 - j]);
+        self.factor.fill(0.0);
+        for k in 0..n {
+            self.factor[k * n + k] = self.increment_weight;
+        }
+        for k in 0..n {
+            for i in 0..=k {
+                for c in 0..N {
+                    self.weighted[c][i] = self.response[k + 1 - i][c] * cost[k].weight[c];
                 }
-                self.factor[i * n + j] = sum;
+            }
+            for j in 0..=k {
+                let other = self.response[k + 1 - j];
+                let row = &mut self.factor[j * n + j..=j * n + k];
+                let weighted = self.weighted.each_ref().map(|w| &w[j..=k]);
+                for (i, sum) in row.iter_mut().enumerate() {
+                    *sum += SVector::<f64, N>::from_fn(|c, _| weighted[c][i]).dot(&other);
+                }
             }
         }
-        for i in 0..n {
-            let (above, row) = self.factor.split_at_mut(i * n);
-            for j in 0..i {
-                let other = &above[j * n..j * n + j + 1];
-                let mut sum = row[j];
-                for k in 0..j {
-                    sum -= row[k] * other[k];
-                }
-                row[j] = sum / other[j];
-            }
-            let mut pivot = row[i];
-            for k in 0..i {
-                pivot -= row[k] * row[k];
-            }
-            if !(pivot > 0.0) {
+        for k in 0..n {
+            let (above, below) = self.factor.split_at_mut((k + 1) * n);
+            let row = &mut above[k * n..];
+            if !(row[k] > 0.0) {
                 return false;
             }
-            row[i] = pivot.sqrt();
+            row[k] = row[k].sqrt();
+            let pivot = row[k];
+            row[k + 1..].iter_mut().for_each(|v| *v /= pivot);
+            for (j, other) in (k + 1..n).zip(below.chunks_exact_mut(n)) {
+                let factor = row[j];
+                for (v, r) in other[j..].iter_mut().zip(&row[j..]) {
+                    *v -= r * factor;
+                }
+            }
         }
         self.factored_for.extend(cost.iter().map(|c| c.weight));
         true
     }
 
-    /// Solves `L L' x = work` in place.
-    fn substitute(&mut self) {
-        let n = self.stages;
-        for i in 0..n {
-            let row = &self.factor[i * n..i * n + i + 1];
-            let mut sum = self.work[i];
-            for k in 0..i {
-                sum -= row[k] * self.work[k];
-            }
-            self.work[i] = sum / row[i];
+    /// `response[i]`: state `i` steps after a unit input was switched on and held.
+    pub(super) fn response(&self) -> &[SVector<f64, N>] {
+        &self.response
+    }
+    /// Half the last solution: what [`Condensed::increments`] makes the increments of.
+    pub(super) fn half(&self) -> &[f64] {
+        &self.half
+    }
+    /// The factor's inverse on a row of increments, in place.
+    pub(super) fn image(&self, row: &mut [f64]) {
+        forward(&self.factor, row);
+    }
+    /// The increments of half a solution, in place.
+    pub(super) fn increments(&self, half: &mut [f64]) {
+        backward(&self.factor, half);
+    }
+}
+
+/// Solves `L x = v` in place, given `L'`.
+fn forward(factor: &[f64], v: &mut [f64]) {
+    for (i, row) in factor.chunks_exact(v.len()).enumerate() {
+        let value = v[i] / row[i];
+        v[i] = value;
+        for (x, r) in v[i + 1..].iter_mut().zip(&row[i + 1..]) {
+            *x -= r * value;
         }
-        for i in (0..n).rev() {
-            let value = self.work[i] / self.factor[i * n + i];
-            self.work[i] = value;
-            for k in 0..i {
-                self.work[k] -= self.factor[i * n + k] * value;
-            }
+    }
+}
+
+/// Solves `L' x = v` in place, given `L'`.
+fn backward(factor: &[f64], v: &mut [f64]) {
+    let n = v.len();
+    for i in (0..n).rev() {
+        let value = v[i] / factor[i * n + i];
+        v[i] = value;
+        for (x, row) in v[..i].iter_mut().zip(factor.chunks_exact(n)) {
+            *x -= row[i] * value;
         }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
 //! (what it follows in each mission state), [`law`] (what the planners differ in), [`alignment`] and
-//! [`rendezvous`] (the laws of `mpc-faa` and `alight`), [`condensed`] and [`qp`] (how it is solved), `start`
-//! (where a plan begins), this file (when, and what becomes of it).
+//! [`rendezvous`] (the laws of `mpc-faa` and `alight`), [`condensed`], `active_set` and [`qp`] (how it is
+//! solved), `start` (where a plan begins), this file (when, and what becomes of it).
 //!
 //! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
 //! tracker closes the loop, and a lagging drone does not bend its own plan. It starts from the
@@ -11,6 +11,7 @@
 //! than [`config::Reset`] allows, and when the autopilot's position estimate jumped. In a landing of
 //! `alight` it starts no higher above the drone, and sinking no slower, than that is.
 
+mod active_set;
 pub mod alignment;
 pub mod condensed;
 pub mod config;

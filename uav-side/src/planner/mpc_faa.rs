@@ -7,7 +7,8 @@
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
 //! Solved chain by chain: exactly without limits first ([`super::condensed`]), and only a chain
-//! whose optimum passes a limit goes to Clarabel ([`super::qp`]).
+//! whose optimum passes a limit goes to Clarabel ([`super::qp`]) in the paper's planner. Ours, and
+//! what Clarabel leaves open, goes on from there with the limits (`active_set`).
 //!
 //! Axes: NED, and tilt is measured about north and east whatever the heading (`phi`, `theta` of
 //! the body turned back by its yaw). Then the hover model at yaw 0 is right at every heading.
@@ -16,8 +17,9 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Solve;
 use nalgebra::SVector;
 
+use super::active_set::ActiveSet;
 use super::condensed::{Condensed, StageCost};
-use super::config::PlannerConfig;
+use super::config::{PlannerConfig, PlannerKind};
 use super::model::{Chain, Discrete, HoverModel, INPUTS, State, state};
 use super::qp::{ChainLimits, ChainSolver, Instance, NO_CEILING, SlackCost, SparseForm};
 
@@ -293,7 +295,7 @@ fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mu
     }
 }
 
-/// One chain: fast path, then solver.
+/// One chain: fast path, then the solvers with limits.
 #[derive(Debug)]
 struct ChainMpc<const N: usize> {
     index: [usize; N],
@@ -301,7 +303,9 @@ struct ChainMpc<const N: usize> {
     model: Discrete<N, 1>,
     limits: ChainLimits<N>,
     fast: Condensed<N>,
-    solver: ChainSolver<N>,
+    exact: ActiveSet<N>,
+    /// The paper's planner has it.
+    interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,
     ceiling: Vec<f64>,
@@ -328,7 +332,9 @@ impl<const N: usize> ChainMpc<N> {
             model,
             limits,
             fast: Condensed::new(model, n, r),
-            solver: ChainSolver::new(SparseForm::new(model, n, r, limits, slack)),
+            exact: ActiveSet::new(model, n, limits, slack),
+            interior: (config.kind == PlannerKind::MpcFaa)
+                .then(|| ChainSolver::new(SparseForm::new(model, n, r, limits, slack))),
             cost: Vec::with_capacity(n),
             floor: vec![-NO_CEILING; n],
             ceiling: vec![NO_CEILING; n],
@@ -381,8 +387,15 @@ impl<const N: usize> ChainMpc<N> {
                 ceiling: &self.ceiling,
                 floor: &self.floor,
             };
-            let (ending, iterations) = self.solver.solve(&instance, &mut self.inputs);
+            let inputs = &mut self.inputs;
+            let interior = self.interior.as_mut().map(|i| i.solve(&instance, inputs));
+            let (mut ending, iterations) = interior.unwrap_or((Solve::Infeasible, 0));
             solution.iterations += iterations;
+            if solved && ending != Solve::Optimal {
+                let changes;
+                (ending, changes) = self.exact.solve(&self.fast, &instance, inputs);
+                solution.iterations += changes;
+            }
             solution.solve = worse(solution.solve, ending);
             self.roll(&x0);
         }
