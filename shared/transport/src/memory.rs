@@ -8,7 +8,7 @@
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
 use std::time::Duration;
 
-use iceoryx2::node::{Node as IoxNode, NodeWaitFailure};
+use iceoryx2::node::Node as IoxNode;
 use iceoryx2::port::listener::Listener as IoxListener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
@@ -20,6 +20,7 @@ use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 use crate::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
 pub use crate::instance::Instance;
 use crate::instance::{Ipc, defined, required, service_name};
+use crate::signal::end_requested;
 use crate::statistics::InputStatistics;
 use crate::{Doing, TransportError};
 use alight_shared::bus::{self, Bus};
@@ -66,6 +67,7 @@ impl Memory {
         let node = NodeBuilder::new()
             .name(&name)
             .config(&instance.config()?)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .doing(doing)?;
         Ok(Memory { node })
@@ -77,7 +79,10 @@ impl Memory {
     /// Waits, no longer than `span`; false when the process was asked to end. Another signal only
     /// cuts the wait short.
     pub fn wait(&self, span: Duration) -> bool {
-        !matches!(self.node.wait(span), Err(NodeWaitFailure::TerminationRequest))
+        // From the first question on a signal is kept.
+        let _asked = end_requested();
+        let _early = self.node.wait(span);
+        !end_requested()
     }
 
     fn messages<T: Plain>(&self) -> Result<MessageBuilder<T>, TransportError> {

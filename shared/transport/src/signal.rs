@@ -1,9 +1,31 @@
-//! Signals that a test of faults sends to a process.
+//! Signals: those that ask a process to end, and those that a test of faults sends to one.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use iceoryx2_bb_posix::process::{Process, ProcessId};
-use iceoryx2_bb_posix::signal::Signal as OsSignal;
+use iceoryx2_bb_posix::signal::{Signal as OsSignal, SignalHandler};
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::TransportError;
+
+/// Set by SIGTERM or SIGINT, for good: systemd sends SIGCONT right after SIGTERM.
+static END: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
+    // Where iceoryx2 0.10.0 creates shared memory, it puts its handlers in the place of all others, once a process, whatever
+    // the mode of its nodes. So they are installed first, and those registered here stay and call them.
+    let asked = SignalHandler::termination_requested();
+    let end = Arc::new(AtomicBool::new(asked));
+    for signal in [SIGTERM, SIGINT] {
+        // It fails for signals alone that no program may catch.
+        let _registered = signal_hook::flag::register(signal, Arc::clone(&end));
+    }
+    end
+});
+
+/// Whether the process was asked to end (SIGTERM or SIGINT), now or at any time since the first call.
+pub fn end_requested() -> bool {
+    END.load(Ordering::Relaxed)
+}
 
 /// What a test of faults sends to a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,4 +54,46 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
     Process::from_pid(ProcessId::new(id))
         .send_signal(os_signal)
         .map_err(|e| TransportError::because(doing(), e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::{Instance, Memory, Services};
+    use signal_hook::consts::SIGCONT;
+    use signal_hook::low_level::raise;
+    use std::process::Command;
+    use std::time::Duration;
+
+    /// In the environment of the process that is asked to end.
+    const ASKED: &str = "ALIGHT_TEST_END";
+
+    #[test]
+    fn end_request_followed_by_another_signal() {
+        let name = "signal::tests::end_request_followed_by_another_signal";
+        if std::env::var_os(ASKED).is_none() {
+            let program = std::env::current_exe().unwrap();
+            let mut asked = Command::new(program);
+            asked.args([name, "--exact"]).env(ASKED, "1");
+            assert!(asked.output().unwrap().status.success());
+            return;
+        }
+        let instance = Instance::new(&format!("end-test-{}", std::process::id())).unwrap();
+        instance.wipe().unwrap();
+        let memory = Memory::join(&instance, "test").unwrap();
+        // Here iceoryx2 installs its handlers.
+        let services = Services::create(&memory).unwrap();
+        let span = Duration::from_millis(1);
+        assert!(memory.wait(span));
+        raise(SIGCONT).unwrap();
+        assert!(memory.wait(span), "another signal ends nothing");
+        raise(SIGTERM).unwrap();
+        raise(SIGCONT).unwrap();
+        for _ in 0..2 {
+            assert!(!memory.wait(span), "the end is not forgotten");
+        }
+        drop((services, memory));
+        instance.wipe().unwrap();
+        std::fs::remove_dir_all(instance.directory()).unwrap();
+    }
 }

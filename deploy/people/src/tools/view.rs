@@ -183,7 +183,6 @@ fn drone(
         } else {
             PAGE_PERIOD
         };
-        // The call consumes the signal: it has to be passed on.
         if !ports.memory.wait(wait) {
             break;
         }
