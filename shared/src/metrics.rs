@@ -110,6 +110,7 @@ names! {
     VesselSession: "sessions of the vessel",
     ImageMean: "image mean",
     TooDark: "too dark",
+    MemoryWarnings: "warnings of the shared memory",
 }
 
 /// The value of a metric, with its unit.

@@ -16,6 +16,7 @@ pub mod rejections;
 pub mod signal;
 pub mod statistics;
 pub mod wake;
+pub mod warnings;
 
 use thiserror::Error;
 

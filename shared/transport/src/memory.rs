@@ -22,7 +22,7 @@ pub use crate::instance::Instance;
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::signal::end_requested;
 use crate::statistics::InputStatistics;
-use crate::{Doing, TransportError};
+use crate::{Doing, TransportError, warnings};
 use alight_shared::bus::{self, Bus};
 use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;
@@ -59,8 +59,7 @@ pub struct Memory {
 impl Memory {
     /// Joins `instance` under the name of a process.
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
-        // Messages of the middleware reach a person through the errors it returns.
-        set_log_level(LogLevel::Fatal);
+        warnings::listen();
         let doing = || format!("joining the shared memory of instance {}", instance.name());
         std::fs::create_dir_all(instance.middleware()).doing(doing)?;
         let name = NodeName::new(process).doing(doing)?;

@@ -15,6 +15,7 @@ use alight_shared::time::Time;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::statistics::Quantiles;
 use alight_transport::wake::end_requested;
+use alight_transport::warnings;
 
 use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
@@ -82,6 +83,10 @@ impl Life {
         for late in self.lateness.metrics() {
             // A process has fewer metrics than there is place for.
             let _full = metrics.push(late);
+        }
+        let warned = warnings::counted();
+        if warned > 0 {
+            let _full = metrics.push(MetricName::MemoryWarnings.count(warned));
         }
         Some(ProcessState {
             kind: self.kind,
