@@ -1,23 +1,22 @@
-//! Images between the processes of one computer: bytes of bounded number in shared memory, in the place
-//! of a message of fixed size. Only the newest few wait; a reader that is slow loses the oldest. Nothing is
-//! woken by one: its reader looks.
+//! Images between the processes of one computer: a header and bytes of bounded number in shared memory, in the place
+//! of a message. Their writer makes the pixels there, and their reader reads them there. Only the newest few wait; a
+//! reader that is slow loses the oldest. Nothing is woken by one: its reader looks.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
-use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _};
+use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _, ZeroCopySend};
+use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::{Doing, TransportError};
 
-/// Bytes before the pixels: time (8), width (4), height (4), tags (4), outlines (4).
-const HEADER_BYTES: usize = 24;
 /// Images that wait for a reader.
 const BUFFER: usize = 2;
-/// Images that a reader holds at a time.
-const BORROWED: usize = 1;
+/// Images that a reader holds at a time: one, and the next that it takes in its place.
+const BORROWED: usize = 2;
 /// Who may publish, and who may read, at a time; those that were killed keep their place for a while.
 const PORTS: usize = 4;
 
@@ -43,26 +42,41 @@ impl ImageTopic {
     }
 }
 
-/// An image as it travels.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct ImageBytes {
+/// What goes with the pixels of an image, which lie row by row from the top.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[repr(C)]
+#[type_name("ImageHeader")]
+pub struct ImageHeader {
     /// Middle of the exposure on the drone's clock, ns.
     pub at_ns: i64,
     /// Width and height, px, as its sender states.
     pub size: [u32; 2],
     /// Tags and outlines of the deck that are drawn in; none in an image as it was taken.
     pub marks: [u32; 2],
-    /// Bytes of the pixels, row by row from the top.
-    pub pixels: Vec<u8>,
 }
 
-type Messages = publish_subscribe::Builder<[u8], (), Ipc>;
+/// An image in shared memory, which keeps its place until this is dropped.
+pub struct SharedImage(Sample<Ipc, [u8], ImageHeader>);
+
+impl SharedImage {
+    /// What goes with its pixels.
+    pub fn header(&self) -> &ImageHeader {
+        self.0.user_header()
+    }
+    /// Bytes of its pixels, where their writer has put them.
+    pub fn pixels(&self) -> &[u8] {
+        self.0.payload()
+    }
+}
+
+type Messages = publish_subscribe::Builder<[u8], ImageHeader, Ipc>;
 
 /// Builder of the service with its quality.
 fn messages(node: &Node<Ipc>, topic: ImageTopic) -> Result<Messages, TransportError> {
     Ok(node
         .service_builder(&service_name(topic.name())?)
         .publish_subscribe::<[u8]>()
+        .user_header::<ImageHeader>()
         .enable_safe_overflow(true)
         .history_size(0)
         .subscriber_max_buffer_size(BUFFER)
@@ -72,7 +86,7 @@ fn messages(node: &Node<Ipc>, topic: ImageTopic) -> Result<Messages, TransportEr
         .max_nodes(4 * PORTS))
 }
 
-type Service = port_factory::publish_subscribe::PortFactory<Ipc, [u8], ()>;
+type Service = port_factory::publish_subscribe::PortFactory<Ipc, [u8], ImageHeader>;
 
 /// The services, held open by who created them.
 pub(crate) struct ImageServices {
@@ -95,8 +109,7 @@ impl ImageServices {
 /// Publishes images of at most so many bytes.
 pub struct ImagePublisher {
     service: Service,
-    port: IoxPublisher<Ipc, [u8], ()>,
-    max_bytes: usize,
+    port: IoxPublisher<Ipc, [u8], ImageHeader>,
     unsent: u64,
 }
 
@@ -112,30 +125,29 @@ impl ImagePublisher {
             .doing(doing)?;
         let port = service
             .publisher_builder()
-            .initial_max_slice_len(HEADER_BYTES + bytes)
+            .initial_max_slice_len(bytes)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .doing(doing)?;
         Ok(ImagePublisher {
             service,
             port,
-            max_bytes: HEADER_BYTES + bytes,
             unsent: 0,
         })
     }
-    /// Sends an image; one that is larger than agreed is counted as not sent.
-    pub fn send(&mut self, at_ns: i64, size: [u32; 2], marks: [u32; 2], pixels: &[u8]) {
-        let length = HEADER_BYTES + pixels.len();
-        let sent = length <= self.max_bytes
-            && self.port.loan_slice(length).is_ok_and(|mut slot| {
-                let (head, rest) = slot.payload_mut().split_at_mut(HEADER_BYTES);
-                let numbers = size.into_iter().chain(marks).flat_map(u32::to_le_bytes);
-                let header = at_ns.to_le_bytes().into_iter().chain(numbers);
-                head.iter_mut().zip(header).for_each(|(to, byte)| *to = byte);
-                rest.copy_from_slice(pixels);
-                slot.send().is_ok()
-            });
+    /// Sends an image of so many bytes, which `write` makes in the place where it is read; one that is larger than agreed
+    /// is counted as not sent, and not made.
+    pub fn send_with(&mut self, header: ImageHeader, bytes: usize, write: impl FnOnce(&mut [u8])) {
+        let sent = self.port.loan_slice(bytes).is_ok_and(|mut slot| {
+            *slot.user_header_mut() = header;
+            write(slot.payload_mut());
+            slot.send().is_ok()
+        });
         self.unsent += u64::from(!sent);
+    }
+    /// Sends an image that lies elsewhere.
+    pub fn send(&mut self, header: ImageHeader, pixels: &[u8]) {
+        self.send_with(header, pixels.len(), |place| place.copy_from_slice(pixels));
     }
     /// Whether somebody reads: else an image need not be made.
     pub fn is_read(&self) -> bool {
@@ -149,7 +161,7 @@ impl ImagePublisher {
 
 /// Reads images.
 pub struct ImageSubscriber {
-    port: IoxSubscriber<Ipc, [u8], ()>,
+    port: IoxSubscriber<Ipc, [u8], ImageHeader>,
 }
 
 impl ImageSubscriber {
@@ -164,22 +176,9 @@ impl ImageSubscriber {
             .doing(doing)?;
         Ok(ImageSubscriber { port })
     }
-    /// The next image that waits.
-    pub fn next_image(&mut self) -> Option<ImageBytes> {
+    /// The next image that waits; none for a reader that holds two.
+    pub fn next_image(&mut self) -> Option<SharedImage> {
         // An error is a publisher that went away in the middle: its image is lost.
-        let sample = self.port.receive().ok()??;
-        decode(sample.payload())
+        self.port.receive().ok()?.map(SharedImage)
     }
-}
-
-pub(super) fn decode(bytes: &[u8]) -> Option<ImageBytes> {
-    let (at, rest) = bytes.split_first_chunk::<8>()?;
-    let (numbers, pixels) = rest.split_first_chunk::<16>()?;
-    let number = |k: usize| numbers.as_chunks().0.get(k).copied().map(u32::from_le_bytes);
-    Some(ImageBytes {
-        at_ns: i64::from_le_bytes(*at),
-        size: [number(0)?, number(1)?],
-        marks: [number(2)?, number(3)?],
-        pixels: pixels.to_vec(),
-    })
 }

@@ -356,6 +356,7 @@ impl<M: Plain> bus::Writer<M> for Publisher<M> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::images::ImageHeader;
     use alight_shared::msg::{Header, RangeSample, SetPoint};
     use alight_shared::time::{DroneClock, Time};
     use alight_shared::topics::Medium;
@@ -439,6 +440,19 @@ mod tests {
         std::fs::remove_dir_all(instance.directory()).unwrap();
     }
 
+    /// Whether these bytes lie in the instance's shared memory.
+    fn is_shared(instance: &Instance, bytes: &[u8]) -> bool {
+        let (at, name) = (bytes.as_ptr() as usize, format!("/dev/shm/{}", instance.prefix()));
+        let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+        let mut shared = maps.lines().filter(|line| line.contains(&name));
+        shared.any(|line| {
+            let (range, _) = line.split_once(' ').unwrap();
+            let (from, to) = range.split_once('-').unwrap();
+            let [from, to] = [from, to].map(|end| usize::from_str_radix(end, 16).unwrap());
+            (from..to).contains(&at) && at + bytes.len() <= to
+        })
+    }
+
     #[test]
     fn image_transfer_and_oversized_image() {
         let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
@@ -451,19 +465,41 @@ mod tests {
         let mut reader = memory.image_subscriber(ImageTopic::Marked).unwrap();
         assert!(images.is_read());
         let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
-        for k in 1..=5 {
-            images.send(k, [64, 48], [3, 1], &pixels);
+        let header = |at_ns| ImageHeader {
+            at_ns,
+            size: [64, 48],
+            marks: [3, 1],
+        };
+        for k in 1..=4 {
+            images.send(header(k), &pixels);
         }
-        images.send(6, [640, 480], [0; 2], &vec![0; 640 * 480]);
+        // Made where it is read: neither its writer nor its reader copies it.
+        images.send_with(header(5), 64 * 48, |place| {
+            assert!(is_shared(&instance, place));
+            place.copy_from_slice(&pixels);
+        });
+        images.send_with(header(6), 640 * 480, |_| {
+            panic!("an image that is too large is not made")
+        });
         assert_eq!(images.unsent(), 1);
-        assert_eq!(others.next_image(), None);
+        assert!(others.next_image().is_none());
         // Two wait, the older ones gave way.
         let first = reader.next_image().unwrap();
-        assert_eq!((first.at_ns, first.size, first.marks), (4, [64, 48], [3, 1]));
-        assert_eq!(first.pixels, pixels);
-        assert_eq!(reader.next_image().map(|i| i.at_ns), Some(5));
-        assert_eq!(reader.next_image(), None);
-        assert_eq!(crate::images::decode(&[0; 23]), None);
+        assert_eq!(*first.header(), header(4));
+        assert_eq!(first.pixels(), pixels);
+        // One is held while the next is taken, and keeps its place.
+        let second = reader.next_image().unwrap();
+        assert_eq!(second.header().at_ns, 5);
+        for k in 7..=9 {
+            images.send(header(k), &[7; 64 * 48]);
+        }
+        assert!(reader.next_image().is_none());
+        for image in [&first, &second] {
+            assert!(is_shared(&instance, image.pixels()));
+            assert_eq!(image.pixels(), pixels);
+        }
+        drop((first, second));
+        assert_eq!(reader.next_image().map(|i| i.header().at_ns), Some(8));
         drop((images, reader, others, services, memory));
         instance.wipe().unwrap();
         std::fs::remove_dir_all(instance.directory()).unwrap();

@@ -17,7 +17,7 @@ use alight_shared::node::Node;
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::images::{ImagePublisher, ImageSubscriber, ImageTopic};
+use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
 use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::statistics::Quantiles;
 use alight_uav::camera::marked::MAX_BYTES;
@@ -95,8 +95,12 @@ impl Shown {
         }
         if let Some(marked) = node.marked(frame, &self.deck) {
             self.next = frame.at + SHOW_PERIOD;
-            let (size, marks) = (marked.size.map(|s| s as u32), [marked.tags, marked.outlines]);
-            self.images.send(frame.at.nanos(), size, marks, &marked.rgb);
+            let header = ImageHeader {
+                at_ns: frame.at.nanos(),
+                size: marked.size.map(|s| s as u32),
+                marks: [marked.tags, marked.outlines],
+            };
+            self.images.send(header, &marked.rgb);
         }
     }
 }
@@ -356,10 +360,11 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                 while input.frames.len() < QUEUE_LENGTH
                     && let Some(image) = images.next_image()
                 {
-                    let [width, height] = image.size.map(|s| s as usize);
-                    // Our publisher sends no image of another size than its header has.
-                    if let Ok(grey) = GreyImage::new(width, height, image.pixels) {
-                        let at = Time::from_nanos(image.at_ns);
+                    let [width, height] = image.header().size.map(|s| s as usize);
+                    // The one copy: the node's input outlives the place in shared memory. Our publisher sends no image of
+                    // another size than its header has.
+                    if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
+                        let at = Time::from_nanos(image.header().at_ns);
                         input.frames.push(Frame { at, image: grey });
                     }
                 }

@@ -17,7 +17,7 @@ use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::camera::CameraMount;
 use alight_sim::sensors::render::{Renderer, Shot};
 use alight_transport::clock::steady_ns;
-use alight_transport::images::{ImagePublisher, ImageTopic};
+use alight_transport::images::{ImageHeader, ImagePublisher, ImageTopic};
 use alight_transport::memory::{Instance, Memory};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
@@ -45,14 +45,23 @@ enum Sink {
 }
 
 impl Sink {
-    /// False for an image that is lost.
-    fn take(&mut self, shot: &Shot, size: [u32; 2], pixels: &[u8]) -> bool {
+    /// Renders an image of this size, into the drone's shared memory or to be written; false for one that is lost.
+    fn take(&mut self, shot: &Shot, size: [u32; 2], renderer: &mut Renderer) -> bool {
         match self {
             Sink::Memory { images, .. } => {
-                images.send(shot.at.nanos(), size, [0; 2], pixels);
+                let header = ImageHeader {
+                    at_ns: shot.at.nanos(),
+                    size,
+                    marks: [0; 2],
+                };
+                let bytes = size.iter().map(|side| *side as usize).product();
+                images.send_with(header, bytes, |pixels| renderer.render(shot, pixels));
                 true
             }
-            Sink::Pipe(pipe) => pipe.write(shot.at.nanos(), pixels),
+            Sink::Pipe(pipe) => {
+                let image = renderer.image(shot);
+                image.is_some_and(|image| pipe.write(shot.at.nanos(), image.pixels()))
+            }
         }
     }
     /// Whether an image that was exposed at this time would be lost. In memory it has its time with it, and never is.
@@ -163,20 +172,14 @@ impl RenderThread {
             let mut renderer = Renderer::new(&scenario.sensors.render, &scenario.deck, &streams)
                 .below(airframe, &mount)
                 .at_night(scenario.sensors.night.as_ref());
+            let lens = &scenario.sensors.render.lens;
+            let size = [lens.width_px, lens.height_px];
             if result.send(Ok(())).is_err() {
                 return;
             }
             // Ends with the world, which holds the other end.
             while let Ok(shot) = waiting.recv() {
-                let image = if sink.too_late(&shot) {
-                    None
-                } else {
-                    renderer.image(&shot)
-                };
-                let delivered = image.is_some_and(|image| {
-                    let size = [image.width() as u32, image.height() as u32];
-                    sink.take(&shot, size, image.pixels())
-                });
+                let delivered = !sink.too_late(&shot) && sink.take(&shot, size, &mut renderer);
                 lost_here.fetch_add(u64::from(!delivered), Ordering::Relaxed);
             }
         });

@@ -1,7 +1,7 @@
 //! The drone's camera on the page: marked images out of shared memory, encoded here, while somebody looks.
 
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_transport::images::{ImageBytes, ImageSubscriber, ImageTopic};
+use alight_transport::images::{ImageSubscriber, ImageTopic};
 use alight_transport::memory::Memory;
 use jpeg_encoder::{ColorType, Encoder};
 
@@ -33,25 +33,27 @@ impl CameraFeed {
         }
         let Some(images) = &mut self.images else { return };
         let newest = core::iter::from_fn(|| images.next_image()).last();
-        if let Some((image, jpeg)) = newest.and_then(|i| encode(&i).map(|jpeg| (i, jpeg))) {
-            let age = now - Time::from_nanos(image.at_ns);
+        let Some(image) = newest else { return };
+        let header = image.header();
+        if let Some(jpeg) = encode(header.size, image.pixels()) {
+            let age = now - Time::from_nanos(header.at_ns);
             watcher.server.show_camera(jpeg);
             watcher.board.camera = Some(ShownImage {
                 at: watcher.board_time(t) - age,
-                at_ns: image.at_ns,
-                marks: image.marks,
+                at_ns: header.at_ns,
+                marks: header.marks,
             });
         }
     }
 }
 
 /// As a JPEG; None for one that no quality makes small enough, or whose size is not that of its bytes.
-fn encode(image: &ImageBytes) -> Option<Vec<u8>> {
-    let [width, height] = image.size.map(|s| u16::try_from(s).unwrap_or(0));
+fn encode(size: [u32; 2], pixels: &[u8]) -> Option<Vec<u8>> {
+    let [width, height] = size.map(|s| u16::try_from(s).unwrap_or(0));
     QUALITIES.into_iter().find_map(|quality| {
         let mut jpeg = Vec::with_capacity(MAX_BYTES);
         let encoder = Encoder::new(&mut jpeg, quality);
-        let encoded = encoder.encode(&image.pixels, width, height, ColorType::Rgb);
+        let encoded = encoder.encode(pixels, width, height, ColorType::Rgb);
         (encoded.is_ok() && jpeg.len() <= MAX_BYTES).then_some(jpeg)
     })
 }
@@ -63,6 +65,7 @@ mod tests {
     use alight_computer::process::instance::OwnedInstance;
     use alight_computer::process::supervisor::pause;
     use alight_shared::msg::ComputerReport;
+    use alight_transport::images::ImageHeader;
     use alight_transport::memory::Services;
     use std::io::{Read, Write};
     use std::net::TcpStream;
@@ -108,7 +111,12 @@ mod tests {
         }
         assert_eq!(poll(&mut watcher), None);
         assert!(camera.is_read());
-        camera.send(6_500_000_000, [64, 48], [3, 1], &[90; 3 * 64 * 48]);
+        let header = ImageHeader {
+            at_ns: 6_500_000_000,
+            size: [64, 48],
+            marks: [3, 1],
+        };
+        camera.send(header, &[90; 3 * 64 * 48]);
         let view = poll(&mut watcher).unwrap();
         assert_eq!((view.age_s, view.number), (0.5, 6500));
         let mut answer = Vec::new();
@@ -128,14 +136,6 @@ mod tests {
         drop((camera, feed, services, memory));
     }
 
-    fn image(pixels: Vec<u8>) -> ImageBytes {
-        ImageBytes {
-            size: [320, 320],
-            pixels,
-            ..ImageBytes::default()
-        }
-    }
-
     #[test]
     fn encoded_image_of_bounded_size() {
         let mut x = 1_u32;
@@ -145,20 +145,15 @@ mod tests {
             x ^= x << 5;
             x as u8
         });
-        let jpeg = encode(&image(noise.collect())).unwrap();
+        let jpeg = encode([320, 320], &noise.collect::<Vec<_>>()).unwrap();
         assert!(
             jpeg.len() <= MAX_BYTES && jpeg.starts_with(&[0xff, 0xd8]),
             "{}",
             jpeg.len()
         );
-        assert!(encode(&image(vec![90; 3 * 320 * 320])).is_some_and(|jpeg| jpeg.len() < 4000));
-        assert_eq!(encode(&image(vec![90; 3 * 320 * 319])), None);
-        let of_size = |size| {
-            encode(&ImageBytes {
-                size,
-                ..image(vec![90; 300])
-            })
-        };
+        assert!(encode([320, 320], &[90; 3 * 320 * 320]).is_some_and(|jpeg| jpeg.len() < 4000));
+        assert_eq!(encode([320, 320], &[90; 3 * 320 * 319]), None);
+        let of_size = |size| encode(size, &[90; 300]);
         assert_eq!(of_size([0, 10]), None);
         assert_eq!(of_size([u32::MAX, 10]), None);
     }

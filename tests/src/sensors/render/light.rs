@@ -80,22 +80,26 @@ impl Renderer {
             width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
         })
     }
-    /// Grey levels of light; the noise is the draws from `start` on, `stride` by `stride`.
+    /// Grey levels of light, in parts of `band` pixels; the noise is the draws from `start` on, `stride` by `stride`.
     pub(super) fn expose(
         &self,
         sensor: &Sensor,
         light: &[f32],
-        start: usize,
-        stride: usize,
+        [start, stride]: [usize; 2],
+        band: usize,
         pixels: &mut [u8],
     ) {
-        let mut place = start;
-        for (pixel, light) in pixels.iter_mut().zip(light) {
-            place = (place + stride) & (DRAWS - 1);
-            let grey = (light * sensor.scale).max(0.0);
-            let noise = self.normals.get(place).copied().unwrap_or(0.0);
-            *pixel = (grey + noise * (sensor.dark + sensor.shot * grey).sqrt() + 0.5).clamp(0.0, 255.0) as u8;
-        }
+        let bands = pixels.par_chunks_mut(band).zip(light.par_chunks(band));
+        bands.enumerate().for_each(|(k, (pixels, light))| {
+            let mut place = start + stride * k * band;
+            for (pixel, light) in pixels.iter_mut().zip(light) {
+                place = (place + stride) & (DRAWS - 1);
+                let grey = (light * sensor.scale).max(0.0);
+                let noise = self.normals.get(place).copied().unwrap_or(0.0);
+                let noisy = grey + noise * (sensor.dark + sensor.shot * grey).sqrt();
+                *pixel = (noisy + 0.5).clamp(0.0, 255.0) as u8;
+            }
+        });
     }
     /// Adds what the lens scatters of the scene's light and of the lamp's, and the lamp.
     pub(super) fn scatter(&self, night: &NightConfig, shot: &Shot, light: &mut [f32]) {

@@ -326,6 +326,13 @@ impl Renderer {
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.config.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
+        let mut pixels = vec![0; width * height];
+        self.render(shot, &mut pixels);
+        GreyImage::new(width, height, pixels).ok()
+    }
+    /// Renders the image into as many pixels as the lens has, row by row from the top.
+    pub fn render(&mut self, shot: &Shot, pixels: &mut [u8]) {
+        let [width, height] = [self.config.lens.width_px, self.config.lens.height_px].map(|s| s as usize);
         // Another walk through the draws for each image: an odd stride visits all of them.
         let start = (self.noise.uniform() * DRAWS as f64) as usize;
         let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
@@ -339,18 +346,8 @@ impl Renderer {
         if let Some(night) = &self.night {
             self.scatter(night, shot, &mut light);
         }
-        let (sensor, mut pixels) = (
-            Sensor::of(&self.config, self.night.as_ref(), shot),
-            vec![0; width * height],
-        );
-        let bands = pixels
-            .par_chunks_mut(width * BLOCK_PX)
-            .zip(light.par_chunks(width * BLOCK_PX));
-        bands.enumerate().for_each(|(k, (pixels, light))| {
-            let first = start + stride * k * BLOCK_PX * width;
-            self.expose(&sensor, light, first, stride, pixels);
-        });
-        GreyImage::new(width, height, pixels).ok()
+        let sensor = Sensor::of(&self.config, self.night.as_ref(), shot);
+        self.expose(&sensor, &light, [start, stride], width * BLOCK_PX, pixels);
     }
 
     fn scene(&self, shot: &Shot) -> Scene<'_> {
