@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use alight_shared::admission::Sender;
 use alight_shared::config;
-use alight_transport::radio::{Radio, RadioConfig};
+use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
 
 use crate::common::{self, publication};
 
@@ -99,6 +99,55 @@ fn radio_over_quic() {
     let directory = common::certificates("quic");
     over("quic", Some(&directory));
     std::fs::remove_dir_all(&directory).expect("removed");
+}
+
+/// A drone that does not read while its vessel sends without a pause, states by a number that grows.
+#[test]
+fn abort_after_ten_thousand_states() {
+    const STATES: &str = "alight/vessel-1/estimate";
+    const ORDERS: &str = "alight/vessel-1/command";
+    let endpoint = endpoint("tcp");
+    let publications = vec![
+        Publication::new(STATES, Urgency::State),
+        Publication::new(ORDERS, Urgency::Order),
+    ];
+    let listen = RadioConfig::listening(&endpoint, TlsConfig::default());
+    let mut vessel = Radio::open(&listen, publications, Vec::<String>::new()).expect("opens");
+    let subscriptions = vec![STATES.into(), Subscription::order(ORDERS)];
+    let dial = RadioConfig::dialling(&endpoint, TlsConfig::default());
+    let mut drone = Radio::open(&dial, publication("alight/drone-1/test"), subscriptions).expect("opens");
+    for _ in 0..600 {
+        if vessel.count_present(|s| *s == Sender::Drone(1)) > 0 {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let mut sent = 0_u64;
+    // Sends until so many states gave way at the drone; how many were sent.
+    let mut flood = |vessel: &mut Radio, drone: &Radio, dropped: u64| {
+        for _ in 0..10_000_000 {
+            sent += 1;
+            vessel.send(0, sent.to_le_bytes().into());
+            if drone.counts().dropped >= dropped {
+                return sent;
+            }
+        }
+        panic!("only {} states gave way", drone.counts().dropped);
+    };
+    let before = flood(&mut vessel, &drone, 10_000);
+    vessel.send(1, b"abort".into());
+    // More have come than were sent before it, on the same stream.
+    flood(&mut vessel, &drone, before);
+
+    let taken: Vec<_> = std::iter::from_fn(|| drone.receive(Duration::ZERO)).collect();
+    assert_eq!((taken[0].subscription, &taken[0].bytes[..]), (1, &b"abort"[..]));
+    let state = |bytes: &[u8]| u64::from_le_bytes(bytes.try_into().expect("a number"));
+    let states: Vec<u64> = taken[1..].iter().map(|t| state(&t.bytes)).collect();
+    assert!(
+        states.is_sorted() && states[0] > before,
+        "not the newest: {states:?}"
+    );
+    assert!(taken.len() <= 128, "no step before message {}", taken.len());
 }
 
 #[test]

@@ -3,26 +3,27 @@
 //! The vessel listens and only drones dial: two sides that dial can end up in a split session.
 //! zenoh repeats nothing by itself, so every message is small, complete and the newest wins; a
 //! message that does not fit into the local queue is dropped, never waited for. A session that went
-//! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
+//! silent is closed (which may hang, so it is left to a thread of its own) and opened anew. Where the process does not keep
+//! up, the oldest states give way, and orders wait for none of them ([`Subscription::order`]).
 
 mod answers;
 mod attempts;
 mod config;
 mod held;
+mod inbox;
 mod presence;
 mod publication;
 
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::sync::{Arc, atomic::AtomicBool, atomic::AtomicU64, atomic::Ordering};
 use std::time::Duration;
 
-use tokio::sync::Notify;
 use tracing::warn;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::qos::{CongestionControl, Reliability};
 use zenoh::query::{Querier, Queryable};
 use zenoh::sample::Sample;
 
@@ -31,6 +32,7 @@ use crate::observe::{ReceiveChannel, receive_channel};
 use crate::radio::attempts::Attempts;
 use crate::radio::config::ZenohFile;
 pub use crate::radio::config::{RadioConfig, TlsConfig, zenoh_text};
+use crate::radio::inbox::Inbox;
 use crate::radio::presence::Present;
 pub use crate::radio::publication::{Publication, Urgency};
 use crate::rejections::PlaintextAttempts;
@@ -42,8 +44,10 @@ use alight_shared::wire::MAX_WIRE_BYTES;
 /// A publisher's answer is awaited for so long; its broadcasts come meanwhile.
 const ASK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Messages that wait for the process; what comes on top is dropped.
-const INBOX: usize = 256;
+/// Messages in a row for a process that does not wait: half of what a record of a step may hold, if each is the longest.
+const MAX_IN_A_ROW: usize = 128;
+/// A test bench brings what it has delayed without an arrival, this late at most.
+const BENCH_WAIT: Duration = Duration::from_millis(5);
 
 /// A key to read.
 #[derive(Clone, Debug)]
@@ -52,18 +56,32 @@ pub struct Subscription {
     key: String,
     /// The newest message is asked for, too ([`Radio::ask`]).
     asked: bool,
+    /// Messages on it are read before all others.
+    order: bool,
 }
 
 impl Subscription {
     /// The newest message is asked of the publisher as soon as there is one.
     pub fn asked(key: impl Into<String>) -> Subscription {
-        let key = key.into();
-        Subscription { key, asked: true }
+        let key: String = key.into();
+        Subscription {
+            asked: true,
+            ..key.into()
+        }
+    }
+    /// Orders come on the key: they overtake all that waits, and never give way to it.
+    pub fn order(key: impl Into<String>) -> Subscription {
+        let key: String = key.into();
+        Subscription {
+            order: true,
+            ..key.into()
+        }
     }
 }
 impl From<String> for Subscription {
     fn from(key: String) -> Subscription {
-        Subscription { key, asked: false }
+        let (asked, order) = (false, false);
+        Subscription { key, asked, order }
     }
 }
 impl From<&str> for Subscription {
@@ -97,7 +115,7 @@ pub struct RadioCounts {
     pub received: u64,
     /// Newest messages that were asked for.
     pub asked: u64,
-    /// Messages dropped because they were too long or the process did not read.
+    /// Messages dropped because they were too long, or gave way to newer ones that the process did not read either.
     pub dropped: u64,
     /// How often a session was reopened.
     pub reopened: u64,
@@ -112,7 +130,8 @@ pub struct Radio {
     attempts: Attempts,
     /// Somebody calls [`Radio::watch`].
     watched: bool,
-    inbox: Receiver<Received>,
+    /// Messages taken since the last pause.
+    in_a_row: usize,
     counts: RadioCounts,
     flows: Vec<Flow>,
     last_received_ns: Option<i64>,
@@ -132,9 +151,7 @@ struct Parts {
     file: Option<ZenohFile>,
     publications: Vec<Publication>,
     subscriptions: Vec<Subscription>,
-    sender: SyncSender<Received>,
-    /// Something has arrived.
-    arrival: Arc<Notify>,
+    inbox: Arc<Inbox>,
     dropped: Arc<AtomicU64>,
     /// Somebody holds what we ask for, and was not asked yet.
     due: Arc<AtomicBool>,
@@ -214,8 +231,8 @@ impl Parts {
     }
     /// What is done with a message of a subscription, whether it was broadcast or is an answer.
     fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
-        let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
-        let arrival = Arc::clone(&self.arrival);
+        let (inbox, dropped) = (Arc::clone(&self.inbox), Arc::clone(&self.dropped));
+        let is_order = self.subscriptions.get(subscription).is_some_and(|s| s.order);
         move |sample| {
             let payload = sample.payload();
             if payload.len() > MAX_WIRE_BYTES {
@@ -229,12 +246,7 @@ impl Parts {
                 at_ns: steady_ns(),
                 bytes,
             };
-            match sender.try_send(received) {
-                Ok(()) => arrival.notify_one(),
-                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                    dropped.fetch_add(1, Ordering::Relaxed);
-                }
-            }
+            dropped.fetch_add(inbox.put(received, is_order), Ordering::Relaxed);
         }
     }
     /// Asks on a key, and notices when somebody is there to answer.
@@ -242,7 +254,7 @@ impl Parts {
         let querier = session
             .declare_querier(key.to_owned())
             .congestion_control(CongestionControl::Drop)
-            .priority(Priority::InteractiveHigh)
+            .priority(Urgency::Model.priority())
             .express(true)
             .timeout(ASK_TIMEOUT)
             .wait()?;
@@ -268,7 +280,6 @@ impl Radio {
             .check(&Keys::ROOT)
             .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
         config.check_zenoh()?;
-        let (sender, inbox) = sync_channel(INBOX);
         let mut radio = Radio {
             flows: vec![Flow::default(); publications.len()],
             parts: Parts {
@@ -276,8 +287,7 @@ impl Radio {
                 file: ZenohFile::of(config)?,
                 publications,
                 subscriptions: subscriptions.into_iter().map(Into::into).collect(),
-                sender,
-                arrival: Arc::new(Notify::new()),
+                inbox: Arc::default(),
                 dropped: Arc::default(),
                 due: Arc::default(),
             },
@@ -285,7 +295,7 @@ impl Radio {
             opening: None,
             attempts: Attempts::default(),
             watched: false,
-            inbox,
+            in_a_row: 0,
             counts: RadioCounts::default(),
             last_received_ns: None,
             last_fresh_ns: steady_ns(),
@@ -411,30 +421,41 @@ impl Radio {
         }
     }
 
-    /// Waits until something has arrived since the last wait, for who waits for other things, too.
+    /// Waits until there is something to receive, for who waits for other things, too.
     pub async fn arrival(&self) {
-        self.parts.arrival.notified().await;
+        let arrival = self.parts.inbox.arrival();
+        if self.channel.is_some() {
+            let _late = tokio::time::timeout(BENCH_WAIT, arrival).await;
+        } else {
+            arrival.await;
+        }
     }
-    /// The next message; waits at most `timeout` for it.
+    /// The next message, orders first; waits at most `timeout` for it. Without a wait it gives 128 in a
+    /// row at most, and then one pause, so that the process steps in a flood, too.
     pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {
             plaintext_attempts.poll();
         }
         self.take_opened();
-        let mut next = if timeout.is_zero() {
-            self.inbox.try_recv().ok()
-        } else {
-            // We hold a sender ourselves: the only error is that the time is up.
-            self.inbox.recv_timeout(timeout).ok()
-        };
-        while let Some(received) = next {
+        let received = self.take(timeout);
+        if received.is_none() {
+            self.in_a_row = 0;
+        }
+        received
+    }
+    fn take(&mut self, mut timeout: Duration) -> Option<Received> {
+        while !timeout.is_zero() || self.in_a_row < MAX_IN_A_ROW {
+            let Some(received) = self.parts.inbox.take(timeout) else {
+                break;
+            };
+            self.in_a_row += 1;
             self.counts.received += 1;
             self.last_received_ns = Some(received.at_ns);
             let Some(channel) = &mut self.channel else {
                 return Some(received);
             };
             channel.take(received);
-            next = self.inbox.try_recv().ok();
+            timeout = Duration::ZERO;
         }
         self.channel.as_mut()?.ready(steady_ns())
     }

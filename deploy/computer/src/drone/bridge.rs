@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{Rejections, Sender};
-use alight_shared::bus::{Ports, Wired};
+use alight_shared::bus::{MAX_WAIT, Ports, Wired};
 use alight_shared::metrics::{Metric, MetricName, Metrics};
 use alight_shared::msg::Seq;
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -26,8 +26,6 @@ use crate::process::life::Process;
 use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
 
-/// A process without packets wakes this often.
-const MAX_WAIT: Duration = Duration::from_millis(5);
 /// Messages of each subscription; the one after them is the report of the vessel's process.
 const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
     (PacketKind::Estimate, &topics::ESTIMATE),
@@ -65,23 +63,24 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         publication(&topics::TIME_REQUEST, Urgency::State),
         publication(&topics::DRONE_STATUS, Urgency::Status),
     ];
-    let mut keys: Vec<Subscription> = SUBSCRIPTIONS
-        .iter()
-        .map(|(kind, topic)| (ASKED.contains(kind), vessel_key(vessel, topic.name)))
-        .map(|(asked, key)| {
-            if asked {
-                Subscription::asked(key)
-            } else {
-                key.into()
-            }
-        })
-        .collect();
+    let subscription = |(kind, topic): &(PacketKind, &Topic)| {
+        let key = vessel_key(vessel, topic.name);
+        if *kind == PacketKind::Command {
+            Subscription::order(key)
+        } else if ASKED.contains(kind) {
+            Subscription::asked(key)
+        } else {
+            key.into()
+        }
+    };
+    let mut keys: Vec<Subscription> = SUBSCRIPTIONS.iter().map(subscription).collect();
     keys.push(vessel_key(vessel, topics::VESSEL_PROCESS.name).into());
     let mut radio = Radio::open(&computer.radio, publications, keys)?;
 
     let mut flows = RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]);
+    let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
     while !process.ended() {
-        let _late = timeout(MAX_WAIT, radio.arrival()).await;
+        let _late = timeout(max_wait, radio.arrival()).await;
         let mut packets = Vec::new();
         let mut received = radio.receive(Duration::ZERO);
         while let Some(packet) = received {

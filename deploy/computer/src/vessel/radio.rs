@@ -8,7 +8,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::topics::{self, Topic};
 use alight_shared::wire;
 use alight_transport::Received;
-use alight_transport::radio::{Publication, Radio, RadioCounts, Urgency};
+use alight_transport::radio::{Publication, Radio, RadioCounts, Subscription, Urgency};
 use alight_usv::{ComputerIn, ComputerOut};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -37,7 +37,7 @@ const PUBLICATIONS: [(&Topic, Urgency); 10] = [
     (&topics::TIME_REPLY, Urgency::State),
     (&topics::VESSEL_PROCESS, Urgency::Status),
     (&topics::DECK, Urgency::State),
-    (&topics::OPERATOR, Urgency::State),
+    (&topics::OPERATOR, Urgency::Order),
     (&topics::DRONES, Urgency::Status),
     (&topics::SURROUNDINGS, Urgency::State),
     (&topics::RECEIPTS, Urgency::State),
@@ -75,7 +75,11 @@ impl VesselRadio {
                 false => publication,
             }
         });
-        let subscriptions = vec![any_time_request(), any_operator_command(), any_drone_status()];
+        let subscriptions = vec![
+            any_time_request().into(),
+            Subscription::order(any_operator_command()),
+            any_drone_status().into(),
+        ];
         let tls = &computer.radio.tls;
         Ok(VesselRadio {
             radio: Radio::open(&computer.radio, publications.to_vec(), subscriptions)?,

@@ -12,7 +12,9 @@ use alight_shared::topics::Topic;
 /// How urgent a key's messages are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Urgency {
-    /// State and time: before everything else.
+    /// Orders: before everything else, in a queue of their own.
+    Order,
+    /// State and time.
     State,
     /// Models and predictions.
     Model,
@@ -23,8 +25,9 @@ pub enum Urgency {
 impl Urgency {
     pub(super) fn priority(self) -> Priority {
         match self {
-            Urgency::State => Priority::RealTime,
-            Urgency::Model => Priority::InteractiveHigh,
+            Urgency::Order => Priority::RealTime,
+            Urgency::State => Priority::InteractiveHigh,
+            Urgency::Model => Priority::DataHigh,
             Urgency::Status => Priority::Background,
         }
     }

@@ -240,7 +240,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     let config = RadioConfig::dialling(endpoint, certificates::files(keys, vec![vessel])?);
     config.check(&Keys::ROOT)?;
     let key = format!("alight/{own}/{}", topics::OPERATOR.name);
-    let publications = vec![Publication::new(key, Urgency::State).of(&topics::OPERATOR)];
+    let publications = vec![Publication::new(key, Urgency::Order).of(&topics::OPERATOR)];
     // The grants come whether or not a drone is received.
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
