@@ -8,6 +8,12 @@
 use alight_shared::msg::MAX_PEERS;
 use serde_json::{Value, json};
 
+/// Longest question with all that it brings, bytes: ours bring nothing.
+const MAX_QUESTION_BYTES: usize = 256;
+/// Questions a second on one key from one link, Hz: a drone asks once when it connects. Ten links then use up what a key is
+/// answered in all.
+const MAX_QUESTION_HZ: f64 = 2.0;
+
 /// The chunk below a name under which the schemas of its messages are: a `**` of others does not match it.
 pub const SCHEMA: &str = "@schema";
 /// The subject of what comes through a router, whose certificate the configuration names.
@@ -83,6 +89,35 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
         "subjects": subjects,
         "policies": policies,
     })
+}
+
+/// zenoh's `low_pass_filter`: questions that bring more than they need end without an answer, before anything of ours is
+/// called.
+///
+/// It is not used for messages: what it drops it neither counts nor logs (zenoh 1.10.2 without its feature `stats`,
+/// `interceptor/low_pass.rs`), and `packets dropped` shows people who sends too much. A message that is far too long is never
+/// put together (`transport/link/rx/max_message_size`); the rest is checked and counted where it is received.
+pub fn question_sizes() -> Value {
+    json!([{
+        "flows": ["ingress"],
+        "messages": ["query"],
+        "key_exprs": ["alight/**", format!("alight/*/{SCHEMA}/**")],
+        "size_limit": MAX_QUESTION_BYTES,
+    }])
+}
+
+/// zenoh's `downsampling`, on each link by itself: one peer that asks without end leaves the others their answers. A question
+/// on top ends at once, without an answer.
+///
+/// It is not used for messages: of those that come within a period it keeps the first and drops the newest
+/// (`interceptor/downsampling.rs`), such as the second of two orders, or the newest of the states after a retransmission.
+pub fn question_rates(name: &str, own: &[String]) -> Value {
+    let schemas = format!("{name}/{SCHEMA}/**");
+    let keys = [&schemas].into_iter().chain(own);
+    let rules: Vec<Value> = keys
+        .map(|key| json!({ "key_expr": key, "freq": MAX_QUESTION_HZ }))
+        .collect();
+    json!([{ "flows": ["ingress"], "messages": ["query"], "rules": rules }])
 }
 
 #[cfg(test)]

@@ -256,7 +256,12 @@ impl RadioConfig {
             ),
             // One certificate could open a thousand otherwise; the middleware bounds the sum only.
             ("transport/unicast/max_sessions", self.max_sessions().to_string()),
+            ("low_pass_filter", access::question_sizes().to_string()),
         ];
+        if !self.router {
+            // All peers ask over a router's link: it would be one rate for all.
+            settings.push(("downsampling", access::question_rates(name, own).to_string()));
+        }
         if !self.tls.authority.is_empty() {
             let router = self.router.then_some(self.tls.router.as_str());
             let rules = access::rules(name, own, &self.tls.peers, router);
@@ -422,6 +427,28 @@ mod tests {
         assert_eq!(number(&config, "transport/unicast/max_sessions"), 14);
         config.tls.peers.clear();
         assert!(number(&config, "transport/unicast/max_sessions") > 2 * 64);
+    }
+
+    #[test]
+    fn questions_that_peers_may_send() {
+        let config = RadioConfig::listening("tcp/127.0.0.1:7447", TlsConfig::default());
+        let own = ["wave", "estimate"].map(|topic| format!("alight/vessel-1/{topic}"));
+        let session = config.session("alight/vessel-1", &own, None).unwrap();
+        let set = |key: &str| -> Value { serde_json::from_str(&session.get_json(key).unwrap()).unwrap() };
+        let (sizes, rates) = (set("low_pass_filter"), set("downsampling"));
+        // Messages are counted where they are too long, and the newest of them is never dropped for an older one.
+        for rule in [&sizes[0], &rates[0]] {
+            assert_eq!(rule["messages"], serde_json::json!(["query"]));
+            assert_eq!(rule["flows"], serde_json::json!(["ingress"]));
+        }
+        assert!(sizes[0]["size_limit"].as_u64().unwrap() < 1000 && sizes[1].is_null());
+        // A drone asks on several keys at once, which do not count for one another.
+        let keys = rates[0]["rules"].as_array().unwrap().iter();
+        let keys: Vec<&str> = keys.map(|r| r["key_expr"].as_str().unwrap()).collect();
+        assert_eq!(
+            keys,
+            ["alight/vessel-1/@schema/**", own[0].as_str(), own[1].as_str()]
+        );
     }
 
     fn through_router(router: &str) -> RadioConfig {
