@@ -35,7 +35,7 @@ pub use crate::radio::config::{RadioConfig, TlsConfig, zenoh_text};
 use crate::radio::inbox::Inbox;
 use crate::radio::presence::Present;
 pub use crate::radio::publication::{Publication, Urgency};
-use crate::rejections::PlaintextAttempts;
+use crate::rejections::{self, PlaintextAttempts};
 use crate::{Received, TransportError};
 use alight_shared::admission::Sender;
 use alight_shared::config::{Check, Keys};
@@ -193,6 +193,9 @@ impl Parts {
             present: Present::of(&session).map_err(declaring)?,
             session,
         };
+        if let Some(admitted) = self.config.admitted() {
+            rejections::follow(&open.session, admitted).map_err(declaring)?;
+        }
         if let Some(name) = self.name() {
             open.queryables = answers::declare(&open.session, name, &self.publications).map_err(declaring)?;
             open.token = Some(presence::declare(&open.session, name).map_err(declaring)?);

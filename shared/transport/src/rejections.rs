@@ -1,9 +1,11 @@
-//! Rejected peers, from zenoh's log (crate `tracing`), the only place where it reports them: a
-//! listener counts the three kinds of rejection.
+//! Rejected peers.
 //!
-//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired;
-//! - a session whose certificate carries a name that no rule of ours is for;
-//! - a message of an admitted name on a key outside its rule.
+//! A session whose certificate has a name that is not admitted is known by the links of the session ([`follow`]). Zenoh 1.10
+//! reports the others in its log alone (crate `tracing`), from which a listener counts them:
+//!
+//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired. It has neither
+//!   transport nor link, so no event of `transport_events_listener` or `link_events_listener` comes of it;
+//! - a message of an admitted name on a key outside its rule, which the access control drops without any other trace.
 //!
 //! One more is noticed by [`PlaintextAttempts`]: a stream without TLS.
 //!
@@ -22,6 +24,9 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
+use zenoh::Wait;
+use zenoh::sample::SampleKind;
+use zenoh::session::LinkEvent;
 
 /// Refusals since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,6 +72,21 @@ pub fn listen() {
     LISTENING.call_once(|| {
         let _another = tracing::subscriber::set_global_default(tracing_subscriber::registry().with(layer()));
     });
+}
+
+/// Counts the links of a session whose certificate has none of the `admitted` names: its access rules deny all that comes
+/// over them.
+pub(super) fn follow(session: &zenoh::Session, admitted: Vec<String>) -> zenoh::Result<()> {
+    let changed = move |event: LinkEvent| {
+        let name = event.link().auth_identifier();
+        let is_admitted = name.is_some_and(|name| admitted.iter().any(|a| a == name));
+        if event.kind() == SampleKind::Put && !is_admitted {
+            count(AccessRejection::Name);
+        }
+    };
+    let links = session.info();
+    let listener = links.link_events_listener().history(true).callback(changed);
+    listener.background().wait()
 }
 
 fn count(rejection: AccessRejection) {
@@ -117,9 +137,6 @@ fn of(target: &str, text: &str) -> Option<AccessRejection> {
     if text.contains("Declare Liveliness Subscriber") {
         BEFOREHAND.set(false);
         return None;
-    }
-    if text.contains("did not match any configured ACL subject") {
-        return Some(AccessRejection::Name);
     }
     let put = ["Put", "Reply"]
         .iter()
@@ -201,5 +218,9 @@ mod tests {
             of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
             None
         );
+        // Its link is counted.
+        let unnamed =
+            "abc did not match any configured ACL subject. Default permission `Deny` will be applied";
+        assert_eq!(of(RULES, unnamed), None);
     }
 }

@@ -191,6 +191,15 @@ impl RadioConfig {
             self.reopen_after_s
         }
     }
+    /// Names in the certificates to which access rules apply; None: without certificates.
+    pub(super) fn admitted(&self) -> Option<Vec<String>> {
+        let tls = &self.tls;
+        let names = match self.router {
+            true => vec![tls.router.clone()],
+            false => tls.peers.clone(),
+        };
+        (!tls.authority.is_empty()).then_some(names)
+    }
     fn max_sessions(&self) -> usize {
         let peers = match self.tls.peers.len() {
             // Without certificates nobody is named.
