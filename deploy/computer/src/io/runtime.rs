@@ -11,7 +11,10 @@ pub fn block_on<T>(task: impl Future<Output = Result<T, CliError>>) -> Result<T,
     run(&mut Builder::new_current_thread(), task)
 }
 
-/// Runtime of a process with a radio: zenoh's calls may wait, which it rejects inside a runtime of one thread.
+/// Runs `task` of a process with a radio, in this thread, too; one more stands by. Zenoh's calls that block panic inside a
+/// runtime of one thread (zenoh-runtime 1.10.2, `src/lib.rs:148`), and it calls one itself when the last handle of a session is
+/// dropped (zenoh 1.10.2, `src/api/session.rs:794`) or its links are listed (`src/net/runtime/mod.rs:543`). To await would not
+/// help: but for opening and closing, what is awaited is `ready(self.wait())` (such as `src/api/builders/publisher.rs:511`).
 pub fn block_on_with_radio<T>(task: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {
     run(Builder::new_multi_thread().worker_threads(1), task)
 }
