@@ -10,8 +10,8 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::tags::Tags;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::detector::TagDetector;
-use alight_uav::camera::strangers::Strangers;
 use alight_uav::camera::metering::{Light, Setting};
+use alight_uav::camera::strangers::Strangers;
 use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::tools::check::facts::CameraImages;
