@@ -57,10 +57,7 @@ fn plan_start_with_a_drone_ahead_or_behind() {
         (0.1..0.4).contains(&(higher / -0.2)) && (0.1..0.4).contains(&(slower / -0.4)),
         "{higher} {slower}"
     );
-    for (kind, lower, faster) in [
-        (PlannerKind::MpcFaa, 0.2, 0.4),
-        (PlannerKind::MpcFaa, -0.2, -0.4),
-    ] {
+    for (kind, lower, faster) in [(PlannerKind::MpcFaa, 0.2, 0.4), (PlannerKind::MpcFaa, -0.2, -0.4)] {
         let gap = begins(kind, 2, lower, faster);
         assert!(gap[0].abs() < 0.01 && gap[1].abs() < 0.03, "{kind:?} {gap:?}");
     }
