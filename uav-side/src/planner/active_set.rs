@@ -10,7 +10,7 @@ use alight_shared::msg::Solve;
 
 use super::condensed::Condensed;
 use super::model::Discrete;
-use super::qp::{ChainLimits, Instance, Layout, SlackCost, TOLERANCE};
+use super::qp::{ChainLayout, ChainLimits, Instance, SlackCost, TOLERANCE};
 
 /// Changes of the working set, at most: a landing's problems need up to 15, of 1500 drawn ones with limits everywhere the
 /// worst 386.
@@ -58,7 +58,7 @@ pub(super) struct ActiveSet<const N: usize> {
     model: Discrete<N, 1>,
     limits: ChainLimits<N>,
     stages: usize,
-    at: Layout<N>,
+    at: ChainLayout<N>,
     /// Of the stages, motion and place in turn.
     slacks: Vec<Slack>,
     /// The working set, its multipliers, and its images one after another.
@@ -77,7 +77,7 @@ pub(super) struct ActiveSet<const N: usize> {
 
 impl<const N: usize> ActiveSet<N> {
     pub fn new(model: Discrete<N, 1>, stages: usize, limits: ChainLimits<N>, cost: SlackCost) -> Self {
-        let at = Layout::<N>::of(&limits);
+        let at = ChainLayout::<N>::of(&limits);
         let slack = |over: f64| Slack {
             linear: 0.5 * over * cost.linear,
             quadratic: over * cost.quadratic.max(MIN_CURVATURE * cost.linear),

@@ -123,7 +123,7 @@ pub struct Instance<'a, const N: usize> {
 
 /// Where the variables of each stage are: input, state, slack of the motion, and one of the place where it has a floor.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout<const N: usize> {
+pub(super) struct ChainLayout<const N: usize> {
     width: usize,
     /// 1 where the place has a slack of its own.
     pub place: usize,
@@ -133,14 +133,14 @@ pub(super) struct Layout<const N: usize> {
     pub unit_m: f64,
 }
 
-impl<const N: usize> Layout<N> {
+impl<const N: usize> ChainLayout<N> {
     pub fn of(limits: &ChainLimits<N>) -> Self {
         let (place, motion_cost, unit_m) = if limits.floor {
             (1, MOTION_OVER_PLACE, PLACE_SLACK_M)
         } else {
             (0, 1.0, CEILING_SLACK_M)
         };
-        Layout {
+        ChainLayout {
             width: limits.width(),
             place,
             motion_cost,
@@ -227,7 +227,7 @@ impl Constraints {
     }
 
     /// `x_k+1 - A x_k - B u_k = 0`; the first stage's state now is on the right-hand side.
-    fn dynamics<const N: usize>(&mut self, at: &Layout<N>, model: &Discrete<N, 1>, stages: usize) {
+    fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &Discrete<N, 1>, stages: usize) {
         for k in 0..stages {
             for i in 0..N {
                 let row = k * N + i;
@@ -241,7 +241,7 @@ impl Constraints {
     }
 
     /// The limits of stage `k`: input, slew, slacks, place, states; gives their first row.
-    fn limits<const N: usize>(&mut self, at: &Layout<N>, limits: &ChainLimits<N>, k: usize) -> usize {
+    fn limits<const N: usize>(&mut self, at: &ChainLayout<N>, limits: &ChainLimits<N>, k: usize) -> usize {
         let first = self.b.len();
         let u = at.input(k);
         for (sign, bound) in [(1.0, limits.input[1]), (-1.0, -limits.input[0])] {
@@ -307,7 +307,7 @@ impl<const N: usize> SparseForm<N> {
         limits: ChainLimits<N>,
         slack: SlackCost,
     ) -> Self {
-        let layout = Layout::<N>::of(&limits);
+        let layout = ChainLayout::<N>::of(&limits);
         let variables = stages * layout.width;
         let (p, weight_at) = layout.quadratic(stages, increment_weight, slack);
         let equalities = stages * N;

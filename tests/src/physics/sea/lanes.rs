@@ -14,7 +14,7 @@ pub(super) const LANES: usize = 4;
 pub(super) struct Lanes<const L: usize>(pub(super) [f64; L]);
 
 /// A horizontal vector of each place, north and east.
-pub(super) type Pair<const L: usize> = [Lanes<L>; 2];
+pub(super) type LanePair<const L: usize> = [Lanes<L>; 2];
 
 impl<const L: usize> Default for Lanes<L> {
     fn default() -> Self {

@@ -30,7 +30,7 @@ use rand::RngExt;
 pub use config::{MAX_COMPONENTS, SeaConfig, SeaKind, Spectrum, WaveSystem};
 pub(crate) use trig::sin_cos;
 
-use self::lanes::{LANES, Lanes, Pair};
+use self::lanes::{LANES, LanePair, Lanes};
 use crate::physics::streams::Streams;
 
 /// Density of sea water at 15 °C, kg/m³ (ITTC 2011).
@@ -315,11 +315,11 @@ impl Sea {
         kernel: &[Precomputed],
         places: &[Vector2<f64>; L],
     ) -> [WaterSample; L] {
-        let x: Pair<L> = [Lanes(places.map(|p| p.x)), Lanes(places.map(|p| p.y))];
+        let x: LanePair<L> = [Lanes(places.map(|p| p.x)), Lanes(places.map(|p| p.y))];
         let mut trig = [(Lanes([0.0; L]), Lanes([1.0; L])); MAX_COMPONENTS];
         let trig = &mut trig[..kernel.len()];
         // Solve x0 - D(x0) = x by Newton's method; D(x0) = sum q A d sin is the displacement.
-        let mut displacement = Pair::<L>::default();
+        let mut displacement = LanePair::<L>::default();
         let mut fold = Fold::default();
         for (sc, k) in trig.iter_mut().zip(kernel) {
             *sc = (k.turns(&x) + Lanes([k.base; L])).sin_cos();
@@ -331,7 +331,7 @@ impl Sea {
         }
         // First step from x0 = x: the phases turn by k.step, less than the steepness allows (1.6 rad).
         let step = fold.solve(displacement);
-        displacement = Pair::default();
+        displacement = LanePair::default();
         fold = Fold::default();
         for (sc, k) in trig.iter_mut().zip(kernel) {
             *sc = turned(*sc, k.turns(&step).near_zero());
@@ -400,7 +400,7 @@ struct Precomputed {
 impl Precomputed {
     /// `k . x`, rad.
     #[inline(always)]
-    fn turns<const L: usize>(&self, x: &Pair<L>) -> Lanes<L> {
+    fn turns<const L: usize>(&self, x: &LanePair<L>) -> Lanes<L> {
         x[0] * self.k.x + x[1] * self.k.y
     }
 }
@@ -434,7 +434,7 @@ impl<const L: usize> Fold<L> {
         self.ee = self.ee - cos * c.bend[2];
     }
     /// Solves `fold y = v`; positive definite while the sea does not fold.
-    fn solve(&self, v: Pair<L>) -> Pair<L> {
+    fn solve(&self, v: LanePair<L>) -> LanePair<L> {
         let det = self.nn * self.ee - self.ne * self.ne;
         [
             (self.ee * v[0] - self.ne * v[1]) / det,
