@@ -15,7 +15,6 @@
 //! in the place of their places: `zeta = sum A cos(k d.x - w t + phi)`, nothing to solve.
 
 pub mod config;
-mod lanes;
 pub mod spectrum;
 mod trig;
 
@@ -30,7 +29,6 @@ use rand::RngExt;
 pub use config::{MAX_COMPONENTS, SeaConfig, SeaKind, Spectrum, WaveSystem};
 pub(crate) use trig::sin_cos;
 
-use self::lanes::{LANES, LanePair, Lanes};
 use crate::physics::streams::Streams;
 
 /// Density of sea water at 15 °C, kg/m³ (ITTC 2011).
@@ -274,16 +272,9 @@ impl Sea {
                 },
             };
         }
-        let (places, samples) = (points.chunks(LANES), out.chunks_mut(LANES));
-        for (places, samples) in places.zip(samples) {
-            // At a single place three of four lanes would be idle.
-            if let [place] = places {
-                samples[..1].copy_from_slice(&self.sample_lanes::<1>(&kernel[..n], &[*place]));
-                continue;
-            }
-            let filled = core::array::from_fn(|l| places[l.min(places.len() - 1)]);
-            let count = places.len().min(samples.len());
-            samples[..count].copy_from_slice(&self.sample_lanes::<LANES>(&kernel[..n], &filled)[..count]);
+        let mut trig = [(0.0, 1.0); MAX_COMPONENTS];
+        for (p, o) in points.iter().zip(out) {
+            *o = self.sample_one(&kernel[..n], &mut trig[..n], *p);
         }
     }
 
@@ -309,76 +300,56 @@ impl Sea {
         w
     }
 
-    /// Places side by side; `kernel` holds what does not depend on the place. Each lane has the bits that it would have alone.
-    fn sample_lanes<const L: usize>(
-        &self,
-        kernel: &[Precomputed],
-        places: &[Vector2<f64>; L],
-    ) -> [WaterSample; L] {
-        let x: LanePair<L> = [Lanes(places.map(|p| p.x)), Lanes(places.map(|p| p.y))];
-        let mut trig = [(Lanes([0.0; L]), Lanes([1.0; L])); MAX_COMPONENTS];
-        let trig = &mut trig[..kernel.len()];
+    /// One place; `kernel` holds what does not depend on the place, `trig` is scratch for the sine and
+    /// cosine of each phase.
+    fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
         // Solve x0 - D(x0) = x by Newton's method; D(x0) = sum q A d sin is the displacement.
-        let mut displacement = LanePair::<L>::default();
+        let mut displacement = Vector2::zeros();
         let mut fold = Fold::default();
         for (sc, k) in trig.iter_mut().zip(kernel) {
-            *sc = (k.turns(&x) + Lanes([k.base; L])).sin_cos();
-            displacement = [
-                displacement[0] + sc.0 * k.reach.x,
-                displacement[1] + sc.0 * k.reach.y,
-            ];
+            *sc = trig::sin_cos(k.k.dot(&x) + k.base);
+            displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
         // First step from x0 = x: the phases turn by k.step, less than the steepness allows (1.6 rad).
         let step = fold.solve(displacement);
-        displacement = LanePair::default();
+        displacement = Vector2::zeros();
         fold = Fold::default();
         for (sc, k) in trig.iter_mut().zip(kernel) {
-            *sc = turned(*sc, k.turns(&step).near_zero());
-            displacement = [
-                displacement[0] + sc.0 * k.reach.x,
-                displacement[1] + sc.0 * k.reach.y,
-            ];
+            let turn = k.k.dot(&step).clamp(-1.6, 1.6);
+            *sc = turned(*sc, trig::near_zero(turn));
+            displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
         // The second step is small: second order in it is enough.
-        let step = fold.solve([displacement[0] - step[0], displacement[1] - step[1]]);
-        let mut sums = [Lanes([0.0; L]); 10];
-        for ((k, c), sc) in kernel.iter().zip(&self.components).zip(trig.iter()) {
-            let e = k.turns(&step);
-            let (sin, cos) = turned(*sc, (e, Lanes([1.0; L]) - e * 0.5 * e));
-            let up = cos * c.amplitude_m;
-            let across = sin * c.amplitude_m;
+        let step = fold.solve(displacement - step);
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            let e = k.k.dot(&step);
+            *sc = turned(*sc, (e, 1.0 - 0.5 * e * e));
+        }
+        let mut w = WaterSample::default();
+        let mut gradient = Vector2::zeros();
+        for ((k, c), &(sin, cos)) in kernel.iter().zip(&self.components).zip(trig.iter()) {
+            let up = c.amplitude_m * cos;
+            w.elevation_m += up;
+            w.elevation_at_depth_m += up * k.decay;
+            gradient -= k.k * (c.amplitude_m * sin);
             let speed = c.frequency * k.decay;
             let push = speed * c.frequency;
-            let parts = [
-                up,
-                up * k.decay,
-                across * -k.k.x,
-                across * -k.k.y,
-                cos * (k.reach.x * speed),
-                cos * (k.reach.y * speed),
-                sin * (-c.amplitude_m * speed),
-                sin * (k.reach.x * push),
-                sin * (k.reach.y * push),
-                cos * (c.amplitude_m * push),
-            ];
-            for (sum, part) in sums.iter_mut().zip(parts) {
-                *sum = *sum + part;
-            }
+            w.velocity += Vector3::new(
+                k.reach.x * speed * cos,
+                k.reach.y * speed * cos,
+                -c.amplitude_m * speed * sin,
+            );
+            w.acceleration += Vector3::new(
+                k.reach.x * push * sin,
+                k.reach.y * push * sin,
+                c.amplitude_m * push * cos,
+            );
         }
         // d zeta/dx = (dx/dx0)^-T d zeta/dx0; the fold is symmetric.
-        let slope = fold.solve([sums[2], sums[3]]);
-        core::array::from_fn(|l| {
-            let sum = sums.map(|s| s.0[l]);
-            WaterSample {
-                elevation_m: sum[0],
-                elevation_at_depth_m: sum[1],
-                slope: Vector2::new(slope[0].0[l], slope[1].0[l]),
-                velocity: Vector3::new(sum[4], sum[5], sum[6]),
-                acceleration: Vector3::new(sum[7], sum[8], sum[9]),
-            }
-        })
+        w.slope = fold.solve(gradient);
+        w
     }
 }
 
@@ -397,49 +368,39 @@ struct Precomputed {
     decay: f64,
 }
 
-impl Precomputed {
-    /// `k . x`, rad.
-    #[inline(always)]
-    fn turns<const L: usize>(&self, x: &LanePair<L>) -> Lanes<L> {
-        x[0] * self.k.x + x[1] * self.k.y
-    }
-}
-
 /// Sine and cosine of the sum of two angles.
 #[inline(always)]
-fn turned<const L: usize>(a: (Lanes<L>, Lanes<L>), b: (Lanes<L>, Lanes<L>)) -> (Lanes<L>, Lanes<L>) {
+fn turned(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0 * b.1 + a.1 * b.0, a.1 * b.1 - a.0 * b.0)
 }
 
 /// The symmetric 2x2 matrix `dx/dx0 = I - sum q A k d d' cos(theta)`.
-struct Fold<const L: usize> {
-    nn: Lanes<L>,
-    ne: Lanes<L>,
-    ee: Lanes<L>,
+#[derive(Clone, Copy)]
+struct Fold {
+    nn: f64,
+    ne: f64,
+    ee: f64,
 }
-impl<const L: usize> Default for Fold<L> {
+impl Default for Fold {
     fn default() -> Self {
         Fold {
-            nn: Lanes([1.0; L]),
-            ne: Lanes([0.0; L]),
-            ee: Lanes([1.0; L]),
+            nn: 1.0,
+            ne: 0.0,
+            ee: 1.0,
         }
     }
 }
-impl<const L: usize> Fold<L> {
+impl Fold {
     #[inline(always)]
-    fn add(&mut self, c: &Precomputed, cos: Lanes<L>) {
-        self.nn = self.nn - cos * c.bend[0];
-        self.ne = self.ne - cos * c.bend[1];
-        self.ee = self.ee - cos * c.bend[2];
+    fn add(&mut self, c: &Precomputed, cos: f64) {
+        self.nn -= c.bend[0] * cos;
+        self.ne -= c.bend[1] * cos;
+        self.ee -= c.bend[2] * cos;
     }
     /// Solves `fold y = v`; positive definite while the sea does not fold.
-    fn solve(&self, v: LanePair<L>) -> LanePair<L> {
+    fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {
         let det = self.nn * self.ee - self.ne * self.ne;
-        [
-            (self.ee * v[0] - self.ne * v[1]) / det,
-            (self.nn * v[1] - self.ne * v[0]) / det,
-        ]
+        Vector2::new(self.ee * v.x - self.ne * v.y, self.nn * v.y - self.ne * v.x) / det
     }
 }
 
