@@ -7,6 +7,8 @@ use crate::tools::check::facts::{DeckInputCheck, SourceCheck};
 
 /// A fault: the change, and a part of the finding.
 type Fault = (fn(&mut CheckFacts), &'static str);
+/// Faults of a computer's facts, and the level of their finding.
+type FaultTable = (fn() -> CheckFacts, FindingLevel, &'static [Fault]);
 
 fn own(f: &mut CheckFacts) -> &mut Identity {
     f.identity.as_mut().unwrap()
@@ -219,7 +221,7 @@ const DRONE_BROKEN: &[Fault] = &[
 
 #[test]
 fn check_of_each_fault() {
-    let faults: [(fn() -> CheckFacts, FindingLevel, &[Fault]); 4] = [
+    let faults: [FaultTable; 4] = [
         (vessel, FindingLevel::Broken, VESSEL_BROKEN),
         (vessel, FindingLevel::Warning, VESSEL_WARNINGS),
         (drone, FindingLevel::Warning, DRONE_WARNINGS),
