@@ -56,10 +56,6 @@ impl SolvedPlan {
     }
 }
 
-/// Time constant with which a landing's plan rises to a drone that is above it, s.
-/// Chosen: 240 landings at 5 and 7 m/s, in 10 and 12 m/s of wind, by tags alone: contacts beyond 0.6 of a limit 53 -> 40.
-const RISES_S: f64 = 0.1;
-
 /// Where a plan begins.
 pub(super) struct Start {
     pub state: State,
@@ -98,13 +94,10 @@ pub(super) fn start(
                 ..
             }) = landing
             {
-                let dt = (now - previous.at).secs();
-                // A drone that is lower than its plan meets the deck sooner and faster than the plan believes. The gap to
-                // one that is higher presses it down; but a plan that has met the deck long before the drone does aligns it
-                // for too long, and deck and drone part.
-                let rises = low_pass_gain(dt, RISES_S);
+                // A drone that is lower than its plan meets the deck sooner and faster than the plan believes.
+                // One that is higher keeps the plan: the gap is what presses it down.
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
-                    state[i] += (gap[i] - max).max(0.0) + rises * gap[i].min(0.0);
+                    state[i] += (gap[i] - max).max(0.0);
                 }
                 let yields = low_pass_gain(dt, yields_s);
                 for i in [state::NORTH, state::EAST, state::V_NORTH, state::V_EAST] {

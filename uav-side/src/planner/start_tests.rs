@@ -51,13 +51,10 @@ fn plan_start_with_a_drone_ahead_or_behind() {
         (lower - 0.2).abs() < 0.01 && (faster - 0.3).abs() < 0.03,
         "{lower} {faster}"
     );
-    // Plans come at 50 Hz: 1 - exp(-0.02 / 0.1) of the gap each.
-    let [higher, slower] = begins(PlannerKind::Alight, 2, -0.2, -0.4);
-    assert!(
-        (0.1..0.4).contains(&(higher / -0.2)) && (0.1..0.4).contains(&(slower / -0.4)),
-        "{higher} {slower}"
-    );
-    for (kind, lower, faster) in [(PlannerKind::MpcFaa, 0.2, 0.4), (PlannerKind::MpcFaa, -0.2, -0.4)] {
+    for (kind, lower, faster) in [
+        (PlannerKind::MpcFaa, 0.2, 0.4),
+        (PlannerKind::MpcFaa, -0.2, -0.4),
+    ] {
         let gap = begins(kind, 2, lower, faster);
         assert!(gap[0].abs() < 0.01 && gap[1].abs() < 0.03, "{kind:?} {gap:?}");
     }
