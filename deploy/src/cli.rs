@@ -46,7 +46,7 @@ Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too s
 pub struct Cli {
     /// The command.
     #[command(subcommand)]
-    pub command: Command,
+    pub command: AlightCommand,
 }
 
 /// The commands of people, by their purpose, in the order in which they are met.
@@ -284,7 +284,7 @@ fn is_process(about: &StyledStr) -> bool {
 
 /// Commands.
 #[derive(Subcommand, Debug)]
-pub enum Command {
+pub enum AlightCommand {
     /// Simulation and experiments.
     #[cfg(feature = "lab")]
     #[command(flatten)]
@@ -380,40 +380,40 @@ const LABORATORY: Laboratory<'static> = {
     laboratory
 };
 
-impl Command {
+impl AlightCommand {
     /// Runs it to its end.
     pub fn run(&self) -> Result<Exit, CliError> {
         match self {
             #[cfg(feature = "lab")]
-            Command::Lab(c) => c.run(&view::start_viewer),
-            Command::Init(a) => init::run(a),
-            Command::Config(c) => c.run(),
-            Command::Estimate(a) => estimate::run(a),
-            Command::Flights(a) => flights::run(a),
-            Command::Replay(a) => replay::run(a, &LABORATORY),
-            Command::Status(a) => status::run(a),
-            Command::View(a) => view::run(a),
-            Command::Ros2(a) => ros2::run(a),
-            Command::SignalK(a) => signalk::run(a),
-            Command::Vessel(a) => vessel::run(a),
-            Command::Drone(a) => drone::run(a),
-            Command::Operate(a) => command::run(a),
-            Command::Bridge(a) => bridge::run(a),
-            Command::Predictor(a) => shell::run::<Predictor>(a, ()),
-            Command::Mission(a) => shell::run(a, mission::Rejections),
-            Command::Planner(a) => shell::run::<Planner>(a, ()),
-            Command::Pilot(a) => shell::run(a, pilot::Ages::default()),
-            Command::Estimator(a) => vessel::estimator::run(a),
-            Command::Sensors(a) => vessel::sensors::run(a),
-            Command::Autopilot(a) => autopilot::run(a),
-            Command::Camera(a) => camera::run(a, ProcessKind::Camera),
-            Command::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
-            Command::Keys(a) => keys::run(a),
-            Command::Check(a) => check::run(a),
-            Command::Tag(a) => tag::run(a),
-            Command::Calibrate(a) => calibrate::run(a),
-            Command::Explain(a) => explain::run(a),
-            Command::Manual { directory } => {
+            AlightCommand::Lab(c) => c.run(&view::start_viewer),
+            AlightCommand::Init(a) => init::run(a),
+            AlightCommand::Config(c) => c.run(),
+            AlightCommand::Estimate(a) => estimate::run(a),
+            AlightCommand::Flights(a) => flights::run(a),
+            AlightCommand::Replay(a) => replay::run(a, &LABORATORY),
+            AlightCommand::Status(a) => status::run(a),
+            AlightCommand::View(a) => view::run(a),
+            AlightCommand::Ros2(a) => ros2::run(a),
+            AlightCommand::SignalK(a) => signalk::run(a),
+            AlightCommand::Vessel(a) => vessel::run(a),
+            AlightCommand::Drone(a) => drone::run(a),
+            AlightCommand::Operate(a) => command::run(a),
+            AlightCommand::Bridge(a) => bridge::run(a),
+            AlightCommand::Predictor(a) => shell::run::<Predictor>(a, ()),
+            AlightCommand::Mission(a) => shell::run(a, mission::RejectionMetrics),
+            AlightCommand::Planner(a) => shell::run::<Planner>(a, ()),
+            AlightCommand::Pilot(a) => shell::run(a, pilot::Ages::default()),
+            AlightCommand::Estimator(a) => vessel::estimator::run(a),
+            AlightCommand::Sensors(a) => vessel::sensors::run(a),
+            AlightCommand::Autopilot(a) => autopilot::run(a),
+            AlightCommand::Camera(a) => camera::run(a, ProcessKind::Camera),
+            AlightCommand::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
+            AlightCommand::Keys(a) => keys::run(a),
+            AlightCommand::Check(a) => check::run(a),
+            AlightCommand::Tag(a) => tag::run(a),
+            AlightCommand::Calibrate(a) => calibrate::run(a),
+            AlightCommand::Explain(a) => explain::run(a),
+            AlightCommand::Manual { directory } => {
                 let doing = format_args!("writing manual pages to {}", directory.display());
                 clap_mangen::generate_to(Cli::command(), directory).doing(doing)?;
                 let mut cli = Cli::command();

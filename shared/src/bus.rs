@@ -169,7 +169,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
 
 /// Counts of what was read on one topic, by the messages' own numbers.
 #[derive(Clone, Copy, Debug)]
-pub struct Received {
+pub struct ReadCounts {
     topic: &'static Topic,
     received: u64,
     missed: u64,
@@ -177,10 +177,10 @@ pub struct Received {
     newest_ns: Option<i64>,
 }
 
-impl Received {
+impl ReadCounts {
     /// Nothing yet.
-    pub const fn of(topic: &'static Topic) -> Received {
-        Received {
+    pub const fn of(topic: &'static Topic) -> ReadCounts {
+        ReadCounts {
             topic,
             received: 0,
             missed: 0,

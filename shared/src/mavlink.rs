@@ -265,7 +265,7 @@ impl Fields<'_> {
 
 /// Who sends a frame; `sequence` counts frames of this sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sender {
+pub struct MavlinkSender {
     /// System.
     pub system: u8,
     /// Component.
@@ -274,8 +274,8 @@ pub struct Sender {
     pub sequence: u8,
 }
 
-impl From<Sender> for MavHeader {
-    fn from(s: Sender) -> MavHeader {
+impl From<MavlinkSender> for MavHeader {
+    fn from(s: MavlinkSender) -> MavHeader {
         MavHeader {
             system_id: s.system.into(),
             component_id: s.component,
@@ -335,7 +335,7 @@ impl Dialect for Bytes {
 }
 
 /// The bytes of a frame, signed where a key is set; none of a number that MAVLink does not have.
-pub fn encode(from: Sender, message: impl Into<Outgoing>, signing: Option<&Signing>) -> Vec<u8> {
+pub fn encode(from: MavlinkSender, message: impl Into<Outgoing>, signing: Option<&Signing>) -> Vec<u8> {
     let message = message.into();
     let (mut raw, dialect) = (MAVLinkV2MessageRaw::new(), Bytes(message.crc));
     let encoded = match signing {

@@ -80,7 +80,7 @@ fn state(schema: &mut Schema) {
         let Some(property) = property.as_object_mut() else {
             continue;
         };
-        if !Kind::of(property).is_number() {
+        if !SchemaKind::of(property).is_number() {
             continue;
         }
         let text = property
@@ -127,7 +127,7 @@ type Object = serde_json::Map<String, Value>;
 
 /// Encoding of a value.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Kind<'a> {
+pub enum SchemaKind<'a> {
     /// A number of this `format`.
     Number(&'a str),
     /// True or false.
@@ -146,9 +146,9 @@ pub enum Kind<'a> {
     Unknown,
 }
 
-impl<'a> Kind<'a> {
+impl<'a> SchemaKind<'a> {
     /// Kind by a schema; of an optional value that of the value.
-    pub fn of(schema: &'a Object) -> Kind<'a> {
+    pub fn of(schema: &'a Object) -> SchemaKind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),
             one => one.and_then(Value::as_str),
@@ -156,31 +156,31 @@ impl<'a> Kind<'a> {
         let number = |key: &str| schema.get(key).and_then(Value::as_u64);
         match of_type {
             Some("number" | "integer") => {
-                Kind::Number(schema.get("format").and_then(Value::as_str).unwrap_or_default())
+                SchemaKind::Number(schema.get("format").and_then(Value::as_str).unwrap_or_default())
             }
-            Some("boolean") => Kind::Bool,
-            Some("string") => Kind::text(schema),
+            Some("boolean") => SchemaKind::Bool,
+            Some("string") => SchemaKind::text(schema),
             Some("array") => match (schema.get("items").and_then(Value::as_object), number("maxItems")) {
-                (Some(items), Some(n)) if number("minItems") == Some(n) => Kind::Array(items, n),
-                (Some(items), Some(n)) => Kind::List(items, n),
-                (None, _) | (_, None) => Kind::Unknown,
+                (Some(items), Some(n)) if number("minItems") == Some(n) => SchemaKind::Array(items, n),
+                (Some(items), Some(n)) => SchemaKind::List(items, n),
+                (None, _) | (_, None) => SchemaKind::Unknown,
             },
-            Some("object") => Kind::structure(schema),
-            _ => Kind::choice(schema),
+            Some("object") => SchemaKind::structure(schema),
+            _ => SchemaKind::choice(schema),
         }
     }
-    fn text(schema: &'a Object) -> Kind<'a> {
+    fn text(schema: &'a Object) -> SchemaKind<'a> {
         let names = schema.get("enum").and_then(Value::as_array);
         match (names, schema.get("const").and_then(Value::as_str)) {
-            (Some(names), _) => Kind::Enum(
+            (Some(names), _) => SchemaKind::Enum(
                 names
                     .iter()
                     .filter_map(Value::as_str)
                     .map(|name| (name, None))
                     .collect(),
             ),
-            (None, Some(name)) => Kind::Enum(vec![(name, None)]),
-            (None, None) => Kind::Text(
+            (None, Some(name)) => SchemaKind::Enum(vec![(name, None)]),
+            (None, None) => SchemaKind::Text(
                 schema
                     .get("maxLength")
                     .and_then(Value::as_u64)
@@ -188,7 +188,7 @@ impl<'a> Kind<'a> {
             ),
         }
     }
-    fn structure(schema: &'a Object) -> Kind<'a> {
+    fn structure(schema: &'a Object) -> SchemaKind<'a> {
         let names = schema
             .get("required")
             .and_then(Value::as_array)
@@ -198,50 +198,54 @@ impl<'a> Kind<'a> {
         let fields: Option<Vec<_>> = names
             .map(|n| Some((n.as_str()?, property(n.as_str()?)?)))
             .collect();
-        fields.map_or(Kind::Unknown, Kind::Struct)
+        fields.map_or(SchemaKind::Unknown, SchemaKind::Struct)
     }
     /// Kind of a choice: variants of an enumeration, or a value that may be absent.
-    fn choice(schema: &'a Object) -> Kind<'a> {
+    fn choice(schema: &'a Object) -> SchemaKind<'a> {
         let several = |key: &str| Some(schema.get(key)?.as_array()?.iter().filter_map(Value::as_object));
         if let Some(mut options) = several("anyOf") {
             let present = options.find(|o| o.get("type").and_then(Value::as_str) != Some("null"));
-            return present.map_or(Kind::Unknown, Kind::of);
+            return present.map_or(SchemaKind::Unknown, SchemaKind::of);
         }
         let variants = several("oneOf").into_iter().flatten().filter(|v| !is_null(v));
-        let variant = |v: &'a Object| match Kind::of(v) {
-            Kind::Enum(names) => names.first().map(|(name, _)| (*name, None)),
-            Kind::Struct(content) => content.first().map(|(name, content)| (*name, Some(*content))),
-            Kind::Number(_)
-            | Kind::Bool
-            | Kind::Text(_)
-            | Kind::Array(..)
-            | Kind::List(..)
-            | Kind::Unknown => None,
+        let variant = |v: &'a Object| match SchemaKind::of(v) {
+            SchemaKind::Enum(names) => names.first().map(|(name, _)| (*name, None)),
+            SchemaKind::Struct(content) => content.first().map(|(name, content)| (*name, Some(*content))),
+            SchemaKind::Number(_)
+            | SchemaKind::Bool
+            | SchemaKind::Text(_)
+            | SchemaKind::Array(..)
+            | SchemaKind::List(..)
+            | SchemaKind::Unknown => None,
         };
         let variants: Option<Vec<_>> = variants.map(variant).collect();
         variants
             .filter(|v| !v.is_empty())
-            .map_or(Kind::Unknown, Kind::Enum)
+            .map_or(SchemaKind::Unknown, SchemaKind::Enum)
     }
     /// A number, or several.
     fn is_number(&self) -> bool {
         match self {
-            Kind::Number(_) => true,
-            Kind::Array(items, _) | Kind::List(items, _) => Kind::of(items).is_number(),
-            Kind::Bool | Kind::Text(_) | Kind::Enum(_) | Kind::Struct(_) | Kind::Unknown => false,
+            SchemaKind::Number(_) => true,
+            SchemaKind::Array(items, _) | SchemaKind::List(items, _) => SchemaKind::of(items).is_number(),
+            SchemaKind::Bool
+            | SchemaKind::Text(_)
+            | SchemaKind::Enum(_)
+            | SchemaKind::Struct(_)
+            | SchemaKind::Unknown => false,
         }
     }
     /// Name of the kind for documents.
     pub fn name(&self) -> String {
         match self {
-            Kind::Number(format) => short(format).into(),
-            Kind::Bool => "bool".into(),
-            Kind::Text(n) => format!("text <= {n}"),
-            Kind::Enum(variants) => format!("one of {}", variants.len()),
-            Kind::Array(items, n) => format!("{}[{n}]", Kind::of(items).name()),
-            Kind::List(items, n) => format!("{}[<= {n}]", Kind::of(items).name()),
-            Kind::Struct(_) => "struct".into(),
-            Kind::Unknown => "-".into(),
+            SchemaKind::Number(format) => short(format).into(),
+            SchemaKind::Bool => "bool".into(),
+            SchemaKind::Text(n) => format!("text <= {n}"),
+            SchemaKind::Enum(variants) => format!("one of {}", variants.len()),
+            SchemaKind::Array(items, n) => format!("{}[{n}]", SchemaKind::of(items).name()),
+            SchemaKind::List(items, n) => format!("{}[<= {n}]", SchemaKind::of(items).name()),
+            SchemaKind::Struct(_) => "struct".into(),
+            SchemaKind::Unknown => "-".into(),
         }
     }
 }
@@ -297,7 +301,7 @@ pub struct Field {
 /// The fields of a message in the order in which they travel.
 pub fn fields(schema: &Schema) -> Vec<Field> {
     let mut found = Vec::new();
-    if let Some(Kind::Struct(content)) = schema.as_object().map(Kind::of) {
+    if let Some(SchemaKind::Struct(content)) = schema.as_object().map(SchemaKind::of) {
         content
             .into_iter()
             .for_each(|(name, field)| add(name, field, &mut found));
@@ -313,7 +317,7 @@ fn add(path: &str, schema: &Object, found: &mut Vec<Field>) {
             .unwrap_or_default()
             .to_owned()
     };
-    let kind = Kind::of(schema);
+    let kind = SchemaKind::of(schema);
     found.push(Field {
         path: path.into(),
         kind: format!("{}{}", kind.name(), if is_optional(schema) { "?" } else { "" }),
@@ -322,12 +326,17 @@ fn add(path: &str, schema: &Object, found: &mut Vec<Field>) {
         description: text("description"),
     });
     let (inner, path) = match kind {
-        Kind::Array(items, _) | Kind::List(items, _) => (Kind::of(items), format!("{path}[]")),
-        Kind::Number(_) | Kind::Bool | Kind::Text(_) | Kind::Enum(_) | Kind::Struct(_) | Kind::Unknown => {
-            (kind, path.to_owned())
+        SchemaKind::Array(items, _) | SchemaKind::List(items, _) => {
+            (SchemaKind::of(items), format!("{path}[]"))
         }
+        SchemaKind::Number(_)
+        | SchemaKind::Bool
+        | SchemaKind::Text(_)
+        | SchemaKind::Enum(_)
+        | SchemaKind::Struct(_)
+        | SchemaKind::Unknown => (kind, path.to_owned()),
     };
-    if let Kind::Struct(content) = inner {
+    if let SchemaKind::Struct(content) = inner {
         content
             .into_iter()
             .for_each(|(name, field)| add(&format!("{path}.{name}"), field, found));

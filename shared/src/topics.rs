@@ -234,7 +234,7 @@ mod tests {
 
     use super::*;
     use crate::msg::*;
-    use crate::schema::{Field, Kind, fields, is_optional};
+    use crate::schema::{Field, SchemaKind, fields, is_optional};
     use crate::surroundings::{KeepOut, Surroundings};
     use crate::wire;
 
@@ -262,32 +262,32 @@ mod tests {
         let mut set = |value| {
             out.insert(path.to_owned(), value);
         };
-        match Kind::of(schema) {
-            Kind::Number("double") => set(f64::from_bits(integer(bytes, 8))),
-            Kind::Number("float") => set(f32::from_bits(integer(bytes, 4) as u32).into()),
-            Kind::Number("float16") => set(f16::from_bits(integer(bytes, 2) as u16).into()),
-            Kind::Number("int64") => set(integer(bytes, 8) as i64 as f64),
-            Kind::Number("uint64") => set(integer(bytes, 8) as f64),
-            Kind::Number("uint32") => set(integer(bytes, 4) as f64),
-            Kind::Number("uint16") => set(integer(bytes, 2) as f64),
-            Kind::Number("uint8") => set(integer(bytes, 1) as f64),
-            Kind::Bool => set(integer(bytes, 1) as f64),
-            Kind::Enum(variants) => {
+        match SchemaKind::of(schema) {
+            SchemaKind::Number("double") => set(f64::from_bits(integer(bytes, 8))),
+            SchemaKind::Number("float") => set(f32::from_bits(integer(bytes, 4) as u32).into()),
+            SchemaKind::Number("float16") => set(f16::from_bits(integer(bytes, 2) as u16).into()),
+            SchemaKind::Number("int64") => set(integer(bytes, 8) as i64 as f64),
+            SchemaKind::Number("uint64") => set(integer(bytes, 8) as f64),
+            SchemaKind::Number("uint32") => set(integer(bytes, 4) as f64),
+            SchemaKind::Number("uint16") => set(integer(bytes, 2) as f64),
+            SchemaKind::Number("uint8") => set(integer(bytes, 1) as f64),
+            SchemaKind::Bool => set(integer(bytes, 1) as f64),
+            SchemaKind::Enum(variants) => {
                 let number = integer(bytes, 4) as usize;
                 set(number as f64);
                 if let (_, Some(content)) = variants[number] {
                     read(&format!("{path}.{}", variants[number].0), content, bytes, out);
                 }
             }
-            Kind::Array(items, n) => {
+            SchemaKind::Array(items, n) => {
                 (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
             }
-            Kind::List(items, most) => {
+            SchemaKind::List(items, most) => {
                 let n = integer(bytes, 8);
                 assert!(n <= most, "{path}: {n} of {most}");
                 (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
             }
-            Kind::Struct(content) => {
+            SchemaKind::Struct(content) => {
                 content
                     .iter()
                     .for_each(|(name, s)| read(&format!("{path}.{name}"), s, bytes, out));
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn radio_messages_decoded_by_their_schemas() {
+    fn estimate_and_wave_decoded_by_their_schemas() {
         let header = Header::new(1, 2, 3, 4, crate::time::Time::from_nanos(5));
         let estimate = VesselEstimate::<VesselClock> {
             header,
@@ -351,6 +351,11 @@ mod tests {
         let read = decoded(&WAVE, &sender.update(&WaveModel { header: next, ..wave }));
         assert_eq!((read[".base"], read.get(".modes[2].pole[1]")), (4.0, None));
         assert!(read.contains_key(".factors[2][1]"));
+    }
+
+    #[test]
+    fn radio_messages_decoded_by_their_schemas() {
+        let header = Header::new(1, 2, 3, 4, crate::time::Time::from_nanos(5));
         let prediction = VesselPrediction::<VesselClock> {
             header,
             step_s: 0.5,

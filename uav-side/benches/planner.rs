@@ -16,7 +16,7 @@ use alight_shared::node::Node;
 use alight_uav::planner;
 use criterion::Criterion;
 
-use approach::{ABOVE, Approach, MODERATE, Sea};
+use approach::{ABOVE, Approach, BenchSea, MODERATE};
 use planner::mpc_faa::{Mpc, Problem, Solution};
 use planner::{Planner, PlannerConfig, PlannerKind};
 
@@ -54,7 +54,7 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
         let mut planner = Planner::new(config, &drone, &deck, 1);
         // The last metres of the approach, tracking, descent, flare, contact.
         let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
-        let mut approach = Approach::new(Sea { phase, ..MODERATE }, from, 2.0);
+        let mut approach = Approach::new(BenchSea { phase, ..MODERATE }, from, 2.0);
         while approach
             .tick(|now, input| {
                 let (out, time) = timed(|| planner.step(now, input));

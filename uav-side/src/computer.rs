@@ -11,7 +11,7 @@ use crate::autopilot::{AutopilotLink, AutopilotLinkConfig};
 use crate::camera::CameraNode;
 use crate::camera::node::CameraIdentity;
 use crate::camera::uvdar::UvdarNode;
-use crate::mission::Mission;
+use crate::mission::MissionNode;
 use crate::pilot::{Output, Pilot};
 use crate::planner::Planner;
 use crate::predictor::Predictor;
@@ -32,7 +32,7 @@ computer! {
         /// The deck's forecast.
         predictor: Predictor => ProcessKind::Predictor,
         /// The state machine.
-        mission: Mission => ProcessKind::Mission,
+        mission: MissionNode => ProcessKind::Mission,
         /// The trajectory.
         planner: Planner => ProcessKind::Planner,
         /// The set-points.
@@ -55,10 +55,10 @@ pub struct DroneNodes {
 
 impl DroneNodes {
     /// The mission, which no other was before.
-    pub fn mission(&self, boot: u32) -> Mission {
+    pub fn mission(&self, boot: u32) -> MissionNode {
         let drone = &self.drone;
         let id = self.id();
-        Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
+        MissionNode::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
     }
     fn id(&self) -> u32 {
         self.bridge.drone_id
@@ -105,8 +105,8 @@ impl Installed for Predictor {
         Predictor::new(&computer.drone.predictor(), boot).as_successor()
     }
 }
-impl Installed for Mission {
-    fn installed(computer: &DroneNodes, boot: u32) -> Mission {
+impl Installed for MissionNode {
+    fn installed(computer: &DroneNodes, boot: u32) -> MissionNode {
         computer.mission(boot).as_successor()
     }
 }

@@ -30,7 +30,7 @@ pub(crate) const WITNESSED_WITHIN_S: f64 = 0.7;
 
 /// Conclusion of the witnesses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Standing {
+pub(crate) enum StandingVerdict {
     /// Fewer than two speak for it.
     #[default]
     Unknown,
@@ -67,7 +67,7 @@ impl StandingMonitor {
         thrust: Option<f64>,
         force: Option<f64>,
         heights: &[Option<bool>],
-    ) -> Standing {
+    ) -> StandingVerdict {
         let low = thrust.is_some_and(|t| t <= LOW_OF_HOVER);
         let lasts = |since: &mut Option<Time<DroneClock>>, holds: bool, span: Span| {
             *since = holds.then(|| since.unwrap_or(now));
@@ -87,11 +87,11 @@ impl StandingMonitor {
         let speak = |on_deck: bool| heights.iter().filter(|h| **h == Some(on_deck)).count();
         let above = lasts(&mut self.above, !carried && speak(false) > 0, ABOVE);
         if falls || lifts || above {
-            Standing::Flies
+            StandingVerdict::Flies
         } else if carried && speak(true) > 0 {
-            Standing::Stands
+            StandingVerdict::Stands
         } else {
-            Standing::Unknown
+            StandingVerdict::Unknown
         }
     }
 }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     /// After half a second of this.
-    fn after(thrust: Option<f64>, force: Option<f64>, heights: &[Option<bool>]) -> Standing {
+    fn after(thrust: Option<f64>, force: Option<f64>, heights: &[Option<bool>]) -> StandingVerdict {
         let mut m = StandingMonitor::default();
         let steps = (0..50).map(|k| m.step(Time::from_secs(0.01 * f64::from(k)), thrust, force, heights));
         steps.last().unwrap()
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn drone_that_stands_by_two_witnesses() {
-        use Standing::{Flies, Stands, Unknown};
+        use StandingVerdict::{Flies, Stands, Unknown};
         let (yes, no) = (Some(true), Some(false));
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
@@ -148,7 +148,7 @@ mod tests {
         for k in 0..100 {
             let now = Time::from_secs(0.01 * f64::from(k));
             let s = m.step(now, Some(0.3), Some(1.0), &[Some(false), Some(true)]);
-            assert_ne!(s, Standing::Flies, "{k}");
+            assert_ne!(s, StandingVerdict::Flies, "{k}");
         }
     }
 
@@ -161,7 +161,7 @@ mod tests {
             let (thrust, force) = if t < 0.5 { (0.3, 1.0) } else { (0.8, 1.0) };
             let s = m.step(Time::from_secs(t), Some(thrust), Some(force), &[Some(true)]);
             if t > 0.5 {
-                assert_eq!(s, Standing::Unknown);
+                assert_eq!(s, StandingVerdict::Unknown);
             }
         }
     }

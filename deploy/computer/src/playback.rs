@@ -8,7 +8,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
 use alight_uav::autopilot::AutopilotLink;
 use alight_uav::computer::Installed as _;
-use alight_uav::mission::Mission;
+use alight_uav::mission::MissionNode;
 use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
@@ -17,14 +17,14 @@ use alight_uav::settings::DroneSettings;
 use serde::Serialize;
 
 use crate::config::view::ViewConfig;
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::{CliError, Doing};
 use crate::process::supervision::{Observed, SupervisorNode};
 use crate::process::supervisor::SUPERVISOR;
 use crate::record::entry::{Computed, Entry, Input, PartHeader};
-use crate::record::log::{Log, Order, Start};
+use crate::record::log::{Log, ProcessStart, ReplayOrder};
 use crate::record::observer::{NodeStep, StepObserver};
-use crate::record::reading::Step;
+use crate::record::reading::LogStep;
 use crate::record::{BASELINE_FILE, NODES, WORLD};
 use crate::terminal::note;
 
@@ -80,9 +80,9 @@ pub fn replay(
     mut observers: Vec<&mut dyn StepObserver>,
 ) -> Result<Vec<NodeReplay>, CliError> {
     let order = if observers.is_empty() {
-        Order::ByStart
+        ReplayOrder::ByStart
     } else {
-        Order::ByTime
+        ReplayOrder::ByTime
     };
     let player = |start| Player::of(log, start, law);
     let mut players = log.starts.iter().map(player).collect::<Result<Vec<_>, _>>()?;
@@ -117,7 +117,7 @@ struct Player {
 
 impl Player {
     /// None of the world, and of a start whose beginning is gone.
-    fn of(log: &Log, start: &Start, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
+    fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
             return Ok(None);
@@ -150,7 +150,7 @@ impl Player {
     fn step(
         &mut self,
         t: Time<TrueTime>,
-        step: &Step<'_>,
+        step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
     ) -> Result<(), WireError> {
@@ -180,14 +180,14 @@ impl Player {
 }
 
 /// The node of a start as it began.
-fn node(log: &Log, start: &Start, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
+fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn Replayed>, CliError> {
     let boot = start.header.boot;
     // The first start in a simulated world waits for no predecessor's checkpoint.
     let succeeds = log.is_live() || log.find(&start.header.process) != Some(start);
-    let drone = || start.config::<DroneComputer>();
+    let drone = || start.config::<DroneComputerConfig>();
     Ok(match start.header.process.as_str() {
         "vessel" => {
-            let node = start.config::<VesselComputer>()?.node(boot);
+            let node = start.config::<VesselComputerConfig>()?.node(boot);
             ReplayedNode::of(node, |now, i, o| NodeStep::Vessel(now, i, o))
         }
         "bridge" => {
@@ -201,7 +201,7 @@ fn node(log: &Log, start: &Start, law: ForeignLaw<'_>) -> Result<Box<dyn Replaye
         "mission" => {
             let drone = drone()?;
             let node = match succeeds {
-                true => Mission::installed(&drone.nodes(), boot),
+                true => MissionNode::installed(&drone.nodes(), boot),
                 false => drone.nodes().mission(boot),
             };
             ReplayedNode::of(node, |now, i, o| NodeStep::Mission(now, i, o))

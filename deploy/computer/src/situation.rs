@@ -44,7 +44,7 @@ pub struct SourceHealth {
 
 /// Knowledge on one computer.
 #[derive(Clone, Debug, Default)]
-pub struct Situation {
+pub struct ObservedSituation {
     /// Report of the computer about itself, or the one that it will make.
     pub known: ComputerReport,
     /// The newest of each topic.
@@ -53,14 +53,14 @@ pub struct Situation {
     pub now_ns: i64,
 }
 
-impl Situation {
+impl ObservedSituation {
     /// By what was received until `now_ns`.
-    pub fn of(snapshot: &Snapshot, now_ns: i64) -> Situation {
-        Situation::look(snapshot, &ComputerReport::default(), now_ns)
+    pub fn of(snapshot: &Snapshot, now_ns: i64) -> ObservedSituation {
+        ObservedSituation::look(snapshot, &ComputerReport::default(), now_ns)
     }
     /// The situation of a computer that is `configured` so, which counts until it has reported by what its processes run.
-    pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> Situation {
-        Situation {
+    pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> ObservedSituation {
+        ObservedSituation {
             known: snapshot.computer.unwrap_or(*configured),
             snapshot: snapshot.clone(),
             now_ns,
@@ -155,7 +155,7 @@ impl Situation {
     }
 }
 
-impl Serialize for Situation {
+impl Serialize for ObservedSituation {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let processes = || self.snapshot.processes.values();
         let metrics = |p: &ProcessState| -> Map<String, Value> {
@@ -232,11 +232,11 @@ mod tests {
             ..ComputerReport::default()
         };
         let now_ns = 101_000_000_000;
-        let waits = Situation::look(&snapshot, &configured, now_ns);
+        let waits = ObservedSituation::look(&snapshot, &configured, now_ns);
         assert_eq!(waits.known.title.as_str(), "vessel 7");
         assert!(waits.vessel().is_none(), "it has not reported what it is");
         snapshot.computer = reported.into();
-        let s = Situation::look(&snapshot, &configured, now_ns);
+        let s = ObservedSituation::look(&snapshot, &configured, now_ns);
         let all = serde_json::to_value(&s).unwrap();
         assert_eq!(s.known.title.as_str(), "vessel 8");
         assert_eq!(all["edited"], "vessel.toml was edited");

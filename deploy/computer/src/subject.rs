@@ -7,7 +7,7 @@ use alight_shared::config;
 use alight_transport::memory::Instance;
 use clap::Args;
 
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
@@ -20,9 +20,9 @@ pub const SIMULATED: &str = "sim";
 #[derive(Clone, Debug, PartialEq)]
 pub enum Computer {
     /// The vessel's.
-    Vessel(Box<VesselComputer>),
+    Vessel(Box<VesselComputerConfig>),
     /// The drone's.
-    Drone(Box<DroneComputer>),
+    Drone(Box<DroneComputerConfig>),
 }
 
 impl Computer {
@@ -81,10 +81,10 @@ impl Computer {
 
 /// The drone whose processes have that name: the installed one, or that of a landing of all processes, which has the drone's
 /// file next to its memory.
-fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
+fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
     // Without the permission to read it, the other is looked for.
-    let installed: Option<DroneComputer> = config::load(installed).ok();
+    let installed: Option<DroneComputerConfig> = config::load(installed).ok();
     if let Some(drone) = installed.filter(|d| d.instance == name) {
         return Ok(Some(drone));
     }
@@ -92,16 +92,16 @@ fn drone_of_instance(name: &str) -> Result<Option<DroneComputer>, CliError> {
     if !file.exists() {
         return Ok(None);
     }
-    let mut drone: DroneComputer = config::load(&file)?;
+    let mut drone: DroneComputerConfig = config::load(&file)?;
     drone.instance = name.into();
     Ok(Some(drone))
 }
 
 /// A drone of which no more is known than the name of its processes.
-fn unconfigured(name: &str) -> DroneComputer {
-    DroneComputer {
+fn unconfigured(name: &str) -> DroneComputerConfig {
+    DroneComputerConfig {
         instance: name.into(),
-        ..DroneComputer::default()
+        ..DroneComputerConfig::default()
     }
 }
 
@@ -111,7 +111,7 @@ pub fn commanded_drone(
     config: Option<&Path>,
     instance: Option<&str>,
     is_abort: bool,
-) -> Result<DroneComputer, CliError> {
+) -> Result<DroneComputerConfig, CliError> {
     if let Some(path) = config {
         return Ok(config::load(path)?);
     }
@@ -132,7 +132,10 @@ pub fn commanded_drone(
 
 /// The vessel that an order aboard is for: the installed one, or by its name that of a landing, which has the vessel's file
 /// next to its memory.
-pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result<VesselComputer, CliError> {
+pub fn commanded_vessel(
+    config: Option<&Path>,
+    instance: Option<&str>,
+) -> Result<VesselComputerConfig, CliError> {
     let Some(name) = instance.filter(|_| config.is_none()) else {
         return Ok(config::load(config.unwrap_or(Path::new(SHIPPED[0])))?);
     };
@@ -142,7 +145,7 @@ pub fn commanded_vessel(config: Option<&Path>, instance: Option<&str>) -> Result
             "the processes {name} have no vessel's configuration next to their memory: name it with --config"
         )));
     }
-    let mut vessel: VesselComputer = config::load(&file)?;
+    let mut vessel: VesselComputerConfig = config::load(&file)?;
     vessel.instance = name.into();
     Ok(vessel)
 }

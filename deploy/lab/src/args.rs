@@ -100,17 +100,17 @@ pub enum CourseArg {
     Anchored,
 }
 
-impl From<CourseArg> for vessel::Course {
+impl From<CourseArg> for vessel::VesselCourse {
     fn from(course: CourseArg) -> Self {
         match course {
-            CourseArg::Drift => vessel::Course::Drift,
-            CourseArg::Straight => vessel::Course::Straight,
-            CourseArg::Square => vessel::Course::Square,
-            CourseArg::Zigzag => vessel::Course::Zigzag,
-            CourseArg::Turn => vessel::Course::Turn,
-            CourseArg::SpeedChange => vessel::Course::SpeedChange,
-            CourseArg::StationKeeping => vessel::Course::StationKeeping,
-            CourseArg::Anchored => vessel::Course::Anchored,
+            CourseArg::Drift => vessel::VesselCourse::Drift,
+            CourseArg::Straight => vessel::VesselCourse::Straight,
+            CourseArg::Square => vessel::VesselCourse::Square,
+            CourseArg::Zigzag => vessel::VesselCourse::Zigzag,
+            CourseArg::Turn => vessel::VesselCourse::Turn,
+            CourseArg::SpeedChange => vessel::VesselCourse::SpeedChange,
+            CourseArg::StationKeeping => vessel::VesselCourse::StationKeeping,
+            CourseArg::Anchored => vessel::VesselCourse::Anchored,
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::CliError;
 use alight_computer::playback::Plot;
-use alight_computer::record::log::{Log, Start};
+use alight_computer::record::log::{Log, ProcessStart};
 use alight_computer::record::observer::{NodeStep, StepObserver};
 use alight_shared::msg::{DeckForecast, DroneState};
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -31,7 +31,9 @@ pub struct BeliefPlot {
 /// Begins the plot of a flight to `path`.
 pub fn begin(path: &Path, log: &Log) -> Result<Box<dyn Plot>, CliError> {
     chart::can_write(path)?;
-    let drone = log.find("predictor").map(Start::config::<DroneComputer>);
+    let drone = log
+        .find("predictor")
+        .map(ProcessStart::config::<DroneComputerConfig>);
     let drone = drone.transpose()?.ok_or_else(|| {
         CliError(format!(
             "--plot: {} has no step of a predictor; name a flight of the drone's computer, or a recording of a trial",

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use alight_computer::config::method::{self, Tuning};
 use alight_computer::config::view::ViewConfig;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal;
 use alight_shared::config::{self, Check, Keys, commented};
 use alight_shared::msg::LandingMode;
 use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, Kind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
@@ -186,8 +186,8 @@ fn set_conditions(args: &SceneArgs, scenario: &mut Scenario) {
     scenario.begin_anyway |= args.begin_anyway;
     if let Some(outage) = args.outage_at {
         let lasts_s = args.outage_duration.unwrap_or(f64::INFINITY);
-        let lost = |state| Fault::new(Kind::RadioLost, Moment::In(state), 0.0, lasts_s);
-        scenario.faults.retain(|f| f.kind != Kind::RadioLost);
+        let lost = |state| Fault::new(FaultKind::RadioLost, Moment::In(state), 0.0, lasts_s);
+        scenario.faults.retain(|f| f.kind != FaultKind::RadioLost);
         scenario.faults.extend(outage.0.map(lost));
     }
 }
@@ -247,8 +247,8 @@ fn written(name: &str, value: &str) -> String {
 fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfigs, bool), CliError> {
     let tuning = args.tuning.as_deref().map(Tuning::load).transpose()?;
     let tuning = tuning.unwrap_or_default();
-    let vessel: VesselComputer = tuning.over(computer(args.vessel_config.as_deref())?)?;
-    let mut drone: DroneComputer = tuning.over(computer(args.drone_config.as_deref())?)?;
+    let vessel: VesselComputerConfig = tuning.over(computer(args.vessel_config.as_deref())?)?;
+    let mut drone: DroneComputerConfig = tuning.over(computer(args.drone_config.as_deref())?)?;
     let mode = &mut drone.drone.mission.mode;
     if *mode == LandingMode::Shadow {
         remarks.push(

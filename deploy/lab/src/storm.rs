@@ -8,9 +8,9 @@ use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::quantity::seconds;
 use alight_computer::terminal::{self, Form, note};
 use alight_shared::msg::State;
-use alight_sim::harness::storm::watch::{Rule, Violation};
+use alight_sim::harness::storm::watch::{StormRule, Violation};
 use alight_sim::harness::storm::{
-    Ending, FlightKind, Flown, Kind, MAX_FAULTS, Pair, Storm, fly, pairs, shrink,
+    FaultKind, FlightKind, Flown, MAX_FAULTS, Pair, Storm, StormEnding, fly, pairs, shrink,
 };
 use alight_transport::wake::end_requested;
 use clap::Args;
@@ -91,7 +91,7 @@ struct Summary {
     landed: usize,
     waits: usize,
     crashed: usize,
-    violations: BTreeMap<Rule, usize>,
+    violations: BTreeMap<StormRule, usize>,
     /// Faults that began, and how many pairs of a kind and a state of those that there are.
     faults_begun: usize,
     kinds_begun: usize,
@@ -166,7 +166,7 @@ fn flown_count(all: &[StormEnd]) -> u32 {
 struct Coverage {
     begun: BTreeMap<Pair, usize>,
     aimed: BTreeMap<Pair, usize>,
-    kinds: BTreeSet<(FlightKind, Kind)>,
+    kinds: BTreeSet<(FlightKind, FaultKind)>,
     states: BTreeSet<(FlightKind, State)>,
 }
 
@@ -276,14 +276,14 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     let flown = fly(&storm, &mut show).doing(format_args!("flying the list {}", path.display()))?;
     if !form.print(&flown, &[&flown])? {
         let end = match flown.ending {
-            Ending::Landed => "landed: every rule held",
-            Ending::Waits => "waits for a stated reason: every rule held",
-            Ending::Crashed => "crashed under a fault that excuses it: every rule held",
-            Ending::Violated => "a rule was broken",
+            StormEnding::Landed => "landed: every rule held",
+            StormEnding::Waits => "waits for a stated reason: every rule held",
+            StormEnding::Crashed => "crashed under a fault that excuses it: every rule held",
+            StormEnding::Violated => "a rule was broken",
         };
         terminal::line(format_args!("{:>7.2} s  {end}", flown.lasted_s));
     }
-    Ok(Exit::of(flown.ending != Ending::Violated))
+    Ok(Exit::of(flown.ending != StormEnding::Violated))
 }
 
 /// Prints a violation with its list, in one piece: several threads do.
@@ -309,18 +309,18 @@ impl Summary {
     fn of(all: Vec<StormEnd>, coverage: &Coverage, elapsed_s: f64) -> Summary {
         let mut summary = Summary {
             storms: all.len(),
-            kinds: Kind::ALL.len(),
-            kinds_in_flights: FlightKind::ALL.len() * Kind::ALL.len(),
+            kinds: FaultKind::ALL.len(),
+            kinds_in_flights: FlightKind::ALL.len() * FaultKind::ALL.len(),
             states_in_flights: FlightKind::ALL.into_iter().flat_map(FlightKind::states).count(),
             storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
             ..Summary::default()
         };
         for StormEnd { flown, broken, .. } in all {
             match flown.ending {
-                Ending::Landed => summary.landed += 1,
-                Ending::Waits => summary.waits += 1,
-                Ending::Crashed => summary.crashed += 1,
-                Ending::Violated => {}
+                StormEnding::Landed => summary.landed += 1,
+                StormEnding::Waits => summary.waits += 1,
+                StormEnding::Crashed => summary.crashed += 1,
+                StormEnding::Violated => {}
             }
             if let Some(v) = flown.violation {
                 *summary.violations.entry(v.rule).or_default() += 1;
@@ -329,7 +329,7 @@ impl Summary {
             summary.broken.extend(broken.map(|b| *b));
         }
         summary.pairs_begun = coverage.begun.len();
-        let kinds: BTreeSet<Kind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
+        let kinds: BTreeSet<FaultKind> = coverage.begun.keys().map(|(kind, _)| *kind).collect();
         summary.kinds_begun = kinds.len();
         summary.kinds_in_flights_begun = coverage.kinds.len();
         summary.states_in_flights_begun = coverage.states.len();
@@ -395,9 +395,9 @@ mod tests {
     #[test]
     fn coverage_by_flight() {
         let began = |state| Flown {
-            ending: Ending::Landed,
+            ending: StormEnding::Landed,
             violation: None,
-            began: vec![(Kind::Blind, state, 1.0)],
+            began: vec![(FaultKind::Blind, state, 1.0)],
             states: Vec::new(),
             lasted_s: 1.0,
         };

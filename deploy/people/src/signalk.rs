@@ -235,10 +235,10 @@ fn rounded(x: f64, steps: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::status::finding::FindingTopic;
-    use alight_computer::config::{DroneComputer, VesselComputer};
+    use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
     use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;
-    use alight_computer::situation::Situation;
+    use alight_computer::situation::ObservedSituation;
     use alight_shared::msg::{AutopilotState, DroneState, DroneStatus, Header, Seq};
     use alight_shared::time::Time;
 
@@ -286,17 +286,17 @@ mod tests {
         }
         Status {
             go,
-            situation: Situation::of(&snapshot, 0),
+            situation: ObservedSituation::of(&snapshot, 0),
             ..with_findings(vec![FindingTopic("processes").warning("late", "look")])
         }
     }
     fn vessel() -> ComputerReport {
-        Facts::vessel(&VesselComputer::default()).report
+        Facts::vessel(&VesselComputerConfig::default()).report
     }
     fn drone() -> ComputerReport {
         ComputerReport {
             drone_id: Some(3),
-            ..Facts::drone(&DroneComputer::default()).report
+            ..Facts::drone(&DroneComputerConfig::default()).report
         }
     }
     fn parsed(delta: Option<String>) -> Value {
@@ -424,7 +424,7 @@ mod tests {
 
     #[test]
     fn values_of_a_vessel_and_what_is_not_known_any_more() {
-        let reported = Facts::vessel(&VesselComputer::default()).report;
+        let reported = Facts::vessel(&VesselComputerConfig::default()).report;
         let status = |drones: &[DroneContact]| {
             let mut snapshot = Snapshot {
                 computer: reported.into(),
@@ -438,7 +438,7 @@ mod tests {
                     ..VesselStatus::default()
                 }),
             );
-            Status::of(Situation::of(&snapshot, 0))
+            Status::of(ObservedSituation::of(&snapshot, 0))
         };
         let mut deltas = Deltas::default();
         let all = sent(deltas.delta(&status(&[contact(1.0)]), 0));

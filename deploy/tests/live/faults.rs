@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
 use crate::common::{instance, run};
-use crate::firmware::{Flight, Flown, assert_disarmed, fly};
+use crate::firmware::{FirmwareFlight, FirmwareOutcome, assert_disarmed, fly};
 use crate::landing::{directory, pid, status_when};
 
 /// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
@@ -18,7 +18,7 @@ const DENIES_S: f64 = 1.0;
 
 /// It rests on the deck, disarmed in time, or is away from it without having touched it; nothing met the water, and
 /// every contact was soft.
-fn is_safe(flown: &Flown) -> bool {
+fn is_safe(flown: &FirmwareOutcome) -> bool {
     let o = &flown.outcome;
     let none = |count: &str| o[count].as_u64() == Some(0);
     let landed = flown.entered("Landed")
@@ -32,7 +32,7 @@ fn is_safe(flown: &Flown) -> bool {
 }
 
 /// The fault happened, and the drone has landed safely.
-fn assert_lands_with(name: &str, flight: &Flight) -> Flown {
+fn assert_lands_with(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
     let flown = fly(&instance(name), flight);
     println!("{}", flown.show());
     assert!(is_safe(&flown) && flown.entered("Landed"), "{}", flown.show());
@@ -44,7 +44,7 @@ fn assert_lands_with(name: &str, flight: &Flight) -> Flown {
 #[test]
 fn live_mission_killed_in_flare() {
     let flags = "--sea moderate --seed 3 --fault mission-killed:flare";
-    let flown = assert_lands_with("flare", &Flight::new(Firmware::Px4, flags));
+    let flown = assert_lands_with("flare", &FirmwareFlight::new(Firmware::Px4, flags));
     assert_eq!(flown.outcome["outcome"], "success", "{}", flown.show());
     assert_disarmed(&flown.autopilot);
 }
@@ -52,9 +52,9 @@ fn live_mission_killed_in_flare() {
 #[test]
 fn live_link_killed_after_the_stop() {
     let flags = "--sea moderate --seed 3 --fault link-killed:landed";
-    let flight = Flight {
+    let flight = FirmwareFlight {
         denies_s: DENIES_S,
-        ..Flight::new(Firmware::ArduCopter, flags)
+        ..FirmwareFlight::new(Firmware::ArduCopter, flags)
     };
     assert_lands_with("disarm", &flight);
 }
@@ -141,7 +141,7 @@ fn list_under_way_ends_as_in_lock_step() {
 #[test]
 fn abort_to_the_successor_of_a_killed_mission() {
     let name = instance("successor");
-    let flight = Flight::new(
+    let flight = FirmwareFlight::new(
         Firmware::Px4,
         "--sea moderate --seed 4 --fault mission-killed:descent",
     );

@@ -18,7 +18,7 @@ use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::stand_in;
 use alight_sim::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{CommandResult, Message, command};
+use alight_uav::autopilot::message::{CommandResult, MavlinkMessage, command};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::Decoder;
 
@@ -45,7 +45,7 @@ const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m 
 
 /// One landing to fly.
 #[derive(Clone, Debug)]
-pub struct Flight {
+pub struct FirmwareFlight {
     pub firmware: Firmware,
     /// Further flags of `alight land`: sea, seed, fault.
     pub flags: String,
@@ -53,9 +53,9 @@ pub struct Flight {
     pub denies_s: f64,
 }
 
-impl Flight {
-    pub fn new(firmware: Firmware, flags: impl Into<String>) -> Flight {
-        Flight {
+impl FirmwareFlight {
+    pub fn new(firmware: Firmware, flags: impl Into<String>) -> FirmwareFlight {
+        FirmwareFlight {
             firmware,
             flags: flags.into(),
             denies_s: 0.0,
@@ -108,7 +108,7 @@ impl Link {
 struct Controls {
     a: Option<SimulatedAutopilot>,
     link: Link,
-    flight: Flight,
+    flight: FirmwareFlight,
     pad: Vector3<f64>,
     taken_off: bool,
     slice: Option<Time<TrueTime>>,
@@ -132,7 +132,7 @@ fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
 }
 
 impl Controls {
-    fn new(flight: Flight, link: Link) -> Controls {
+    fn new(flight: FirmwareFlight, link: Link) -> Controls {
         Controls {
             a: None,
             link,
@@ -228,7 +228,7 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
         }
         while let Some(f) = decoder.next_frame() {
             match f.message {
-                Message::HilGps(g) => {
+                MavlinkMessage::HilGps(g) => {
                     let place = stand_in::place(&g, &ORIGIN);
                     if let Some(b) = &mut believed {
                         stand_in::correct(b, &g, place, 0.2);
@@ -238,7 +238,7 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
                         ..PlantState::default()
                     });
                 }
-                Message::HilSensor(s) => {
+                MavlinkMessage::HilSensor(s) => {
                     let Some(b) = &mut believed else { continue };
                     let at = Time::from_secs(s.time_us as f64 * 1e-6);
                     let dt = (at - b.at).secs();
@@ -267,7 +267,7 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
 }
 
 /// Result of a flight.
-pub struct Flown {
+pub struct FirmwareOutcome {
     /// Output of `alight land`.
     pub outcome: Value,
     pub errors: String,
@@ -286,7 +286,7 @@ pub fn assert_disarmed(a: &SimulatedAutopilot) {
     assert!((1..=2).contains(&disarms.count()));
 }
 
-impl Flown {
+impl FirmwareOutcome {
     /// The mission has entered this state.
     pub fn entered(&self, state: &str) -> bool {
         let phases = self.outcome["live"]["phases"].as_array();
@@ -312,7 +312,7 @@ pub struct StandIn {
 
 impl StandIn {
     /// Begins to look for its plant.
-    pub fn start(name: &str, flight: &Flight) -> StandIn {
+    pub fn start(name: &str, flight: &FirmwareFlight) -> StandIn {
         let firmware = flight.firmware;
         let plant = free_port();
         let (kind, link, connect) = match firmware {
@@ -358,7 +358,7 @@ impl StandIn {
 }
 
 /// Flies a landing under this name.
-pub fn fly(name: &str, flight: &Flight) -> Flown {
+pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
     let scene = std::env::temp_dir().join(format!("{name}-scene.toml"));
     let scenario = match flight.firmware {
         Firmware::ArduCopter => "",
@@ -378,7 +378,7 @@ pub fn fly(name: &str, flight: &Flight) -> Flown {
     let _removed = std::fs::remove_file(scene);
     // A computer that did not keep up is no evidence about the flight.
     assert_ne!(out.status.code(), Some(3), "{}", errors(&out));
-    Flown {
+    FirmwareOutcome {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),
         errors: errors(&out),
         autopilot,

@@ -7,7 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use alight_uav::autopilot::message::{Address, COMPANION_COMPONENT, COMPANION_TYPE, Message, NO_AUTOPILOT};
+use alight_uav::autopilot::message::{
+    Address, COMPANION_COMPONENT, COMPANION_TYPE, MavlinkMessage, NO_AUTOPILOT,
+};
 use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{alight, errors, printed, run};
@@ -16,7 +18,7 @@ use crate::common::{alight, errors, printed, run};
 pub struct GroundStation {
     pub address: SocketAddr,
     ends: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<(Address, Message)>>,
+    thread: JoinHandle<Vec<(Address, MavlinkMessage)>>,
 }
 
 impl GroundStation {
@@ -52,20 +54,20 @@ impl GroundStation {
     pub fn assert_landing(self) {
         self.ends.store(true, Ordering::Relaxed);
         let kept = self.thread.join().expect("no panic");
-        let of_vehicle: Vec<&Message> = kept
+        let of_vehicle: Vec<&MavlinkMessage> = kept
             .iter()
             .filter(|(a, _)| a.system == 3)
             .map(|(_, m)| m)
             .collect();
         let heartbeats = of_vehicle.iter().filter(|m| match m {
-            Message::Heartbeat(h) => h.vehicle == COMPANION_TYPE && h.autopilot == NO_AUTOPILOT,
+            MavlinkMessage::Heartbeat(h) => h.vehicle == COMPANION_TYPE && h.autopilot == NO_AUTOPILOT,
             _ => false,
         });
         assert!(heartbeats.count() > 10);
         let texts: Vec<&str> = of_vehicle
             .iter()
             .filter_map(|m| match m {
-                Message::Text { text, .. } => Some(text.as_str()),
+                MavlinkMessage::Text { text, .. } => Some(text.as_str()),
                 _ => None,
             })
             .collect();
@@ -77,7 +79,8 @@ impl GroundStation {
             assert!(texts.contains(&state), "{state}: {texts:?}");
         }
         for name in ["deck_m", "link_age_s"] {
-            let of_name = |m: &&&Message| matches!(m, Message::NamedValue { name: n, .. } if n == name);
+            let of_name =
+                |m: &&&MavlinkMessage| matches!(m, MavlinkMessage::NamedValue { name: n, .. } if n == name);
             assert!(of_vehicle.iter().filter(of_name).count() > 10, "{name}");
         }
     }

@@ -59,6 +59,28 @@ fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
     entry.as_table_mut().expect("a table")
 }
 
+/// Configuration of the vehicles: instances of drone and vessel, address of the MAVLink, time zero, seed.
+fn world([instance, vessel_instance, mavlink]: [&str; 3], epoch_ns: i64, seed: u64) -> Table {
+    let mut world = Table::new();
+    world.insert("instance".into(), instance.into());
+    world.insert("vessel_instance".into(), vessel_instance.into());
+    world.insert("mavlink".into(), mavlink.into());
+    world.insert("epoch_ns".into(), epoch_ns.into());
+    world.insert("seed".into(), i64::try_from(seed).expect("small").into());
+    world.insert("sea".into(), "moderate".into());
+    world.insert("planner".into(), "alight".into());
+    let scenario = table(&mut world, "scenario");
+    let start = table(scenario, "start");
+    start.insert("warm_up_s".into(), WARM_UP_S.into());
+    // The computers' clocks are this computer's, as they would be.
+    let clocks = table(table(scenario, "sensors"), "clocks");
+    clocks.insert("epoch_s".into(), (epoch_ns as f64 * 1e-9).into());
+    for key in ["offset_s", "drift_ppm"] {
+        clocks.insert(key.into(), 0.0.into());
+    }
+    world
+}
+
 /// A vessel's and a drone's computer and the vehicles; all end with their test.
 struct Installed {
     instance: String,
@@ -127,23 +149,7 @@ impl Installed {
         }
         change(&mut vessel, &mut drone);
 
-        let mut world = Table::new();
-        world.insert("instance".into(), instance.clone().into());
-        world.insert("vessel_instance".into(), vessel_instance.into());
-        world.insert("mavlink".into(), mavlink.into());
-        world.insert("epoch_ns".into(), epoch_ns.into());
-        world.insert("seed".into(), i64::try_from(seed).expect("small").into());
-        world.insert("sea".into(), "moderate".into());
-        world.insert("planner".into(), "alight".into());
-        let scenario = table(&mut world, "scenario");
-        let start = table(scenario, "start");
-        start.insert("warm_up_s".into(), WARM_UP_S.into());
-        // The computers' clocks are this computer's, as they would be.
-        let clocks = table(table(scenario, "sensors"), "clocks");
-        clocks.insert("epoch_s".into(), (epoch_ns as f64 * 1e-9).into());
-        for key in ["offset_s", "drift_ppm"] {
-            clocks.insert(key.into(), 0.0.into());
-        }
+        let world = world([&instance, &vessel_instance, &mavlink], epoch_ns, seed);
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");

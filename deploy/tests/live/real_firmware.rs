@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use alight_uav::autopilot::message::{
-    ARMED, Address, CUSTOM_MODE, CommandLong, Heartbeat, Message, command, id,
+    ARMED, Address, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkMessage, command, id,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -36,6 +36,16 @@ const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM
                       INS_ACCOFFS_X 0.001\nINS_ACCOFFS_Y 0.001\nINS_ACCOFFS_Z 0.001\nINS_ACCSCAL_X 1.001\n\
                       INS_ACCSCAL_Y 1.001\nINS_ACCSCAL_Z 1.001\nINS_ACC2OFFS_X 0.001\nINS_ACC2OFFS_Y 0.001\n\
                       INS_ACC2OFFS_Z 0.001\nINS_ACC2SCAL_X 1.001\nINS_ACC2SCAL_Y 1.001\nINS_ACC2SCAL_Z 1.001\n";
+
+const PX4: [(&str, &str); 7] = [
+    ("THR_MDL_FAC", "0"),
+    ("MC_ROLL_P", "12"),
+    ("MC_PITCH_P", "12"),
+    ("MIS_TAKEOFF_ALT", "8"),
+    ("COM_OF_LOSS_T", "0.25"),
+    ("COM_OBL_RC_ACT", "5"),
+    ("MPC_ACC_UP_MAX", "8"),
+];
 
 /// The firmware's second MAVLink, for a ground station.
 enum Link {
@@ -102,12 +112,12 @@ impl Person {
             texts: Vec::new(),
         }
     }
-    fn send(&mut self, message: &Message) {
+    fn send(&mut self, message: &MavlinkMessage) {
         self.link.send(&self.encoder.frame(PERSON, message).unwrap());
     }
     fn command(&mut self, command: u16, parameters: [f64; 7]) {
         let to = Address::new(self.system(), 1);
-        self.send(&Message::Command(CommandLong {
+        self.send(&MavlinkMessage::Command(CommandLong {
             to,
             command,
             confirmation: 0,
@@ -129,7 +139,7 @@ impl Person {
     }
     /// Next action of the pilot, once a heartbeat.
     fn act(&mut self) {
-        self.send(&Message::Heartbeat(Heartbeat {
+        self.send(&MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: 8,
             vehicle: 6,
             base_mode: 0,
@@ -180,7 +190,7 @@ impl Person {
             self.decoder.push(&bytes);
             while let Some(frame) = self.decoder.next_frame() {
                 match frame.message {
-                    Message::Heartbeat(Heartbeat {
+                    MavlinkMessage::Heartbeat(Heartbeat {
                         autopilot: 3 | 12,
                         base_mode,
                         custom_mode,
@@ -190,8 +200,8 @@ impl Person {
                         self.beats += 1;
                         self.act();
                     }
-                    Message::LocalPosition(p) => self.height_m = -p.position[2],
-                    Message::Text { text, .. } => self.texts.push(text),
+                    MavlinkMessage::LocalPosition(p) => self.height_m = -p.position[2],
+                    MavlinkMessage::Text { text, .. } => self.texts.push(text),
                     _ => {}
                 }
             }
@@ -269,15 +279,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
                 .arg(&directory)
                 .arg(program.parent().and_then(Path::parent).unwrap().join("etc"))
                 .env("PX4_SIM_MODEL", "none_iris");
-            for (key, value) in [
-                ("THR_MDL_FAC", "0"),
-                ("MC_ROLL_P", "12"),
-                ("MC_PITCH_P", "12"),
-                ("MIS_TAKEOFF_ALT", "8"),
-                ("COM_OF_LOSS_T", "0.25"),
-                ("COM_OBL_RC_ACT", "5"),
-                ("MPC_ACC_UP_MAX", "8"),
-            ] {
+            for (key, value) in PX4 {
                 command.env(format!("PX4_PARAM_{key}"), value);
             }
             let socket = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
 use crate::common::{alight, alone, errors, printed, run, scratch, signal};
-use crate::firmware::{Flight, StandIn, assert_disarmed};
+use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
 
 /// Files that a rehearsal of this process number leaves behind among temporary files and in shared memory.
 fn left(pid: u32) -> Vec<String> {
@@ -76,7 +76,7 @@ fn rehearsal_of_the_shipped_files() {
 fn rehearsal_with_a_firmware_outside() {
     alone();
     let name = format!("rehearsed-{}", std::process::id());
-    let firmware = StandIn::start(&name, &Flight::new(Firmware::ArduCopter, ""));
+    let firmware = StandIn::start(&name, &FirmwareFlight::new(Firmware::ArduCopter, ""));
     let out = run(format!(
         "rehearse --sea calm --warm-up 15 --json --autopilot {} --autopilot-at {} --firmware {}",
         firmware.kind,

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::sync::mpsc::RecvTimeoutError;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
 use alight_shared::msg::{SensorReadings, SourceReport, SourceStatus};
@@ -159,6 +159,23 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
     panic!("{what}: not within its time: {last}");
 }
 
+/// Sends as a mast that never falls silent, and damages one sentence in ten, until it is ended.
+fn send_sentences(to: &str, ended: &Receiver<()>) {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let mut k = 0;
+    while ended.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
+        let time = format!("12{:02}{:02}.{:02}", k / 1200, (k / 20) % 60, 5 * (k % 20));
+        let all = sentence(&format!("PASHR,{time},90.0,T,2.00,-1.00,0.25,0.1,0.1,0.2,2,1"))
+            + &sentence(&format!(
+                "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
+            ))
+            + if k % 10 == 0 { "$PASHR,damaged*00\r\n" } else { "" };
+        // There is no receiver while the process is started again.
+        let _missed = socket.send_to(all.as_bytes(), to);
+        k += 1;
+    }
+}
+
 #[test]
 fn vessel_process_with_its_sensors() {
     let (udp, radio) = (free_udp(), free_udp());
@@ -172,24 +189,9 @@ fn vessel_process_with_its_sensors() {
     );
     std::fs::write(&config, text).unwrap();
     let mut program = service("vessel", &directory, &[]);
-    // A mast that never falls silent, and damages one sentence in ten.
-    let (end, ended) = std::sync::mpsc::channel::<()>();
+    let (end, ended) = std::sync::mpsc::channel();
     let to = udp.clone();
-    let mast = std::thread::spawn(move || {
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let mut k = 0;
-        while ended.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
-            let time = format!("12{:02}{:02}.{:02}", k / 1200, (k / 20) % 60, 5 * (k % 20));
-            let all = sentence(&format!("PASHR,{time},90.0,T,2.00,-1.00,0.25,0.1,0.1,0.2,2,1"))
-                + &sentence(&format!(
-                    "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
-                ))
-                + if k % 10 == 0 { "$PASHR,damaged*00\r\n" } else { "" };
-            // There is no receiver while the process is started again.
-            let _missed = socket.send_to(all.as_bytes(), &to);
-            k += 1;
-        }
-    });
+    let mast = std::thread::spawn(move || send_sentences(&to, &ended));
     let is_fresh = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
     let status = status_when(&config, "the mast's measurements are used", |status| {
         let s = &status["sources"][0];

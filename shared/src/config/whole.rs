@@ -195,7 +195,7 @@ mod tests {
             /// Chosen: some.
             pub size_m: [f64; 3] = [1.0; 3], in 0.0..=9.0;
             /// Direction of the lid.
-            pub way: Way = Way::Nowhere;
+            pub way: LidDirection = LidDirection::Nowhere;
             /// Corners.
             pub corners: Vec<[f64; 2]> = Vec::new();
             /// A mark.
@@ -213,10 +213,10 @@ mod tests {
             pub hinges_m: [f64; 2] = [0.1; 2], in 0.0..=9.0;
         }
     }
-    /// A way.
+    /// A direction of the lid.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(rename_all = "snake_case")]
-    pub enum Way {
+    pub enum LidDirection {
         /// None.
         Nowhere,
         /// To a place.
@@ -265,11 +265,11 @@ mod tests {
         let parcel = parse::<Parcel>(text, "test").unwrap();
         assert_eq!(
             (parcel.size_m, parcel.way),
-            ([1.0, 2.5, 3.0], Way::To([0.0, 1.0]))
+            ([1.0, 2.5, 3.0], LidDirection::To([0.0, 1.0]))
         );
         assert_eq!(
             parse::<Parcel>("way = \"nowhere\"", "test").unwrap().way,
-            Way::Nowhere
+            LidDirection::Nowhere
         );
         // What is no configuration of ours has no meanings.
         let message = read::<Lid>("hinges_m = [0, 1, 2]", "test")

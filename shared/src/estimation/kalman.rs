@@ -9,15 +9,15 @@ use nalgebra::{DMatrix, DVector};
 
 /// A transition matrix stored by rows without its zeros.
 #[derive(Clone, Debug, Default)]
-pub struct Transition {
+pub struct LinearTransition {
     starts: Vec<usize>,
     entries: Vec<(usize, f64)>,
 }
 
-impl Transition {
+impl LinearTransition {
     /// From a square matrix; exact zeros are left out.
     pub fn from_dense(a: &DMatrix<f64>) -> Self {
-        let mut t = Transition {
+        let mut t = LinearTransition {
             starts: vec![0],
             entries: Vec::new(),
         };
@@ -121,7 +121,7 @@ impl Gaussian {
     }
 
     /// Propagates the mean only: `x <- A x`.
-    pub fn predict_mean(&mut self, a: &Transition) {
+    pub fn predict_mean(&mut self, a: &LinearTransition) {
         let n = self.len().min(a.len());
         for i in 0..n {
             self.column[i] = a.row(i).iter().map(|&(j, v)| v * self.x[j]).sum();
@@ -130,7 +130,7 @@ impl Gaussian {
     }
 
     /// `x <- A x`, `P <- A P A' + Q`, in about `2 n nnz(A)` operations.
-    pub fn predict(&mut self, a: &Transition, q: &DMatrix<f64>) {
+    pub fn predict(&mut self, a: &LinearTransition, q: &DMatrix<f64>) {
         let n = self.len();
         if a.len() != n || q.nrows() != n {
             return;
@@ -194,7 +194,7 @@ impl Gaussian {
 }
 
 /// `out[:, i] = sum_c A[i, c] p[:, c]`, i.e. `p A'`.
-fn multiply_rows(a: &Transition, p: &DMatrix<f64>, out: &mut DMatrix<f64>) {
+fn multiply_rows(a: &LinearTransition, p: &DMatrix<f64>, out: &mut DMatrix<f64>) {
     let n = p.nrows();
     for (i, to) in out.as_mut_slice().chunks_exact_mut(n.max(1)).enumerate() {
         let mut terms = a
@@ -294,7 +294,7 @@ mod tests {
         let (p, q) = (spd(n, &mut noise), spd(n, &mut noise));
         let x = DVector::from_fn(n, |_, _| noise.next());
         let mut g = Gaussian::from_moments(x.clone(), p.clone());
-        g.predict(&Transition::from_dense(&a), &q);
+        g.predict(&LinearTransition::from_dense(&a), &q);
         assert!((&g.x - &a * x).norm() < 1e-12);
         assert!((&g.p - (&a * p * a.transpose() + q)).norm() < 1e-10);
     }
@@ -315,7 +315,7 @@ mod tests {
             ],
         );
         let l = qd.clone().cholesky().unwrap().l();
-        let t = Transition::from_dense(&a);
+        let t = LinearTransition::from_dense(&a);
         let mut noise = Noise(42);
         let (mut nees, mut nis, mut count) = (0.0, 0.0, 0);
         for _ in 0..50 {

@@ -4,6 +4,6 @@ mod kalman;
 mod low_pass;
 mod statistics;
 
-pub use kalman::{Gaussian, Transition, Update, symmetrise};
+pub use kalman::{Gaussian, LinearTransition, Update, symmetrise};
 pub use low_pass::low_pass_gain;
 pub use statistics::{ValueWithSd, median, moments, quantile};

@@ -236,10 +236,10 @@ impl Signatures {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Bytes, FrameReader, Outgoing, Sender, encode};
+    use super::super::{Bytes, FrameReader, MavlinkSender, Outgoing, encode};
     use super::*;
 
-    const SENDER: Sender = Sender {
+    const SENDER: MavlinkSender = MavlinkSender {
         system: 1,
         component: 1,
         sequence: 7,
@@ -325,7 +325,7 @@ mod tests {
         ahead.signature_value_mut().copy_from_slice(&signature);
         let ahead = ahead.raw_bytes().to_vec();
         let of_ours = || {
-            let companion = Sender {
+            let companion = MavlinkSender {
                 component: 191,
                 ..SENDER
             };

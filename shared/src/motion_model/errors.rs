@@ -131,9 +131,9 @@ fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) ->
 
 /// Errors of the motion: the degrees of freedom, and acceleration north and east.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Errors<C: Clock>(MeasuredErrors<COMPARED, C>);
+pub(super) struct ForecastErrors<C: Clock>(MeasuredErrors<COMPARED, C>);
 
-impl<C: Clock> Errors<C> {
+impl<C: Clock> ForecastErrors<C> {
     /// Keeps the motion predicted at `now`, by seconds ahead.
     pub(super) fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> Motion) {
         self.0.push(now, |ahead| {

@@ -6,9 +6,9 @@ use crate::time::Clock;
 use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
 
 use super::MotionSample;
-use super::errors::Errors;
+use super::errors::ForecastErrors;
 use super::regression::{self, PAST, REACH, Regression};
-use super::subspace::{Fit, Model, Progress};
+use super::subspace::{Fit, FitProgress, Model};
 
 /// A longer gap between two samples empties the record, s: the past of a regression has no holes.
 const MAX_GAP_S: f64 = 0.15;
@@ -48,7 +48,7 @@ pub(super) struct Identification<C: Clock> {
     /// Parallel to NED, by the newest sample.
     modes: Option<Modes<C>>,
     since_fit: u32,
-    errors: Errors<C>,
+    errors: ForecastErrors<C>,
 }
 
 impl<C: Clock> Identification<C> {
@@ -61,7 +61,7 @@ impl<C: Clock> Identification<C> {
             model: None,
             modes: None,
             since_fit: 0,
-            errors: Errors::default(),
+            errors: ForecastErrors::default(),
         }
     }
 
@@ -99,12 +99,12 @@ impl<C: Clock> Identification<C> {
     pub(super) fn work(&mut self) -> bool {
         self.fit = match self.fit.take() {
             Some(fit) => match fit.advance() {
-                Progress::Working(fit) => Some(*fit),
-                Progress::Done(model) => {
+                FitProgress::Working(fit) => Some(*fit),
+                FitProgress::Done(model) => {
                     self.model = Some(*model);
                     None
                 }
-                Progress::Failed => None,
+                FitProgress::Failed => None,
             },
             None if self.since_fit >= REFIT && self.regression.rows() >= FIRST_FIT => {
                 self.since_fit = 0;

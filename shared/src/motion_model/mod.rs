@@ -31,7 +31,7 @@ use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
 use nalgebra::Complex;
 
 pub use errors::MeasuredErrors;
-use errors::{Errors, SPREAD_AT_S};
+use errors::{ForecastErrors, SPREAD_AT_S};
 use identification::{Axes, Identification};
 use regression::OBSERVED;
 
@@ -90,7 +90,7 @@ pub struct MotionModel<C: Clock> {
     /// Difference of both predictions, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
     /// Errors of the modes, which the drone rolls on.
-    errors: Errors<C>,
+    errors: ForecastErrors<C>,
 }
 
 impl<C: Clock> Default for MotionModel<C> {
@@ -102,7 +102,7 @@ impl<C: Clock> Default for MotionModel<C> {
             identified: [Axes::Earth, Axes::Vessel].map(Identification::new),
             modes: None,
             apart: Default::default(),
-            errors: Errors::default(),
+            errors: ForecastErrors::default(),
         }
     }
 }

@@ -60,7 +60,7 @@ enum Stage {
 }
 
 /// Progress of an identification.
-pub(super) enum Progress {
+pub(super) enum FitProgress {
     /// There is more to do.
     Working(Box<Fit>),
     /// A model.
@@ -145,7 +145,7 @@ impl Fit {
     }
 
     /// The next part.
-    pub(super) fn advance(mut self) -> Progress {
+    pub(super) fn advance(mut self) -> FitProgress {
         match core::mem::replace(&mut self.stage, Stage::Solve) {
             Stage::Solve => {
                 let mut normal = self.gram.clone();
@@ -155,21 +155,21 @@ impl Fit {
                 match normal.llt(Side::Lower) {
                     Ok(llt) => {
                         self.stage = Stage::Reduce(llt.solve(&self.cross));
-                        Progress::Working(Box::new(self))
+                        FitProgress::Working(Box::new(self))
                     }
-                    Err(_) => Progress::Failed,
+                    Err(_) => FitProgress::Failed,
                 }
             }
             Stage::Reduce(coefficients) => match self.reduce(&coefficients) {
                 Some(stage) => {
                     self.stage = stage;
-                    Progress::Working(Box::new(self))
+                    FitProgress::Working(Box::new(self))
                 }
-                None => Progress::Failed,
+                None => FitProgress::Failed,
             },
             Stage::Modes { state, observe } => match self.model(&state, &observe) {
-                Some(model) => Progress::Done(Box::new(model)),
-                None => Progress::Failed,
+                Some(model) => FitProgress::Done(Box::new(model)),
+                None => FitProgress::Failed,
             },
         }
     }
@@ -237,34 +237,15 @@ impl Fit {
             }
             let pole = Complex::new((size.ln() / STEP_S).min(-MIN_DECAY), angle / STEP_S);
             let twice = if angle > 0.0 { 2.0 } else { 1.0 };
-            let mut shape = [Complex::default(); DOFS];
-            for (d, shape) in shape.iter_mut().enumerate() {
-                let (mut sum, mut squares) = (Complex::default(), 0.0);
-                let mut add = |gain: Complex<f64>, response: Complex<f64>| {
-                    sum += gain.conj() * response;
-                    squares += gain.norm_sqr();
-                };
-                let along = |row: &dyn Fn(usize) -> f64| {
-                    (0..ORDER).fold(Complex::default(), |s: Complex<f64>, i| {
-                        let v = directions[(i, k)];
-                        s + Complex::new(v.re, v.im) * row(i)
-                    })
-                };
-                let (value, rate) = channels_of(d);
-                if let Some(c) = value {
-                    let ratio = self.scale_out[d] / self.scale_in[c];
-                    add(ratio.into(), along(&|i| present[(i, c)]));
-                }
-                if let Some(c) = rate {
-                    let ratio = self.scale_out[d] / self.scale_in[c];
-                    add(pole * ratio, along(&|i| present[(i, c)]));
-                }
-                for j in 0..AHEAD {
-                    let grown = (pole * ((j + 1) as f64 * STEP_S)).exp();
-                    add(grown, along(&|i| observe[(DOFS * j + d, i)]));
-                }
-                *shape = sum / squares * (twice * self.scale_out[d]);
-            }
+            let along = |row: &dyn Fn(usize) -> f64| {
+                (0..ORDER).fold(Complex::default(), |s: Complex<f64>, i| {
+                    let v = directions[(i, k)];
+                    s + Complex::new(v.re, v.im) * row(i)
+                })
+            };
+            let channel = |c: usize| along(&|i| present[(i, c)]);
+            let output = |row: usize| along(&|i| observe[(row, i)]);
+            let mut shape = self.shape((pole, twice), channel, output);
             if !wave(pole, shape) {
                 for d in WITHOUT_SLOW {
                     shape[d] = Complex::default();
@@ -292,6 +273,41 @@ impl Fit {
                 },
             ));
         }
+        self.strongest(modes)
+    }
+
+    /// Shape of the mode with this pole, fitted to its responses in the present's channels and in the outputs ahead.
+    fn shape(
+        &self,
+        (pole, twice): (Complex<f64>, f64),
+        channel: impl Fn(usize) -> Complex<f64>,
+        output: impl Fn(usize) -> Complex<f64>,
+    ) -> [Complex<f64>; DOFS] {
+        core::array::from_fn(|d| {
+            let (mut sum, mut squares) = (Complex::<f64>::default(), 0.0);
+            let mut add = |gain: Complex<f64>, response: Complex<f64>| {
+                sum += gain.conj() * response;
+                squares += gain.norm_sqr();
+            };
+            let (value, rate) = channels_of(d);
+            if let Some(c) = value {
+                let ratio = self.scale_out[d] / self.scale_in[c];
+                add(ratio.into(), channel(c));
+            }
+            if let Some(c) = rate {
+                let ratio = self.scale_out[d] / self.scale_in[c];
+                add(pole * ratio, channel(c));
+            }
+            for j in 0..AHEAD {
+                let grown = (pole * ((j + 1) as f64 * STEP_S)).exp();
+                add(grown, output(DOFS * j + d));
+            }
+            sum / squares * (twice * self.scale_out[d])
+        })
+    }
+
+    /// Model of the strongest of these modes; None where one is not finite.
+    fn strongest(&self, mut modes: Vec<(f64, ModeFit)>) -> Option<Model> {
         let finite =
             |m: &ModeFit| m.pole.is_finite() && m.real.iter().chain(&m.imaginary).all(|v| v.is_finite());
         if modes.is_empty() || !modes.iter().all(|(s, m)| s.is_finite() && finite(m)) {

@@ -36,6 +36,7 @@ macro_rules! restamped {
 
 mod aboard;
 mod beacon;
+mod command;
 mod computer;
 mod deck;
 mod drone;
@@ -47,6 +48,7 @@ mod mission;
 mod reason;
 mod sensors;
 mod seq;
+mod state;
 mod station;
 mod text;
 pub mod update;
@@ -58,6 +60,7 @@ pub use aboard::{
     Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S, Unheard, VesselStatus,
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
+pub use command::{Command, CommandKind, CommandProgress, CommandReceipt, OperatorCommand};
 pub use computer::{
     Certificate, CertificateState, ComputerReport, MAX_ENDPOINTS, MAX_PEERS, MAX_PROCESSES, Name, Names,
     VesselReport,
@@ -79,13 +82,13 @@ pub use grant::{
 pub use half::f16;
 pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use mission::{
-    BatteryPlace, Charge, Command, CommandKind, CommandProgress, CommandReceipt, DroneStatus, KnownBattery,
-    LandingMode, LastVessel, MissionCheckpoint, MissionSettings, MissionState, OperatorCommand, Phase,
-    SettingsOrder, State, VesselLevel, Wind, still_armed,
+    BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,
+    MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
+pub use state::{Phase, State};
 pub use station::{KeptStation, MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 pub use text::Text;
 pub use update::{EstimateRest, EstimateUpdate, UpdateReceiver, WaveSender, WaveUpdate};

@@ -5,7 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::reason::on_station;
+use super::reason::display::on_station;
 use super::{MissionState, ReasonCode};
 use crate::time::{DroneClock, Time};
 

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::model::connected;
 use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
-use crate::estimation::{Gaussian, Transition, Update};
+use crate::estimation::{Gaussian, LinearTransition, Update};
 
 /// A state of the caller's own that rides in a degree of freedom's block, e.g. a sensor bias.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,10 +106,10 @@ impl Term {
 
 /// Transition and noise of one step in the layout of a [`Belief`].
 #[derive(Clone, Debug)]
-pub struct Step {
+pub struct BeliefStep {
     /// Length, s.
     pub dt: f64,
-    blocks: Vec<(Transition, DMatrix<f64>)>,
+    blocks: Vec<(LinearTransition, DMatrix<f64>)>,
 }
 
 /// The belief.
@@ -260,7 +260,7 @@ impl Belief {
     }
 
     /// The exact step over `dt` seconds in this belief's layout.
-    pub fn step(&self, model: &VesselModel, dt: f64) -> Step {
+    pub fn step(&self, model: &VesselModel, dt: f64) -> BeliefStep {
         let discrete = model.discretise(dt);
         let blocks = self
             .layout
@@ -305,13 +305,13 @@ impl Belief {
                         };
                     }
                 }
-                (Transition::from_dense(&a), q)
+                (LinearTransition::from_dense(&a), q)
             })
             .collect();
-        Step { dt, blocks }
+        BeliefStep { dt, blocks }
     }
     /// Mean and covariance one step on.
-    pub fn propagate(&mut self, step: &Step) {
+    pub fn propagate(&mut self, step: &BeliefStep) {
         for (g, (a, q)) in self.blocks.iter_mut().zip(&step.blocks) {
             g.predict(a, q);
         }

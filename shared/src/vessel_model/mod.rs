@@ -25,7 +25,7 @@
 //! state when that reference moves. With the reference at zero the state is in NED: so are the [`Modes`] (roll and
 //! pitch there are those of a vessel with the same deck normal that heads north; [`turn_tilt`] converts).
 //!
-//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then per step [`Belief::propagate`] with a [`Step`] of
+//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then per step [`Belief::propagate`] with a [`BeliefStep`] of
 //! that dt and [`Belief::update`] per scalar.
 
 mod belief;
@@ -36,7 +36,7 @@ mod modes;
 #[cfg(test)]
 mod tests;
 
-pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
+pub use belief::{Belief, BeliefSpec, BeliefStep, Extra, Layout, Term};
 pub use config::{Coupling, VesselModelConfig};
 pub use expm::{expm, van_loan};
 pub use model::{Component, Discrete, VesselModel, turn_tilt};

@@ -11,7 +11,7 @@ use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
 use crate::instance::{Ipc, defined, required, service_name};
-use crate::{Doing, TransportError};
+use crate::{TransportContext, TransportError};
 
 /// Images that wait for a reader.
 const BUFFER: usize = 2;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeDefinitionError, AttributeKey, AttributeValue};
 
-use crate::{Doing, TransportError};
+use crate::{TransportContext, TransportError};
 use alight_shared::msg::MESSAGE_VERSION;
 
 /// The kind of iceoryx2 service: between processes, ports used by one thread each.

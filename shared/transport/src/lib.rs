@@ -56,11 +56,11 @@ impl TransportError {
 }
 
 /// Says what was being done when a middleware failed.
-pub(crate) trait Doing<T> {
+pub(crate) trait TransportContext<T> {
     /// The error with what was being done.
     fn doing(self, what: impl FnOnce() -> String) -> Result<T, TransportError>;
 }
-impl<T, E: core::fmt::Debug> Doing<T> for Result<T, E> {
+impl<T, E: core::fmt::Debug> TransportContext<T> for Result<T, E> {
     fn doing(self, what: impl FnOnce() -> String) -> Result<T, TransportError> {
         self.map_err(|e| TransportError::because(what(), e))
     }

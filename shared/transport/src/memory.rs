@@ -22,7 +22,7 @@ pub use crate::instance::Instance;
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::signal::end_requested;
 use crate::statistics::InputStatistics;
-use crate::{Doing, TransportError, warnings};
+use crate::{TransportContext, TransportError, warnings};
 use alight_shared::bus::{self, Bus};
 use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;

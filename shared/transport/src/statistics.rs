@@ -2,14 +2,14 @@
 
 use hdrhistogram::Histogram;
 
-use alight_shared::bus::Received;
+use alight_shared::bus::ReadCounts;
 use alight_shared::process::InputState;
 use alight_shared::topics::Topic;
 
 /// Statistics of one topic as one process reads it.
 #[derive(Clone, Debug)]
 pub struct InputStatistics {
-    received: Received,
+    received: ReadCounts,
     ages: Quantiles,
 }
 
@@ -17,7 +17,7 @@ impl InputStatistics {
     /// Nothing read yet.
     pub fn new(topic: &'static Topic) -> InputStatistics {
         InputStatistics {
-            received: Received::of(topic),
+            received: ReadCounts::of(topic),
             ages: Quantiles::default(),
         }
     }

@@ -8,7 +8,7 @@ use crate::clock::steady_ns;
 use crate::instance::Ipc;
 use crate::memory::{Instance, Listener, Memory};
 pub use crate::signal::end_requested;
-use crate::{Doing, TransportError};
+use crate::{TransportContext, TransportError};
 use alight_shared::plain::Plain;
 
 /// Calls `step` whenever one of `listeners` was woken, and at the latest `timeout` after the last

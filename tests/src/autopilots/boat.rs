@@ -2,10 +2,10 @@
 //! stops without one for 3 s there. It speaks MAVLink. Its skipper may take the wheel, with or without the mode switch.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
+use alight_shared::mavlink::{self, FrameReader, MavlinkSender, Outgoing};
 use alight_shared::time::{Span, Time, TrueTime};
 
-use crate::physics::vessel::steering::SetPoint;
+use crate::physics::vessel::steering::SteeringSetPoint;
 
 /// Custom modes of Rover.
 pub const MANUAL: u32 = 0;
@@ -37,9 +37,9 @@ pub struct BoatAutopilot {
     /// Nothing comes or goes on its link.
     pub cut: bool,
     /// A hand steers so, whatever the mode.
-    pub hand: Option<SetPoint>,
+    pub hand: Option<SteeringSetPoint>,
     frames: FrameReader,
-    set_point: Option<(Time<TrueTime>, SetPoint)>,
+    set_point: Option<(Time<TrueTime>, SteeringSetPoint)>,
     due: Time<TrueTime>,
     answers: Vec<u8>,
     sequence: u8,
@@ -67,7 +67,7 @@ impl BoatAutopilot {
         if with_switch {
             self.mode = MANUAL;
         }
-        self.hand = Some(SetPoint {
+        self.hand = Some(SteeringSetPoint {
             heading: wrap_angle(heading + 0.7),
             speed,
         });
@@ -101,7 +101,7 @@ impl BoatAutopilot {
                 }
                 SET_POSITION_TARGET if self.mode == GUIDED && p.u16(48) & IGNORES_VELOCITY == 0 => {
                     let (north, east) = (p.float(16), p.float(20));
-                    let to = SetPoint {
+                    let to = SteeringSetPoint {
                         heading: east.atan2(north),
                         speed: north.hypot(east),
                     };
@@ -112,17 +112,17 @@ impl BoatAutopilot {
         }
     }
     /// Set-point that it steers to at `t`; None: along its own course.
-    pub fn steers_to(&self, t: Time<TrueTime>) -> Option<SetPoint> {
+    pub fn steers_to(&self, t: Time<TrueTime>) -> Option<SteeringSetPoint> {
         let guided = self.set_point.filter(|_| self.mode == GUIDED);
         let guided = guided.map(|(at, to)| match t - at <= TIMEOUT {
             true => to,
-            false => SetPoint { speed: 0.0, ..to },
+            false => SteeringSetPoint { speed: 0.0, ..to },
         });
         self.hand.or(guided)
     }
     fn frame(&mut self, (id, crc): (u32, u8), payload: Vec<u8>) -> Vec<u8> {
         self.sequence = self.sequence.wrapping_add(1);
-        let from = Sender {
+        let from = MavlinkSender {
             system: 1,
             component: 1,
             sequence: self.sequence,

@@ -2,7 +2,7 @@
 //! PX4 answers with `HIL_ACTUATOR_CONTROLS` and waits for the next (lock-step). It answers where its rate
 //! loop ran: each sample, or every second or third, as its IMU_GYRO_RATEMAX has it.
 
-use alight_uav::autopilot::message::{Address, Message};
+use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
@@ -54,11 +54,11 @@ impl Px4Plant {
     /// Messages of the sensors, `rate_hz` times a second: the GNSS first, for the sample that follows is
     /// what PX4 goes on with.
     pub fn encode_sensors(&mut self, truth: &PlantState, rate_hz: f64) -> Vec<u8> {
-        let fix = self.sensors.fix(truth).map(Message::HilGps);
+        let fix = self.sensors.fix(truth).map(MavlinkMessage::HilGps);
         let sample = self.sensors.sample(truth, rate_hz);
         self.period_us = sample.time_us.saturating_sub(self.sampled_us);
         self.sampled_us = sample.time_us;
-        let sample = Message::HilSensor(sample);
+        let sample = MavlinkMessage::HilSensor(sample);
         let mut bytes = Vec::new();
         for message in fix.iter().chain([&sample]) {
             bytes.extend(self.encoder.frame(US, message).unwrap_or_default());
@@ -70,7 +70,7 @@ impl Px4Plant {
         self.decoder.push(bytes);
         let before = self.answers;
         while let Some(frame) = self.decoder.next_frame() {
-            if let Message::HilActuators {
+            if let MavlinkMessage::HilActuators {
                 controls,
                 mode,
                 time_us,

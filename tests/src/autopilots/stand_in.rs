@@ -4,7 +4,7 @@ use alight_shared::frames::TrueNed;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::Time;
-use alight_uav::autopilot::message::{Address, HilGps, HilSensor, Message};
+use alight_uav::autopilot::message::{Address, HilGps, HilSensor, MavlinkMessage};
 use alight_uav::autopilot::wire::Encoder;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -47,7 +47,7 @@ pub fn read_line(line: &str) -> Option<PlantState> {
 pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Vec<u8> {
     let mut controls = [0.0; 16];
     controls.iter_mut().zip(outputs).for_each(|(c, u)| *c = u);
-    let answer = Message::HilActuators {
+    let answer = MavlinkMessage::HilActuators {
         time_us,
         controls,
         mode: if armed { 129 } else { 1 },

@@ -2,7 +2,7 @@
 //! lands on the deck. And the protocols' bytes.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_uav::autopilot::message::Message;
+use alight_uav::autopilot::message::MavlinkMessage;
 use alight_uav::autopilot::wire::Decoder;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ use super::px4::Px4Plant;
 use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, stand_in};
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::Scenario;
-use crate::physics::drone::{Frame, MAX_ROTORS, NavigationConfig, PlantState};
+use crate::physics::drone::{MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
 use crate::physics::sea::SeaConfig;
 
 /// Exchanges in a tick, and a second.
@@ -39,7 +39,7 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTO
     let thrust = g.mass_kg * (GRAVITY - wanted.z);
     let (side, rotor) = (g.arm_m / 2.0_f64.sqrt(), g.max_thrust_n / 4.0);
     let mut out = [0.0; MAX_ROTORS];
-    for (o, [x, y, sense]) in out.iter_mut().zip(Frame::QuadX.rotors()) {
+    for (o, [x, y, sense]) in out.iter_mut().zip(RotorFrame::QuadX.rotors()) {
         let force =
             thrust - y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
         *o = (force / (4.0 * rotor)).clamp(0.03, 1.0);
@@ -149,7 +149,7 @@ fn px4_plant_take_off_hover_and_landing() {
         let mut answer = None;
         while let Some(f) = decoder.next_frame() {
             match f.message {
-                Message::HilGps(g) => {
+                MavlinkMessage::HilGps(g) => {
                     fixes += 1;
                     let place = stand_in::place(&g, &datum);
                     let b = belief.get_or_insert(PlantState {
@@ -159,7 +159,7 @@ fn px4_plant_take_off_hover_and_landing() {
                     });
                     stand_in::correct(b, &g, place, 0.3);
                 }
-                Message::HilSensor(s) => {
+                MavlinkMessage::HilSensor(s) => {
                     if let Some(b) = &mut belief {
                         stand_in::advance(b, &s, 1.0 / RATE_HZ);
                         grounded |= t_s > 20.0 && b.velocity.norm() < 0.1 && b.position.z > deck.z - 0.6;

@@ -29,8 +29,8 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::planner::config::Reset;
 use alight_uav::planner::law::Law;
-use alight_uav::planner::model::{State, measured_state, tilt_of};
-use alight_uav::planner::reference::Reference;
+use alight_uav::planner::model::{ModelState, measured_state, tilt_of};
+use alight_uav::planner::reference::PlanReference;
 use nalgebra::Vector3;
 
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
@@ -117,7 +117,12 @@ pub struct MpcNe {
 
 impl Law for MpcNe {
     /// Takes the present stage as a detection, while the tag is detected.
-    fn observe(&mut self, _drone: Option<&DroneState>, forecast: Option<&DeckForecast>, _last: &Reference) {
+    fn observe(
+        &mut self,
+        _drone: Option<&DroneState>,
+        forecast: Option<&DeckForecast>,
+        _last: &PlanReference,
+    ) {
         if let Some(forecast) = forecast.filter(|f| f.tag_age_s <= FRESH_S)
             && let Some(stage) = forecast.stages.first()
         {
@@ -138,7 +143,7 @@ impl Law for MpcNe {
         now: Time<DroneClock>,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
-        start: Option<(State, f64)>,
+        start: Option<(ModelState, f64)>,
     ) -> Option<Plan> {
         if let Some((state, vertical)) = start {
             self.begin(now, &state, vertical);
@@ -192,7 +197,7 @@ impl MpcNe {
     }
 
     /// Begins from a state of the common planner; `down` its vertical acceleration, m/s².
-    pub fn begin(&mut self, now: Time<DroneClock>, s: &State, down: f64) {
+    pub fn begin(&mut self, now: Time<DroneClock>, s: &ModelState, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
         self.solved = Some(SolvedPlan {
             at: now,

@@ -7,8 +7,8 @@ use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::mission::MissionConfig;
 use alight_uav::planner::PlannerKind;
-use alight_uav::planner::model::State as Start;
-use alight_uav::planner::reference::Reference;
+use alight_uav::planner::model::ModelState as Start;
+use alight_uav::planner::reference::PlanReference;
 use alight_uav::predictor::PredictorConfig;
 
 use super::modes::SpectralModes;
@@ -109,7 +109,7 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     for k in 0..2000 {
         let t = 0.02 * f64::from(k);
         let f = forecast(t, 0.02, &deck);
-        ne.observe(None, Some(&f), &Reference::default());
+        ne.observe(None, Some(&f), &PlanReference::default());
         if t < 12.0 {
             continue;
         }

@@ -8,7 +8,7 @@ use core::convert::Infallible;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use alight_shared::bus::{self, Bus, Reader, Received, Writer};
+use alight_shared::bus::{self, Bus, ReadCounts, Reader, Writer};
 use alight_shared::plain::Plain;
 use alight_shared::process::{InputState, ProcessKind};
 
@@ -26,7 +26,7 @@ type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
 /// On which way of a row's messages a wrapper stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Way {
+pub enum BusSide {
     /// Messages that it reads.
     Read,
     /// Messages that it writes.
@@ -37,7 +37,7 @@ pub enum Way {
 #[derive(Default)]
 struct Shared {
     rings: BTreeMap<TypeId, Rc<dyn Any>>,
-    places: BTreeMap<(ProcessKind, Way, TypeId), Rc<dyn Any>>,
+    places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
 /// The bus of one computer, as one of its rows sees it, or somebody outside.
@@ -66,12 +66,12 @@ impl LockStep {
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
-        way: Way,
+        way: BusSide,
         wrapper: impl FnMut(i64, Vec<M>) -> Vec<M> + 'static,
     ) {
         *self.of(row).place(way).borrow_mut() = Some(Box::new(wrapper));
     }
-    fn place<M: Plain>(&self, way: Way) -> Place<M> {
+    fn place<M: Plain>(&self, way: BusSide) -> Place<M> {
         let made = || -> Rc<dyn Any> { Rc::new(RefCell::new(None::<Wrapper<M>>)) };
         let Some(row) = self.row else {
             return typed(&made());
@@ -95,10 +95,10 @@ impl LockStep {
         typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
     /// A port that cannot fail to open.
-    pub fn sender<M: Plain>(&self) -> Sender<M> {
-        Sender {
+    pub fn sender<M: Plain>(&self) -> LockStepSender<M> {
+        LockStepSender {
             ring: self.ring(),
-            place: self.place(Way::Written),
+            place: self.place(BusSide::Written),
         }
     }
     /// A port that cannot fail to open: what is sent from now on.
@@ -108,8 +108,8 @@ impl LockStep {
         Receiver {
             ring,
             read,
-            received: Received::of(M::TOPIC),
-            place: self.place(Way::Read),
+            received: ReadCounts::of(M::TOPIC),
+            place: self.place(BusSide::Read),
         }
     }
 }
@@ -117,19 +117,19 @@ impl LockStep {
 impl Bus for LockStep {
     type Error = Infallible;
     type Reader<M: Plain> = Receiver<M>;
-    type Writer<M: Plain> = Sender<M>;
-    type Wake = Wake;
+    type Writer<M: Plain> = LockStepSender<M>;
+    type Wake = LockStepWake;
 
     fn reader<M: Plain>(&self) -> Result<Receiver<M>, Infallible> {
         Ok(self.receiver())
     }
-    fn writer<M: Plain>(&self) -> Result<Sender<M>, Infallible> {
+    fn writer<M: Plain>(&self) -> Result<LockStepSender<M>, Infallible> {
         Ok(self.sender())
     }
-    fn wake<M: Plain>(&self) -> Result<Wake, Infallible> {
+    fn wake<M: Plain>(&self) -> Result<LockStepWake, Infallible> {
         let ring = self.ring::<M>();
         let counted = ring.borrow().sent;
-        Ok(Wake {
+        Ok(LockStepWake {
             sent: Box::new(move || ring.borrow().sent),
             counted,
         })
@@ -137,12 +137,12 @@ impl Bus for LockStep {
 }
 
 /// Whether a topic brought something.
-pub struct Wake {
+pub struct LockStepWake {
     sent: Box<dyn Fn() -> u64>,
     counted: u64,
 }
 
-impl bus::Wake for Wake {
+impl bus::Wake for LockStepWake {
     fn woke(&mut self) -> bool {
         let sent = (self.sent)();
         core::mem::replace(&mut self.counted, sent) != sent
@@ -150,12 +150,12 @@ impl bus::Wake for Wake {
 }
 
 /// Writes messages.
-pub struct Sender<M> {
+pub struct LockStepSender<M> {
     ring: Rc<RefCell<Ring<M>>>,
     place: Place<M>,
 }
 
-impl<M: Plain> Sender<M> {
+impl<M: Plain> LockStepSender<M> {
     fn put(&self, message: M) {
         let mut ring = self.ring.borrow_mut();
         if ring.newest.len() == M::TOPIC.buffer {
@@ -167,7 +167,7 @@ impl<M: Plain> Sender<M> {
     }
 }
 
-impl<M: Plain> Writer<M> for Sender<M> {
+impl<M: Plain> Writer<M> for LockStepSender<M> {
     fn send(&mut self, message: &M) {
         if let Some(wrapper) = self.place.borrow_mut().as_mut() {
             let written = wrapper(message.at_ns(), vec![*message]);
@@ -186,7 +186,7 @@ pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
     /// Number read of the messages sent so far.
     read: u64,
-    received: Received,
+    received: ReadCounts,
     place: Place<M>,
 }
 

@@ -2,7 +2,7 @@
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
-use alight_uav::camera::{CameraIn, CameraSettings, Frame, GreyImage};
+use alight_uav::camera::{CameraFrame, CameraIn, CameraSettings, GreyImage};
 
 use crate::harness::scenario::Scenario;
 use crate::physics::streams::Streams;
@@ -40,7 +40,7 @@ impl ImageDelay {
             let _full = self.line.push(shot.t + self.latency, *shot);
         }
         let frame = |shot: Shot| {
-            Some(Frame {
+            Some(CameraFrame {
                 at: shot.at,
                 image: render(&shot)?,
             })

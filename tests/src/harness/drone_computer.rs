@@ -1,42 +1,40 @@
 //! A drone's computer in lock-step: the rows of [`DroneRows`] over a bus in lock-step, each stepped once a tick in their order,
 //! and the other ends of their edges: the radio, the wire to the autopilot, cameras and sensors.
 
+mod steps;
+
 use core::cell::Cell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::bus::{LockStep, Receiver, Sender, Way};
+use super::bus::{BusSide, LockStep, LockStepSender, Receiver};
 use super::cameras::SimulatedCameras;
 use super::failing::{Failing, Spoiled, spoil_sensors};
-use super::foresight::{Foresight, OdometryError};
+use super::foresight::Foresight;
 use super::link::{Checkpoints, LinkedAutopilot};
 use super::mutant::Mutant;
 use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
 use super::tap::Tap;
-use crate::autopilots::simulated::{SimulatedAutopilot, mode_number};
+use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+use alight_bridge::{Bridge, BridgeConfig, Packet, PacketKind};
 use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState,
-    DroneStatus, EstimateUpdate, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest,
-    UvdarFix, still_armed_s,
+    AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState, DroneStatus,
+    EstimateUpdate, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
+    still_armed_s,
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::step::{Recorded, Step};
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
-use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
-use alight_uav::autopilot::message::Frame;
 use alight_uav::computer::{DroneNodes, DroneRows, Installed, Process};
 use alight_uav::mission::MissionConfig;
-use alight_uav::planner::{PlannerIn, PlannerOut};
-use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
@@ -55,13 +53,13 @@ pub(super) enum Uplink {
 /// Senders on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
 /// for cameras, a rangefinder, a beacon.
 struct Outside {
-    commands: Sender<Command>,
-    plans: Sender<Plan>,
-    tags: Sender<TagPose>,
-    uvdar: Sender<UvdarFix>,
-    ranges: Sender<RangeSample>,
-    beacons: Sender<DeckBeacon>,
-    light: Sender<CameraLight>,
+    commands: LockStepSender<Command>,
+    plans: LockStepSender<Plan>,
+    tags: LockStepSender<TagPose>,
+    uvdar: LockStepSender<UvdarFix>,
+    ranges: LockStepSender<RangeSample>,
+    beacons: LockStepSender<DeckBeacon>,
+    light: LockStepSender<CameraLight>,
 }
 
 impl Outside {
@@ -102,7 +100,7 @@ impl Observer {
 }
 
 /// A drone's end of the radio, its computer and what it flies.
-pub struct DroneComputer {
+pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
     /// The boot id with which its processes began, and of each that was started since.
@@ -209,7 +207,7 @@ fn due<N: Wired>(
     row.as_mut()
 }
 
-impl DroneComputer {
+impl SimulatedDroneComputer {
     pub(super) fn new(
         k: usize,
         scenario: &Scenario,
@@ -217,7 +215,7 @@ impl DroneComputer {
         physics: &Physics,
         boot: u32,
     ) -> Self {
-        DroneComputer::on(LockStep::default(), k, (scenario, nodes, physics), boot)
+        SimulatedDroneComputer::on(LockStep::default(), k, (scenario, nodes, physics), boot)
     }
     fn on(
         bus: LockStep,
@@ -243,7 +241,7 @@ impl DroneComputer {
             planner: row(&bus, nodes.planner(boot)),
             pilot: row(&bus, Installed::installed(&made, boot)),
         };
-        DroneComputer {
+        SimulatedDroneComputer {
             k,
             boot,
             first_boot: boot,
@@ -307,7 +305,7 @@ impl DroneComputer {
     /// A test flies it: this stands in place of the pilot's set-points.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
-        self.bus.wrap(ProcessKind::Pilot, Way::Written, instead);
+        self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
     }
 
     /// A process dies; the others live on.
@@ -371,7 +369,7 @@ impl DroneComputer {
         (scenario, nodes, physics): (&Scenario, &NodeConfigs, &Physics),
     ) {
         self.begin_boot(Checkpoints::Kept, physics);
-        let new = DroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
+        let new = SimulatedDroneComputer::on(self.bus.clone(), self.k, (scenario, nodes, physics), self.boot);
         self.succeed(new);
         if checkpoints == Checkpoints::Lost {
             *self.kept.keeper_mut() = Keeper::default();
@@ -389,7 +387,7 @@ impl DroneComputer {
         }
     }
     /// A new computer in the place of this one, on the same drone.
-    fn succeed(&mut self, new: DroneComputer) {
+    fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
         *self.kept.keeper_mut() = before.kept.keeper().clone();
         (self.radio, self.linked, self.handed_over) = (before.radio, before.linked, before.handed_over);
@@ -518,144 +516,6 @@ impl DroneComputer {
             packets.extend(twins);
         }
         packets
-    }
-    fn step_bridge(
-        &mut self,
-        (t, now): Moment,
-        packets: Vec<Stamped<DroneClock, Packet>>,
-        reports_status: bool,
-        tap: &mut impl Tap,
-    ) {
-        let runs = self.runs(ProcessKind::Bridge);
-        let mut shown = self.shown(ProcessKind::Bridge, (t, now), tap);
-        let Some(bridge) = &mut self.rows.bridge else {
-            return;
-        };
-        if !runs {
-            let room = MAX_WAITING.saturating_sub(self.waiting.len());
-            let waiting = packets.into_iter().take(room).map(|p| p.value);
-            self.waiting.extend(waiting);
-            return;
-        }
-        // What has waited bears the time of its reading.
-        let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
-        let packets = waited.chain(packets).collect();
-        let edge = |input: &mut BridgeIn| input.packets = packets;
-        let out = bridge.step(now, edge, |input, out| shown(input, out));
-        if let Some(request) = out.time_request {
-            let request = Uplink::TimeRequest(request);
-            self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
-        }
-        if let Some(status) = out.status.filter(|_| reports_status)
-            && let Ok(bytes) = wire::encode(&status)
-        {
-            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-        }
-    }
-    /// The link with what the autopilot has sent.
-    fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Autopilot);
-        let Some(linked) = &mut self.linked else { return };
-        if !self.handed_over {
-            // PX4 denies until set-points were streamed for long enough: the person tries again.
-            let autopilot = &mut linked.autopilot;
-            let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
-            self.handed_over = autopilot.choose(offboard);
-        }
-        linked.autopilot.steel_m = physics.deck_distance_m(self.k);
-        // What a process that stands still does not read waits on the wire.
-        let frames = if runs { linked.received(t) } else { Vec::new() };
-        self.step_link((t, now), frames, tap);
-    }
-    fn step_link(&mut self, (t, now): Moment, frames: Vec<Frame>, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Autopilot);
-        let mut shown = self.shown(ProcessKind::Autopilot, (t, now), tap);
-        let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
-        else {
-            return;
-        };
-        let out = link.step(
-            now,
-            |input| input.received = frames,
-            |input, out| shown(input, out),
-        );
-        linked.send(t, &out);
-    }
-    /// The cameras with what they have exposed, or what models measure in their place.
-    fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
-        let Some(mut readings) = physics.drone_readings(self.k) else {
-            return;
-        };
-        readings.shift(self.ahead);
-        if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
-            let input = cameras.belly(t, &readings.shots);
-            let images = input.frames.len();
-            row.step(now, |i| *i = input, |_, _| {});
-            cameras.metered(images, &row.node.light());
-        }
-        if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
-            let input = cameras.ultraviolet(t, &readings.uv_shots);
-            row.step(now, |i| *i = input, |_, _| {});
-        }
-        self.outside.tags.send_each(&readings.tags);
-        self.outside.uvdar.send_each(&readings.uvdar);
-        self.outside.ranges.send_each(&readings.ranges);
-        self.outside.beacons.send_each(&readings.beacons);
-        self.outside.light.send_each(&readings.light);
-    }
-    fn step_predictor(
-        &mut self,
-        (t, now): Moment,
-        physics: &Physics,
-        foresight: Option<&Foresight>,
-        tap: &mut impl Tap,
-    ) {
-        let clock = physics.drone_clock(self.k).ahead(self.ahead);
-        let (truth, runs) = (physics.drone(self.k), self.runs(ProcessKind::Predictor));
-        let mut shown = self.shown(ProcessKind::Predictor, (t, now), tap);
-        if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
-            let look = |input: &PredictorIn, out: &mut PredictorOut| {
-                let of = |(d, truth)| OdometryError::of(&d, now, &truth);
-                let believed = input.drone.zip(truth).map(of).unwrap_or_default();
-                if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
-                    foresight.correct(forecast, &clock, &believed);
-                }
-                shown(input, out);
-            };
-            predictor.step(now, |_| {}, look);
-        }
-    }
-    fn step_mission(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Mission);
-        let mut shown = self.shown(ProcessKind::Mission, (t, now), tap);
-        if let Some(mission) = due(&mut self.rows.mission, runs, now) {
-            mission.step(now, |_| {}, |input, out| shown(input, out));
-        }
-    }
-    fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let (runs, arrives) = (
-            self.runs(ProcessKind::Planner),
-            t + self.solve_delay + self.slower,
-        );
-        let mut shown = self.shown(ProcessKind::Planner, (t, now), tap);
-        let plans = &mut self.plans;
-        if let Some(planner) = due(&mut self.rows.planner, runs, now) {
-            let look = |input: &PlannerIn, out: &mut PlannerOut| {
-                shown(input, out);
-                if let Some(plan) = out.plan.take() {
-                    // A full line means plans that are not fetched: the oldest state is lost, no more.
-                    let _full = plans.push(arrives, plan);
-                }
-            };
-            planner.step(now, |_| {}, look);
-        }
-    }
-    fn step_pilot(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Pilot);
-        let mut shown = self.shown(ProcessKind::Pilot, (t, now), tap);
-        if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
-            pilot.step(now, |_| {}, |input, out| shown(input, out));
-        }
     }
     /// Takes note of the newest messages.
     fn look(&mut self, now: Time<DroneClock>) {

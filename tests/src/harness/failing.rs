@@ -16,7 +16,7 @@ use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::bus::{LockStep, Way};
+use super::bus::{BusSide, LockStep};
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
@@ -90,7 +90,7 @@ pub struct VesselSensorFaults {
 
 impl VesselSensorFaults {
     /// Applies the faults to readings; `held` has the first of each that is stuck.
-    pub fn spoil(&self, readings: &mut Readings, held: &mut Held) {
+    pub fn spoil(&self, readings: &mut Readings, held: &mut HeldReadings) {
         if self.imu_lost {
             readings.imu.clear();
         }
@@ -122,7 +122,7 @@ impl VesselSensorFaults {
         self.hold(readings, held);
         shift(readings, Span::from_secs(self.late_s));
     }
-    fn hold(&self, readings: &mut Readings, held: &mut Held) {
+    fn hold(&self, readings: &mut Readings, held: &mut HeldReadings) {
         let [imu, gnss, heading] = self.stuck;
         held.imu = held.imu.filter(|_| imu);
         held.gnss = held.gnss.filter(|_| gnss);
@@ -152,7 +152,7 @@ pub fn shift(readings: &mut Readings, by: Span) {
 
 /// Readings that stuck sensors repeat.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Held {
+pub struct HeldReadings {
     imu: Option<ImuSample>,
     gnss: Option<GnssFix>,
     heading: Option<HeadingFix>,
@@ -232,7 +232,7 @@ pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     let fix = |m: &mut UvdarFix, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
     spoil_detections(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
     let (now, mut repeated_m) = (Rc::clone(faults), None);
-    bus.wrap(World, Way::Written, move |_, mut ranges: Vec<RangeSample>| {
+    bus.wrap(World, BusSide::Written, move |_, mut ranges: Vec<RangeSample>| {
         now.borrow().spoil_ranges(&mut ranges, &mut repeated_m);
         ranges
     });
@@ -248,7 +248,7 @@ fn spoil_detections<M: Plain>(
 ) {
     let (now, mut drones) = (Rc::clone(faults), bus.receiver::<DroneState>());
     let mut attitude = UnitQuaternion::identity();
-    bus.wrap(row, Way::Written, move |now_ns, mut detections: Vec<M>| {
+    bus.wrap(row, BusSide::Written, move |now_ns, mut detections: Vec<M>| {
         attitude = drones.newest(now_ns).map_or(attitude, |d| d.attitude());
         let faults = now.borrow();
         let by = DetectionShift::of(&faults, &attitude);

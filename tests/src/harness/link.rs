@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::AutopilotOut;
-use alight_uav::autopilot::message::{Address, Frame, Message, command};
+use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage, command};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use nalgebra::Vector3;
@@ -47,7 +47,7 @@ impl Wire {
         }
     }
     /// Puts a message onto the wire.
-    pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &Message) {
+    pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
         // What the dialect does not know is not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
@@ -60,7 +60,7 @@ impl Wire {
         self.under_way.push_back((arrival, bytes));
     }
     /// Bytes that have arrived by `t`; none where the cable is out.
-    fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<Frame> {
+    fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<MavlinkFrame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
             self.decoder.push(&bytes);
@@ -135,7 +135,7 @@ impl LinkedAutopilot {
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
     /// Bytes that have arrived at the link by `t`.
-    pub fn received(&mut self, t: Time<TrueTime>) -> Vec<Frame> {
+    pub fn received(&mut self, t: Time<TrueTime>) -> Vec<MavlinkFrame> {
         self.up.received(t, self.cut)
     }
     /// Sends the link's output.
@@ -148,10 +148,10 @@ impl LinkedAutopilot {
 }
 
 /// Whether it makes the autopilot do something.
-fn commands(message: &Message) -> bool {
+fn commands(message: &MavlinkMessage) -> bool {
     match message {
-        Message::Position(_) | Message::AttitudeThrust(_) => true,
-        Message::Command(c) => matches!(c.command, command::SET_MODE | command::ARM_DISARM),
+        MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => true,
+        MavlinkMessage::Command(c) => matches!(c.command, command::SET_MODE | command::ARM_DISARM),
         _ => false,
     }
 }

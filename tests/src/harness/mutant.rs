@@ -15,7 +15,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::computer::PROCESSES;
 use serde::Serialize;
 
-use super::bus::{LockStep, Way};
+use super::bus::{BusSide, LockStep};
 
 /// Ranges below this stop the motors of a mutant, m: its legs are 0.3 m long.
 const STOPS_BELOW_M: f64 = 0.35;
@@ -89,7 +89,7 @@ impl Mutant {
             Mutant::ReserveWaived => each_written(bus, Autopilot, |m: &mut AutopilotState| {
                 m.battery = Some(1.0);
             }),
-            Mutant::TwoOwners => bus.wrap(Mission, Way::Read, move |now_ns, mut read: Vec<Grant>| {
+            Mutant::TwoOwners => bus.wrap(Mission, BusSide::Read, move |now_ns, mut read: Vec<Grant>| {
                 read.iter_mut()
                     .for_each(|grant| *grant = own(grant, drone, now_ns));
                 read
@@ -122,7 +122,7 @@ fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
 
 /// Changes each message that a row writes.
 fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut M) + 'static) {
-    bus.wrap(row, Way::Written, move |_, mut written: Vec<M>| {
+    bus.wrap(row, BusSide::Written, move |_, mut written: Vec<M>| {
         written.iter_mut().for_each(&change);
         written
     });
@@ -132,7 +132,7 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
 fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     for row in PROCESSES {
         let mut last = None;
-        bus.wrap(*row, Way::Read, move |now_ns, read: Vec<M>| {
+        bus.wrap(*row, BusSide::Read, move |now_ns, read: Vec<M>| {
             last = read.last().copied().or(last);
             last.iter_mut().for_each(|m| renew(m, Time::from_nanos(now_ns)));
             last.into_iter().collect()
@@ -143,7 +143,7 @@ fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
 /// Changes a row's messages by the mission's newest state.
 fn by_state<M: Plain>(
     bus: &LockStep,
-    (row, way): (ProcessKind, Way),
+    (row, way): (ProcessKind, BusSide),
     mut change: impl FnMut(i64, Vec<M>, State) -> Vec<M> + 'static,
 ) {
     let (mut missions, mut state) = (bus.receiver::<MissionState>(), State::default());
@@ -161,7 +161,7 @@ const fn goes_down(state: State) -> bool {
 fn abort_ignored(bus: &LockStep) {
     by_state(
         bus,
-        (Mission, Way::Read),
+        (Mission, BusSide::Read),
         |_, mut commands: Vec<Command>, state| {
             commands.retain(|c| !(goes_down(state) && c.kind == CommandKind::Abort));
             commands
@@ -173,7 +173,7 @@ fn order_kept(bus: &LockStep) {
     let mut ordered = None;
     by_state(
         bus,
-        (Mission, Way::Read),
+        (Mission, BusSide::Read),
         move |now_ns, mut commands: Vec<Command>, state| {
             let landing = |c: &Command| c.kind == CommandKind::Land;
             ordered = commands.iter().copied().rfind(landing).or(ordered);
@@ -192,7 +192,7 @@ fn stops_by_range(bus: &LockStep) {
     let mut ranges = bus.receiver::<RangeSample>();
     by_state(
         bus,
-        (Pilot, Way::Written),
+        (Pilot, BusSide::Written),
         move |now_ns, mut written: Vec<SetPoint>, state| {
             let low = ranges.all(now_ns).iter().any(|r| r.range_m < STOPS_BELOW_M);
             if low && goes_down(state) {
@@ -205,7 +205,7 @@ fn stops_by_range(bus: &LockStep) {
 
 fn deck_released(bus: &LockStep, drone: u32) {
     let mut last: Option<Grant> = None;
-    bus.wrap(Mission, Way::Read, move |now_ns, read: Vec<Grant>| {
+    bus.wrap(Mission, BusSide::Read, move |now_ns, read: Vec<Grant>| {
         last = read.last().copied().or(last);
         let silent = |g: &Grant| Time::from_nanos(now_ns) - g.header.at > SILENT;
         match last.filter(silent) {
@@ -218,14 +218,18 @@ fn deck_released(bus: &LockStep, drone: u32) {
 fn old_checkpoint(bus: &LockStep) {
     let first = Rc::new(Cell::new(None::<MissionCheckpoint>));
     let written = Rc::clone(&first);
-    bus.wrap(Mission, Way::Written, move |_, new: Vec<MissionCheckpoint>| {
-        let landing = new.iter().copied().find(|c| c.landing);
-        written.set(written.get().or(landing));
-        new
-    });
     bus.wrap(
         Mission,
-        Way::Read,
+        BusSide::Written,
+        move |_, new: Vec<MissionCheckpoint>| {
+            let landing = new.iter().copied().find(|c| c.landing);
+            written.set(written.get().or(landing));
+            new
+        },
+    );
+    bus.wrap(
+        Mission,
+        BusSide::Read,
         move |now_ns, mut read: Vec<MissionCheckpoint>| {
             for answered in read.iter_mut().filter(|c| c.header.boot != 0) {
                 if let Some(mut old) = first.get() {

@@ -5,6 +5,9 @@
 //! only the deck; no keep-out volume is entered; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
 //! all four feet on the deck and inside its edges; all within 180 s of the start.
 
+#[cfg(test)]
+mod tests;
+
 use alight_shared::msg::Reason;
 use serde::{Deserialize, Serialize};
 
@@ -96,7 +99,7 @@ pub struct ContactEvent {
 
 /// Input of the judge in one tick.
 #[derive(Clone, Debug)]
-pub struct Observation<'a> {
+pub struct TrialObservation<'a> {
     /// Time since the start, s.
     pub t_s: f64,
     /// New impacts in this tick.
@@ -127,7 +130,7 @@ pub struct Observation<'a> {
     pub collisions: u32,
 }
 
-impl Observation<'_> {
+impl TrialObservation<'_> {
     /// Mean height of the feet above the deck, m.
     pub fn feet_height_m(&self) -> f64 {
         self.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0
@@ -266,7 +269,7 @@ pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
 impl Judge {
     /// Judges one tick; `half_deck` is half the deck's length and width, m. True when the trial is
     /// over.
-    pub fn observe(&mut self, o: &Observation<'_>, half_deck: [f64; 2]) -> bool {
+    pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
         if o.descending {
             self.descent_began.get_or_insert(o.t_s);
@@ -337,7 +340,7 @@ impl Judge {
         self.ended
     }
 
-    fn touch(&mut self, o: &Observation<'_>, touch: &ContactEvent, half_deck: [f64; 2]) {
+    fn touch(&mut self, o: &TrialObservation<'_>, touch: &ContactEvent, half_deck: [f64; 2]) {
         let (normal, tangential) = (touch.normal_mps, touch.tangential_mps);
         let mut unsafe_contact = true;
         if !touch.foot {
@@ -404,7 +407,7 @@ impl Judge {
         }
     }
 
-    fn rest(&mut self, o: &Observation<'_>, stopped: f64, half_deck: [f64; 2]) {
+    fn rest(&mut self, o: &TrialObservation<'_>, stopped: f64, half_deck: [f64; 2]) {
         if o.t_s > stopped + SETTLE_S && self.failure.is_none() {
             if o.feet
                 .iter()
@@ -481,200 +484,5 @@ impl Judge {
             outcome.limit_ratio.min(BELOW_LIMIT)
         };
         outcome
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const HALF: [f64; 2] = [1.25, 0.85];
-    const DOWN: [[f64; 3]; 4] = [
-        [0.2, 0.2, 0.0],
-        [0.2, -0.2, 0.0],
-        [-0.2, 0.2, 0.0],
-        [-0.2, -0.2, 0.0],
-    ];
-
-    fn at(t_s: f64) -> Observation<'static> {
-        Observation {
-            t_s,
-            contacts: &[],
-            feet: DOWN,
-            relative_euler: [0.0; 3],
-            tilt_error: 0.0,
-            horizontal_m: 0.1,
-            motors_on: true,
-            descending: true,
-            attempts: 1,
-            gave_up: false,
-            waiting: Reason::default(),
-            in_water: false,
-            keep_out_gap_m: None,
-            collisions: 0,
-        }
-    }
-    fn touch(normal_mps: f64, tangential_mps: f64) -> ContactEvent {
-        ContactEvent {
-            foot: true,
-            on_deck: true,
-            normal_mps,
-            tangential_mps,
-        }
-    }
-    fn run(first: ContactEvent, tilt: f64, stop_s: f64, feet_after: [[f64; 3]; 4]) -> Outcome {
-        let mut judge = Judge::default();
-        let contacts = [first];
-        judge.observe(
-            &Observation {
-                contacts: &contacts,
-                tilt_error: tilt,
-                ..at(10.0)
-            },
-            HALF,
-        );
-        for k in 1..1000 {
-            let t = 10.0 + 0.01 * f64::from(k);
-            let o = Observation {
-                motors_on: t < 10.0 + stop_s,
-                feet: feet_after,
-                ..at(t)
-            };
-            if judge.observe(&o, HALF) {
-                break;
-            }
-        }
-        judge.outcome(1, "0.5,5", "mpc-faa", 100.0)
-    }
-
-    #[test]
-    fn judge_of_a_soft_landing() {
-        let o = run(touch(0.4, 0.2), 0.05, 0.5, DOWN);
-        assert_eq!(o.outcome, Ending::Success, "{}", o.reason);
-        assert_eq!(o.unsafe_contacts, 0);
-    }
-
-    #[test]
-    fn judge_of_each_exceeded_limit() {
-        assert_eq!(run(touch(1.1, 0.0), 0.0, 0.5, DOWN).outcome, Ending::Hard);
-        assert_eq!(run(touch(0.4, 1.1), 0.0, 0.5, DOWN).outcome, Ending::Fast);
-        assert_eq!(run(touch(0.4, 0.0), 0.2, 0.5, DOWN).outcome, Ending::Tilted);
-        assert_eq!(run(touch(0.4, 0.0), 0.0, 2.5, DOWN).outcome, Ending::Timeout);
-        let mut off = DOWN;
-        off[0] = [1.3, 0.0, 0.0];
-        assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, off).outcome, Ending::Slid);
-        let mut up = DOWN;
-        up[0][2] = 0.1;
-        assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
-        // What is unsafe is at a limit, also where no ratio is.
-        let ratio = |o: Outcome| o.limit_ratio;
-        assert!((ratio(run(touch(0.4, 0.2), 0.05, 0.5, DOWN)) - 0.4).abs() < 1e-9);
-        assert!((ratio(run(touch(1.1, 0.0), 0.0, 0.5, DOWN)) - 1.1).abs() < 1e-9);
-        for unsafe_ in [
-            run(touch(0.4, 0.0), 0.0, 2.5, DOWN),
-            run(touch(0.4, 0.0), 0.0, 0.5, off),
-            run(touch(0.4, 0.0), 0.0, 0.5, up),
-        ] {
-            assert!(unsafe_.is_unsafe() && ratio(unsafe_) >= 1.0);
-        }
-        let other = ContactEvent {
-            foot: false,
-            ..touch(0.1, 0.0)
-        };
-        assert_eq!(run(other, 0.0, 0.5, DOWN).outcome, Ending::Tipped);
-    }
-
-    #[test]
-    fn judge_of_water_and_fast_contacts() {
-        let o = run(touch(1.5, 1.5), 0.0, 0.5, DOWN);
-        assert_eq!(
-            (o.unsafe_contacts, o.contacts_above_2_mps, o.water_contacts),
-            (1, 1, 0)
-        );
-        let o = run(touch(1.5, 1.0), 0.0, 0.5, DOWN);
-        assert_eq!((o.unsafe_contacts, o.contacts_above_2_mps), (1, 0));
-        let mut judge = Judge::default();
-        judge.observe(
-            &Observation {
-                in_water: true,
-                ..at(5.0)
-            },
-            HALF,
-        );
-        let o = judge.outcome(1, "", "", 0.0);
-        assert_eq!((o.outcome, o.water_contacts), (Ending::Water, 1));
-    }
-
-    #[test]
-    fn judge_of_a_refused_landing() {
-        let landing = |first_s: f64, motors_on: bool, normal_mps: f64| {
-            let mut judge = Judge::default();
-            for k in 0..2000 {
-                let t_s = 0.1 * f64::from(k);
-                let touches = (t_s - first_s).abs() < 0.05;
-                let touch = ContactEvent {
-                    foot: true,
-                    on_deck: true,
-                    normal_mps,
-                    tangential_mps: 0.0,
-                };
-                let contacts = if touches {
-                    core::slice::from_ref(&touch)
-                } else {
-                    &[]
-                };
-                let flies = t_s < first_s + 0.2;
-                let motors_on = flies || motors_on;
-                let over = judge.observe(
-                    &Observation {
-                        contacts,
-                        motors_on,
-                        ..at(t_s)
-                    },
-                    HALF,
-                );
-                if over {
-                    break;
-                }
-            }
-            judge.outcome(1, "calm", "alight", TIME_LIMIT_S).is_refused()
-        };
-        assert!(landing(1e9, true, 0.3), "never came down");
-        assert!(landing(178.0, false, 0.3), "came down too late");
-        assert!(!landing(178.0, false, 1.3), "too hard");
-        assert!(!landing(100.0, true, 0.3), "motors on");
-        assert!(!landing(100.0, false, 0.3), "landed");
-    }
-
-    #[test]
-    fn judge_of_keep_out_volumes() {
-        let mut judge = Judge::default();
-        for (k, gap) in [2.0, 0.3, -0.1, -0.2, 0.1, -0.05].into_iter().enumerate() {
-            let keep_out_gap_m = Some(gap);
-            judge.observe(
-                &Observation {
-                    keep_out_gap_m,
-                    ..at(5.0 + k as f64)
-                },
-                HALF,
-            );
-        }
-        let o = judge.outcome(1, "", "", 0.0);
-        assert_eq!((o.outcome, o.keep_out_collisions), (Ending::Collision, Some(2)));
-        assert_eq!(o.keep_out_gap_m, Some(-0.2));
-        assert_eq!(run(touch(0.4, 0.2), 0.05, 0.5, DOWN).keep_out_collisions, None);
-    }
-
-    #[test]
-    fn judge_of_a_false_stop() {
-        let mut judge = Judge::default();
-        judge.observe(
-            &Observation {
-                motors_on: false,
-                ..at(5.0)
-            },
-            HALF,
-        );
-        assert_eq!(judge.outcome(1, "", "", 0.0).outcome, Ending::FalseStop);
     }
 }

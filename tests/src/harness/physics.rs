@@ -17,7 +17,7 @@ use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
 use self::neighbour::Neighbour;
-use super::outcome::{ContactEvent, Observation};
+use super::outcome::{ContactEvent, TrialObservation};
 use super::scenario::{Scenario, SetupError};
 use super::trace::TracePoint;
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -29,7 +29,7 @@ use crate::physics::drone::{
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
-use crate::physics::vessel::steering::SetPoint;
+use crate::physics::vessel::steering::SteeringSetPoint;
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::SenderIdentity;
@@ -321,7 +321,7 @@ impl Physics {
         self.carrier.push(by_n_nm);
     }
     /// The boat's autopilot steers to a set-point from now on; None: as its course has it.
-    pub fn steer_to(&mut self, set_point: Option<SetPoint>) {
+    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>) {
         self.carrier.steer_to(self.t, set_point);
     }
     /// Vessel and contacts move on by one tick; drones with their motors off.
@@ -507,12 +507,12 @@ impl Physics {
         self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
     }
     /// Input of the judge of a drone's landing, to which `mission`, its mission's newest state, is added.
-    pub fn observation(&self, k: usize, mission: &MissionState) -> Observation<'_> {
+    pub fn observation(&self, k: usize, mission: &MissionState) -> TrialObservation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let plant = self.drones.get(k);
         let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         let cos_tilt = deck.attitude.down().dot(&drone.attitude.down());
-        Observation {
+        TrialObservation {
             t_s: self.time_since_start().secs(),
             contacts: plant.map_or(&[], |p| &p.contacts),
             feet: self.feet(&drone, &deck),

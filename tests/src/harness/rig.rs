@@ -5,7 +5,7 @@ use alight_shared::msg::{CommandKind, MissionState, State};
 use super::failing::Failing;
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::storm::{Effect, Fault, Kind, Moment};
+use super::storm::{Effect, Fault, FaultKind, Moment};
 use super::tap::{NoTap, Tap};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -101,7 +101,7 @@ impl Rig {
     }
 
     /// Begins a fault of this kind and size, as the only one.
-    pub fn begin(&mut self, kind: Kind, size: f64) {
+    pub fn begin(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
             Effect::Lasting(fail) => {
@@ -112,7 +112,7 @@ impl Rig {
         }
     }
     /// It is over.
-    pub fn end(&mut self, kind: Kind, size: f64) {
+    pub fn end(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(_, end) => end(self, size),
             Effect::Lasting(_) => self.world.fail(&Failing::default()),

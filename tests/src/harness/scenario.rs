@@ -25,7 +25,7 @@ use crate::physics::sea::SeaConfig;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::VesselConfig;
 use crate::physics::vessel::response::{HullConfig, HullError, HullFiles};
-use crate::radio::RadioConfig;
+use crate::radio::SimulatedRadioConfig;
 use crate::sensors::SensorConfig;
 use crate::sensors::noise::Noise;
 
@@ -143,7 +143,7 @@ config! {
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
-        pub radio: RadioConfig;
+        pub radio: SimulatedRadioConfig;
         /// A descent begins at a random moment within 20 s after the drone is steady above the deck, and goes on, however
         /// likely it succeeds: so predicted probability is compared with what happens.
         pub begin_anyway: bool = false;

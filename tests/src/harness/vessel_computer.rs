@@ -1,7 +1,7 @@
 //! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at their edge.
 
-use super::bus::{LockStep, Sender};
-use super::failing::{Failing, Held, VesselSensorFaults};
+use super::bus::{LockStep, LockStepSender};
+use super::failing::{Failing, HeldReadings, VesselSensorFaults};
 use super::physics::{TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
@@ -24,7 +24,7 @@ pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
     boot: u32,
-    orders: Sender<CrewOrder>,
+    orders: LockStepSender<CrewOrder>,
     ordered: u32,
     sensors: SensorEdge,
     /// It stands still: orders wait, what was measured is lost.
@@ -37,7 +37,7 @@ pub(super) struct VesselSide {
 struct SensorEdge {
     faults: VesselSensorFaults,
     /// Readings that stuck sensors repeat.
-    held: Held,
+    held: HeldReadings,
     /// Readings that arrive late.
     late: DelayLine<Readings>,
 }
@@ -76,7 +76,7 @@ impl VesselSide {
             ordered: 0,
             sensors: SensorEdge {
                 faults: VesselSensorFaults::default(),
-                held: Held::default(),
+                held: HeldReadings::default(),
                 late: DelayLine::new(MAX_LATE),
             },
             stands_still: false,

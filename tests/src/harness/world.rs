@@ -1,16 +1,16 @@
 //! The simulated world in lock-step with the nodes. [`World::tick`] is the architecture diagram:
-//! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`DroneComputer`]) bridge,
+//! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`SimulatedDroneComputer`]) bridge,
 //! predictor, mission, planner, pilot, autopilot link; autopilots and physics at last, in the order data flow.
 //!
 //! Delays belong here (radio, clocks, solve time, the wire to the autopilot), not to the nodes.
 
-pub use super::drone_computer::DroneComputer;
+pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
 use super::failing::{Failing, shift};
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
-use super::outcome::Observation;
+use super::outcome::TrialObservation;
 use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::tap::{NoTap, Tap};
@@ -58,7 +58,7 @@ pub struct World {
     /// and needs no reservation does without.
     shares_deck: bool,
     // The drones' radios and computers.
-    drones: Vec<DroneComputer>,
+    drones: Vec<SimulatedDroneComputer>,
     /// So much faster than true time the steady clocks run, the vessel's and the first drone's, s/s.
     clock_rates: [f64; 2],
     /// Present and coming force and moment on the vessel, N and Nm.
@@ -94,7 +94,7 @@ impl World {
                 || nodes.drone.mission.reservation_required
                 || nodes.drone.mission.takeoff,
             drones: (0..scenario.drones as usize)
-                .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
+                .map(|k| SimulatedDroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
             physics,
             scenario: scenario.clone(),
@@ -177,7 +177,7 @@ impl World {
         let before = &self.drones[k];
         let radio = before.radio.clone();
         let boot = before.boot + 1;
-        self.drones[k] = DroneComputer::new(k, &self.scenario, &self.nodes, &self.physics, boot);
+        self.drones[k] = SimulatedDroneComputer::new(k, &self.scenario, &self.nodes, &self.physics, boot);
         self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
@@ -396,7 +396,7 @@ impl World {
             .unwrap_or_default()
     }
     /// The drones' computers.
-    pub fn drones(&self) -> &[DroneComputer] {
+    pub fn drones(&self) -> &[SimulatedDroneComputer] {
         &self.drones
     }
     /// The first drone's mission, its newest state.
@@ -404,11 +404,11 @@ impl World {
         &self.drones[0].mission_state
     }
     /// Input of the judge of the first drone.
-    pub fn observation(&self) -> Observation<'_> {
+    pub fn observation(&self) -> TrialObservation<'_> {
         self.observation_of(0)
     }
     /// Input of the judge of another drone.
-    pub fn observation_of(&self, k: usize) -> Observation<'_> {
+    pub fn observation_of(&self, k: usize) -> TrialObservation<'_> {
         self.physics.observation(k, &self.drones[k].mission_state)
     }
 }

@@ -7,7 +7,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use serde::{Deserialize, Serialize};
 
-use super::RadioConfig;
+use super::SimulatedRadioConfig;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
@@ -65,8 +65,8 @@ pub struct ChannelFault {
 
 /// One direction.
 #[derive(Clone, Debug)]
-pub struct Channel {
-    config: RadioConfig,
+pub struct RadioChannel {
+    config: SimulatedRadioConfig,
     extra_s: f64,
     noise: Noise,
     bursts: Noise,
@@ -80,34 +80,34 @@ pub struct Channel {
     counts: ChannelCounts,
 }
 
-impl Channel {
+impl RadioChannel {
     /// The channel of this seed in one direction; its streams are `radio.to_drone` and
     /// `radio.to_vessel`, each with `.burst` for the bursts.
-    pub fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+    pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
             Direction::ToVessel => config.to_vessel_extra_s,
         };
-        Channel::named(config, extra_s, direction.stream(), streams)
+        RadioChannel::named(config, extra_s, direction.stream(), streams)
     }
     /// The way back of `direction`, with a random stream of its own: what acknowledges.
-    pub fn back(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+    pub fn back(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_vessel_extra_s,
             Direction::ToVessel => config.to_drone_extra_s,
         };
-        Channel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
+        RadioChannel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
     }
     /// The channel of traffic in addition to the messages, with a random stream of its own.
-    pub fn probe(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+    pub fn probe(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
             Direction::ToVessel => config.to_vessel_extra_s,
         };
-        Channel::named(config, extra_s, &format!("{}.probe", direction.stream()), streams)
+        RadioChannel::named(config, extra_s, &format!("{}.probe", direction.stream()), streams)
     }
-    fn named(config: &RadioConfig, extra_s: f64, name: &str, streams: &Streams) -> Channel {
-        Channel {
+    fn named(config: &SimulatedRadioConfig, extra_s: f64, name: &str, streams: &Streams) -> RadioChannel {
+        RadioChannel {
             config: config.clone(),
             extra_s,
             noise: Noise::new(streams, name),
@@ -245,17 +245,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn clean() -> RadioConfig {
-        RadioConfig {
+    fn clean() -> SimulatedRadioConfig {
+        SimulatedRadioConfig {
             loss: 0.0,
             duplicate: 0.0,
             delay_sd_s: 0.0,
-            ..RadioConfig::default()
+            ..SimulatedRadioConfig::default()
         }
     }
     /// Fates of `n` packets of `bytes`, `step_s` apart: the time on the way, None when lost.
-    fn fates(config: &RadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
-        let mut channel = Channel::new(config, Direction::ToDrone, &Streams::new(11));
+    fn fates(config: &SimulatedRadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
+        let mut channel = RadioChannel::new(config, Direction::ToDrone, &Streams::new(11));
         (0..n)
             .map(|k| {
                 let t = Time::from_secs(k as f64 * step_s);
@@ -266,7 +266,7 @@ mod tests {
 
     /// The fraction that bursts of 8 packets, every fifth of them, take from `n`, and their mean length.
     fn bursts(n: usize, step_s: f64) -> (f64, f64) {
-        let config = RadioConfig {
+        let config = SimulatedRadioConfig {
             burst_loss: 0.2,
             burst_packets: 8.0,
             ..clean()
@@ -298,8 +298,8 @@ mod tests {
 
     #[test]
     fn burst_loss_with_random_loss() {
-        let random = RadioConfig { loss: 0.1, ..clean() };
-        let both = RadioConfig {
+        let random = SimulatedRadioConfig { loss: 0.1, ..clean() };
+        let both = SimulatedRadioConfig {
             burst_loss: 0.1,
             burst_packets: 4.0,
             ..random.clone()
@@ -312,7 +312,7 @@ mod tests {
 
     #[test]
     fn slow_link_rate_and_queue() {
-        let config = RadioConfig {
+        let config = SimulatedRadioConfig {
             rate_bps: 32_000.0,
             queue_bytes: 2_000,
             ..clean()
@@ -328,11 +328,11 @@ mod tests {
 
     #[test]
     fn link_order() {
-        let jitter = RadioConfig {
+        let jitter = SimulatedRadioConfig {
             delay_sd_s: 0.02,
             ..clean()
         };
-        let overtakes = |config: &RadioConfig| {
+        let overtakes = |config: &SimulatedRadioConfig| {
             let fates = fates(config, 2_000, 0.01, 300);
             let at: Vec<f64> = fates
                 .iter()
@@ -343,7 +343,7 @@ mod tests {
             at.windows(2).filter(|w| w[1] < w[0] - 1e-9).count()
         };
         assert!(overtakes(&jitter) > 300);
-        let ordered = RadioConfig {
+        let ordered = SimulatedRadioConfig {
             keep_order: true,
             ..jitter
         };
@@ -356,11 +356,11 @@ mod tests {
             loss in 0.0..1.0_f64, burst_loss in 0.0..0.9_f64, delay_s in 0.0..0.3_f64,
             delay_sd_s in 0.0..0.1_f64, rate_bps in 1e3..1e6_f64, keep_order: bool, bytes in 1_usize..1500,
         ) {
-            let config = RadioConfig {
+            let config = SimulatedRadioConfig {
                 loss, burst_loss, burst_packets: 3.0, delay_s, delay_sd_s, rate_bps, keep_order,
-                duplicate: 0.1, ..RadioConfig::default()
+                duplicate: 0.1, ..SimulatedRadioConfig::default()
             };
-            let mut channel = Channel::new(&config, Direction::ToVessel, &Streams::new(5));
+            let mut channel = RadioChannel::new(&config, Direction::ToVessel, &Streams::new(5));
             for k in 0..200 {
                 let t = Time::from_secs(f64::from(k) * 0.01);
                 let shortest = config.delay_min_s + 8.0 * bytes as f64 / rate_bps - 1e-8;

@@ -1,7 +1,7 @@
 //! The radio between vessel and drone: rate, delay, loss, duplication, outages, one direction each.
 //!
 //! [`channel`] decides what happens to a packet, the same for the lock-step world, for the impairment
-//! inside a process and for the link emulator; [`Radio`] carries what is in the packets.
+//! inside a process and for the link emulator; [`SimulatedRadio`] carries what is in the packets.
 
 pub mod channel;
 pub mod session;
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::physics::streams::Streams;
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Windows;
-pub use channel::{Channel, ChannelCounts, ChannelFault, Direction};
+pub use channel::{ChannelCounts, ChannelFault, Direction, RadioChannel};
 pub use session::Session;
 
 /// Packets under way in one direction at most; what comes on top is lost.
@@ -88,7 +88,7 @@ impl Transport {
 
 config! {
     /// The radio, both directions.
-    pub struct RadioConfig {
+    pub struct SimulatedRadioConfig {
         /// Mean of the delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
@@ -137,7 +137,7 @@ config! {
     }
 }
 
-impl RadioConfig {
+impl SimulatedRadioConfig {
     /// A session that receives nothing for this long is closed and opened again, s.
     pub const fn session_lease_s(&self) -> f64 {
         match self.transport {
@@ -149,19 +149,19 @@ impl RadioConfig {
 
 /// One direction of the radio.
 #[derive(Clone, Debug)]
-pub struct Radio<T> {
-    channel: Channel,
+pub struct SimulatedRadio<T> {
+    channel: RadioChannel,
     line: DelayLine<T>,
 }
 
-impl<T: Clone> Radio<T> {
+impl<T: Clone> SimulatedRadio<T> {
     /// The radio of this seed in one direction.
-    pub fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Self {
-        Radio::over(Channel::new(config, direction, streams))
+    pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> Self {
+        SimulatedRadio::over(RadioChannel::new(config, direction, streams))
     }
     /// The radio over a channel.
-    pub fn over(channel: Channel) -> Self {
-        Radio {
+    pub fn over(channel: RadioChannel) -> Self {
+        SimulatedRadio {
             channel,
             line: DelayLine::new(QUEUE),
         }
@@ -206,8 +206,8 @@ mod tests {
     use super::*;
     use alight_shared::estimation::moments;
 
-    fn run(config: &RadioConfig, direction: Direction, n: usize) -> Vec<(usize, f64)> {
-        let mut radio = Radio::new(config, direction, &Streams::new(7));
+    fn run(config: &SimulatedRadioConfig, direction: Direction, n: usize) -> Vec<(usize, f64)> {
+        let mut radio = SimulatedRadio::new(config, direction, &Streams::new(7));
         let mut out = vec![];
         for k in 0..n + 200 {
             let t = Time::from_nanos(k as i64 * 10_000_000);
@@ -225,9 +225,9 @@ mod tests {
     #[test]
     fn radio_delay_and_loss() {
         let n = 20_000;
-        let config = RadioConfig {
+        let config = SimulatedRadioConfig {
             duplicate: 0.0,
-            ..RadioConfig::default()
+            ..SimulatedRadioConfig::default()
         };
         let got = run(&config, Direction::ToDrone, n);
         let loss = 1.0 - got.len() as f64 / n as f64;
@@ -243,11 +243,11 @@ mod tests {
 
     #[test]
     fn radio_asymmetry_outages_and_duplicates() {
-        let config = RadioConfig {
+        let config = SimulatedRadioConfig {
             to_vessel_extra_s: 0.1,
             duplicate: 0.25,
             outages_s: Windows(vec![[1.0, 2.0]]),
-            ..RadioConfig::default()
+            ..SimulatedRadioConfig::default()
         };
         let mean = |d| {
             let delays: Vec<f64> = run(&config, d, 4000).iter().map(|g| g.1).collect();
@@ -260,8 +260,8 @@ mod tests {
         let expected = 3900.0 * 0.98 * 1.25;
         assert!((got.len() as f64 / expected - 1.0).abs() < 0.03, "{}", got.len());
 
-        let mut radio = Radio::new(
-            &RadioConfig { loss: 0.0, ..config },
+        let mut radio = SimulatedRadio::new(
+            &SimulatedRadioConfig { loss: 0.0, ..config },
             Direction::ToDrone,
             &Streams::new(1),
         );
@@ -278,10 +278,10 @@ mod tests {
 
     #[test]
     fn radio_outage_and_other_packets() {
-        let clear = run(&RadioConfig::default(), Direction::ToDrone, 500);
-        let config = RadioConfig {
+        let clear = run(&SimulatedRadioConfig::default(), Direction::ToDrone, 500);
+        let config = SimulatedRadioConfig {
             outages_s: Windows(vec![[1.0, 2.0]]),
-            ..RadioConfig::default()
+            ..SimulatedRadioConfig::default()
         };
         let cut = run(&config, Direction::ToDrone, 500);
         let rest: Vec<_> = clear.into_iter().filter(|g| !(100..200).contains(&g.0)).collect();

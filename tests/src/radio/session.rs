@@ -3,8 +3,10 @@
 
 use alight_shared::time::{Span, Time, TrueTime};
 
-use super::stream::Stream;
-use super::{Channel, ChannelCounts, ChannelFault, Direction, Radio, RadioConfig, Transport};
+use super::stream::RadioStream;
+use super::{
+    ChannelCounts, ChannelFault, Direction, RadioChannel, SimulatedRadio, SimulatedRadioConfig, Transport,
+};
 use crate::physics::streams::Streams;
 
 /// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
@@ -25,18 +27,18 @@ const SMALL: usize = 80;
 /// Messages of one direction.
 #[derive(Clone, Debug)]
 enum OneWayLink<T> {
-    Datagrams(Box<Radio<T>>),
-    Stream(Box<Stream<T>>),
+    Datagrams(Box<SimulatedRadio<T>>),
+    Stream(Box<RadioStream<T>>),
 }
 
 impl<T: Clone> OneWayLink<T> {
-    fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> OneWayLink<T> {
-        let there = Channel::new(config, direction, streams);
+    fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> OneWayLink<T> {
+        let there = RadioChannel::new(config, direction, streams);
         match config.transport {
-            Transport::Udp | Transport::Quic => OneWayLink::Datagrams(Box::new(Radio::over(there))),
+            Transport::Udp | Transport::Quic => OneWayLink::Datagrams(Box::new(SimulatedRadio::over(there))),
             Transport::Tcp => {
-                let back = Channel::back(config, direction, streams);
-                OneWayLink::Stream(Box::new(Stream::new(config, there, back)))
+                let back = RadioChannel::back(config, direction, streams);
+                OneWayLink::Stream(Box::new(RadioStream::new(config, there, back)))
             }
         }
     }
@@ -71,7 +73,7 @@ impl<T: Clone> OneWayLink<T> {
         }
     }
     /// A new connection: a stream's bytes under way are lost with the old one.
-    fn reopen(&mut self, config: &RadioConfig) {
+    fn reopen(&mut self, config: &SimulatedRadioConfig) {
         match self {
             OneWayLink::Datagrams(_) => {}
             OneWayLink::Stream(stream) => stream.reopen(config),
@@ -82,12 +84,12 @@ impl<T: Clone> OneWayLink<T> {
 /// Both directions, and whether there is a session.
 #[derive(Clone, Debug)]
 pub struct Session<A, B> {
-    config: RadioConfig,
+    config: SimulatedRadioConfig,
     to_drone: OneWayLink<A>,
     to_vessel: OneWayLink<B>,
     /// Channels of handshakes and keep-alives: to the drone, to the vessel. Random streams of their
     /// own, so that they do not shift the messages' fates.
-    probes: [Channel; 2],
+    probes: [RadioChannel; 2],
     /// Time at which each side last received the other: the drone, the vessel. None before the first time.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
@@ -98,12 +100,13 @@ pub struct Session<A, B> {
 
 impl<A: Clone, B: Clone> Session<A, B> {
     /// An open session over the radio of this seed.
-    pub fn new(config: &RadioConfig, streams: &Streams) -> Session<A, B> {
+    pub fn new(config: &SimulatedRadioConfig, streams: &Streams) -> Session<A, B> {
         Session {
             config: config.clone(),
             to_drone: OneWayLink::new(config, Direction::ToDrone, streams),
             to_vessel: OneWayLink::new(config, Direction::ToVessel, streams),
-            probes: [Direction::ToDrone, Direction::ToVessel].map(|d| Channel::probe(config, d, streams)),
+            probes: [Direction::ToDrone, Direction::ToVessel]
+                .map(|d| RadioChannel::probe(config, d, streams)),
             last_received: [None; 2],
             keep_alive: Time::EPOCH,
             attempt: None,
@@ -229,7 +232,7 @@ mod tests {
     use super::*;
 
     /// Ages of the newest sample at the drone every 10 ms, samples at 30 Hz from time 0.
-    fn ages(config: &RadioConfig, seconds: usize) -> (Vec<f64>, u32) {
+    fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
         let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
         let (mut newest, mut ages) = (f64::NEG_INFINITY, Vec::new());
         for k in 0..seconds * 100 {
@@ -248,10 +251,10 @@ mod tests {
         }
         (ages, session.reopened())
     }
-    fn config(transport: Transport) -> RadioConfig {
-        RadioConfig {
+    fn config(transport: Transport) -> SimulatedRadioConfig {
+        SimulatedRadioConfig {
             transport,
-            ..RadioConfig::default()
+            ..SimulatedRadioConfig::default()
         }
     }
 
@@ -268,7 +271,7 @@ mod tests {
     #[test]
     fn session_after_an_outage_longer_than_its_lease() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
-            let config = RadioConfig {
+            let config = SimulatedRadioConfig {
                 outages_s: crate::sensors::noise::Windows(vec![[20.0, 25.0]]),
                 ..config(transport)
             };

@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};
 
-use super::{Channel, ChannelCounts, Congestion, RadioConfig};
+use super::{ChannelCounts, Congestion, RadioChannel, SimulatedRadioConfig};
 use crate::sensors::delay::DelayLine;
 
 /// Largest payload of a segment, bytes: 1500 without IP and TCP headers and time stamps.
@@ -86,9 +86,9 @@ enum Event {
 
 /// One direction of a stream; its acknowledgements come back on a channel of their own.
 #[derive(Clone, Debug)]
-pub struct Stream<T> {
-    there: Channel,
-    back: Channel,
+pub struct RadioStream<T> {
+    there: RadioChannel,
+    back: RadioChannel,
     buffer: u64,
     congestion: Congestion,
     events: DelayLine<Event>,
@@ -125,10 +125,10 @@ pub struct Stream<T> {
     dropped: u64,
 }
 
-impl<T: Clone> Stream<T> {
+impl<T: Clone> RadioStream<T> {
     /// A stream that has just been opened, with the channel that carries it and the one back.
-    pub fn new(config: &RadioConfig, there: Channel, back: Channel) -> Stream<T> {
-        Stream {
+    pub fn new(config: &SimulatedRadioConfig, there: RadioChannel, back: RadioChannel) -> RadioStream<T> {
+        RadioStream {
             there,
             back,
             buffer: u64::from(config.stream_buffer_bytes),
@@ -160,13 +160,13 @@ impl<T: Clone> Stream<T> {
         }
     }
     /// Reopens the stream over the same channels: what was under way is lost.
-    pub fn reopen(&mut self, config: &RadioConfig) {
-        let fresh = Stream::new(config, self.there.clone(), self.back.clone());
+    pub fn reopen(&mut self, config: &SimulatedRadioConfig) {
+        let fresh = RadioStream::new(config, self.there.clone(), self.back.clone());
         let dropped = self.dropped + self.messages.len() as u64;
-        *self = Stream { dropped, ..fresh };
+        *self = RadioStream { dropped, ..fresh };
     }
     /// Both channels.
-    pub fn channels(&mut self) -> [&mut Channel; 2] {
+    pub fn channels(&mut self) -> [&mut RadioChannel; 2] {
         [&mut self.there, &mut self.back]
     }
     /// Counts of the packets that carry it.

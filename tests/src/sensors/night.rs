@@ -113,8 +113,8 @@ impl NightConfig {
         setting.exposure_s >= longest_s && setting.gain >= self.max_gain
     }
     /// Ranges of exposure and gain as a device states them.
-    pub fn ranges(&self, longest_s: f64) -> [alight_uav::camera::metering::Range; 2] {
-        let range = |low, most, step| alight_uav::camera::metering::Range { low, most, step };
+    pub fn ranges(&self, longest_s: f64) -> [alight_uav::camera::metering::SettingRange; 2] {
+        let range = |low, most, step| alight_uav::camera::metering::SettingRange { low, most, step };
         let min_s = MIN_EXPOSURE_S.min(longest_s);
         [
             range(min_s, longest_s, 0.1 * min_s),

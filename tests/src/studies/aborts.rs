@@ -7,7 +7,7 @@ use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
-use crate::physics::vessel::Course;
+use crate::physics::vessel::VesselCourse;
 use alight_shared::process::ProcessKind;
 
 /// Time in which the drone comes so low, s.
@@ -34,9 +34,9 @@ pub enum Interruption {
 pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
     let vessel = &mut scenario.vessel;
     vessel.course = if speed_mps > 0.0 {
-        Course::Straight
+        VesselCourse::Straight
     } else {
-        Course::Drift
+        VesselCourse::Drift
     };
     vessel.speed_mps = speed_mps;
     vessel.power_for(speed_mps);

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
-use crate::physics::vessel::{Course, Vessel, VesselConfig};
+use crate::physics::vessel::{Vessel, VesselConfig, VesselCourse};
 
 /// Wave lengths from shorter than the hull to thirty times it, m.
 pub const WAVELENGTHS_M: [f64; 14] = [
@@ -42,7 +42,7 @@ pub fn rao(vessel: &VesselConfig, wavelength_m: f64) -> RaoRow {
     let amplitude = STEEPNESS / k;
     let sea = Sea::regular(amplitude, wavelength_m, 0.0);
     let config = VesselConfig {
-        course: Course::Drift,
+        course: VesselCourse::Drift,
         heading_deg: Some(0.0),
         ..vessel.clone()
     };

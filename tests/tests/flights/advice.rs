@@ -6,7 +6,7 @@ use alight_shared::node::Node;
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_usv::{Advice, CourseOutlook, VesselNode};
 use nalgebra::Vector3;
@@ -20,7 +20,7 @@ fn under_way(hull: &str, sea: &str, speed_mps: f64) -> (Scenario, NodeConfigs) {
     scenario.sea = sea.parse().unwrap();
     scenario.sea.mean_direction_deg = Some(0.0);
     scenario.install_hull(&mut nodes, hull).unwrap();
-    scenario.vessel.course = Course::Straight;
+    scenario.vessel.course = VesselCourse::Straight;
     scenario.vessel.speed_mps = speed_mps;
     (scenario, nodes)
 }

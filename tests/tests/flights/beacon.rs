@@ -4,7 +4,7 @@ use alight_shared::msg::{ReasonCode, State, VesselLevel};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, Kind, Moment, Schedule};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment, Schedule};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::beacon::BeaconConfig;
@@ -129,7 +129,12 @@ fn lost_from(state: State, hull: &str, least_vessel: VesselLevel) -> (Scenario, 
     scenario.install_hull(&mut nodes, hull).unwrap();
     scenario.start.distance_m = [150.0, 150.0];
     scenario.sensors.uvdar.max_range_m = 0.0;
-    scenario.faults = vec![Fault::new(Kind::RadioLost, Moment::In(state), 0.0, f64::INFINITY)];
+    scenario.faults = vec![Fault::new(
+        FaultKind::RadioLost,
+        Moment::In(state),
+        0.0,
+        f64::INFINITY,
+    )];
     (scenario, nodes)
 }
 

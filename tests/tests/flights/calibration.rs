@@ -8,7 +8,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::Tap;
 use alight_sim::harness::world::World;
 use alight_sim::physics::vessel::rigid::rigid_body_mass;
-use alight_sim::physics::vessel::{Push, VesselConfig, hull::Hull};
+use alight_sim::physics::vessel::{VesselConfig, VesselLoad, hull::Hull};
 use alight_uav::calibrate::{
     DeckCalibration, DeckCalibrationError, DeckCalibrationResult, DronePlacement, USABLE_M, ValueWithSd,
 };
@@ -211,7 +211,7 @@ fn pushed(strength: f64) -> Scenario {
         for _ in 0..3 {
             let mut by_n_nm = [0.0; 6];
             by_n_nm[dof] = by * strength;
-            s.vessel.pushes.push(Push {
+            s.vessel.pushes.push(VesselLoad {
                 at_s: t,
                 for_s,
                 by_n_nm,
@@ -266,7 +266,7 @@ fn vessel_calibration_from_a_known_weight() {
     let mut loaded = pushed(0.0);
     let newton = weight.mass_kg * alight_shared::geometry::GRAVITY;
     let [x, y] = weight.at_m;
-    loaded.vessel.pushes = vec![Push {
+    loaded.vessel.pushes = vec![VesselLoad {
         at_s: 0.0,
         for_s: 1000.0,
         by_n_nm: [0.0, 0.0, newton, newton * y, -newton * x, 0.0],

@@ -5,7 +5,7 @@ use alight_shared::msg::State;
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::Kind;
+use alight_sim::harness::storm::FaultKind;
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::sensors::rangefinder::RangefinderFault;
 use alight_uav::autopilot::message::{command, id};
@@ -120,11 +120,11 @@ fn link_killed_around_the_contact() {
             let flown = fly(firmware, *seed, |rig, t| {
                 if t >= fails_s && !failed {
                     failed = true;
-                    rig.begin(Kind::LinkKilled, 0.0);
+                    rig.begin(FaultKind::LinkKilled, 0.0);
                 }
                 if t >= fails_s + away_s && !over {
                     over = true;
-                    rig.end(Kind::LinkKilled, 0.0);
+                    rig.end(FaultKind::LinkKilled, 0.0);
                 }
             });
             if !flown.is_good() {

@@ -3,7 +3,7 @@
 
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::vessel::{Course, VesselConfig};
+use alight_sim::physics::vessel::{VesselConfig, VesselCourse};
 use alight_sim::studies::estimator::{EstimatorRun, difference, prediction_error, run as fly, state_errors};
 use alight_sim::studies::prediction::{Scores, vessel};
 use alight_usv::VesselNodeConfig;
@@ -11,7 +11,7 @@ use alight_usv::review::review;
 use alight_usv::sensors::Mount;
 use rayon::prelude::*;
 
-fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> EstimatorRun {
+fn run(seed: u64, sea: &str, course: VesselCourse, span_s: f64) -> EstimatorRun {
     let scenario = Scenario {
         sea: sea.parse().unwrap(),
         vessel: VesselConfig {
@@ -28,7 +28,9 @@ fn rms(squares: &[f64]) -> f64 {
 
 #[test]
 fn estimate_accuracy_and_covariance() {
-    let runs: Vec<EstimatorRun> = (0..3).map(|s| run(s, "moderate", Course::Drift, 60.0)).collect();
+    let runs: Vec<EstimatorRun> = (0..3)
+        .map(|s| run(s, "moderate", VesselCourse::Drift, 60.0))
+        .collect();
     for r in &runs {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
@@ -53,7 +55,7 @@ fn estimate_accuracy_and_covariance() {
 #[test]
 fn prediction_against_constant_state_and_velocity() {
     let runs: Vec<EstimatorRun> = (10..13)
-        .map(|s| run(s, "moderate", Course::Drift, 60.0))
+        .map(|s| run(s, "moderate", VesselCourse::Drift, 60.0))
         .collect();
     // Heave carries the 0.09 m of the receiver's wander.
     for dof in [2, 3, 4] {
@@ -178,7 +180,7 @@ fn prediction_covariance_in_ten_seas() {
 
 #[test]
 fn estimate_on_a_square_course_at_2_mps() {
-    let runs = [run(20, "moderate", Course::Square, 60.0)];
+    let runs = [run(20, "moderate", VesselCourse::Square, 60.0)];
     let mut tilt = Vec::new();
     for (k, e) in &runs[0].estimates {
         for d in [3, 4] {
@@ -195,8 +197,8 @@ fn estimate_on_a_square_course_at_2_mps() {
 #[test]
 fn estimator_determinism() {
     let (a, b) = (
-        run(5, "moderate", Course::Drift, 2.0),
-        run(5, "moderate", Course::Drift, 2.0),
+        run(5, "moderate", VesselCourse::Drift, 2.0),
+        run(5, "moderate", VesselCourse::Drift, 2.0),
     );
     assert_eq!(a.estimates, b.estimates);
     assert_eq!(a.predictions, b.predictions);

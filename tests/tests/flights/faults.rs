@@ -9,7 +9,7 @@ use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LI
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, Kind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
@@ -45,7 +45,7 @@ const fn is_uncommanded(fault: Option<Fault>) -> bool {
     matches!(
         fault,
         Some(Fault {
-            kind: Kind::PilotFrozen | Kind::LinkFrozen,
+            kind: FaultKind::PilotFrozen | FaultKind::LinkFrozen,
             ..
         })
     )
@@ -231,15 +231,15 @@ const MOMENTS: [Moment; 4] = [
     Moment::In(State::Landed),
 ];
 
-const KINDS: [Kind; 8] = [
-    Kind::PredictorKilled,
-    Kind::PredictorFrozen,
-    Kind::MissionKilled,
-    Kind::MissionFrozen,
-    Kind::PilotKilled,
-    Kind::PilotFrozen,
-    Kind::LinkKilled,
-    Kind::LinkFrozen,
+const KINDS: [FaultKind; 8] = [
+    FaultKind::PredictorKilled,
+    FaultKind::PredictorFrozen,
+    FaultKind::MissionKilled,
+    FaultKind::MissionFrozen,
+    FaultKind::PilotKilled,
+    FaultKind::PilotFrozen,
+    FaultKind::LinkKilled,
+    FaultKind::LinkFrozen,
 ];
 
 /// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots.
@@ -251,10 +251,10 @@ fn faults_at_every_moment_over_both_autopilots() {
         for moment in MOMENTS {
             all.extend(KINDS.map(|kind| (firmware, kind, moment)));
         }
-        all.push((firmware, Kind::CableOut, Moment::Contact));
+        all.push((firmware, FaultKind::CableOut, Moment::Contact));
     }
     let lasts = |fault: Fault| Fault {
-        lasts_s: if fault.kind == Kind::CableOut {
+        lasts_s: if fault.kind == FaultKind::CableOut {
             CABLE_OUT_S
         } else {
             fault.lasts_s
@@ -281,9 +281,9 @@ fn faults_on_the_decks_beside_the_project() {
     let decks = decks.map(|d| folder.join(d).with_extension("csv"));
     let faults = [
         None,
-        Some((Kind::MissionKilled, State::Descent)),
-        Some((Kind::MissionKilled, State::Flare)),
-        Some((Kind::LinkKilled, State::Landed)),
+        Some((FaultKind::MissionKilled, State::Descent)),
+        Some((FaultKind::MissionKilled, State::Flare)),
+        Some((FaultKind::LinkKilled, State::Landed)),
     ];
     let mut cases = Vec::new();
     for firmware in BOTH {

@@ -6,9 +6,9 @@ use alight_sim::harness::failing::Failing;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Effect, Kind, Takes};
+use alight_sim::harness::storm::{Effect, FaultKind, Takes};
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
@@ -61,20 +61,20 @@ const ALL: [When; 15] = [
     Landed,
 ];
 /// Who is gone.
-const GONE: [Kind; 13] = [
-    Kind::RadioLost,
-    Kind::PilotFrozen,
-    Kind::PilotKilled,
-    Kind::PlannerFrozen,
-    Kind::MissionFrozen,
-    Kind::MissionKilled,
-    Kind::LinkFrozen,
-    Kind::LinkKilled,
-    Kind::ComputerFrozen,
-    Kind::ComputerKilled,
-    Kind::CableOut,
-    Kind::AutopilotSilent,
-    Kind::StreamStops,
+const GONE: [FaultKind; 13] = [
+    FaultKind::RadioLost,
+    FaultKind::PilotFrozen,
+    FaultKind::PilotKilled,
+    FaultKind::PlannerFrozen,
+    FaultKind::MissionFrozen,
+    FaultKind::MissionKilled,
+    FaultKind::LinkFrozen,
+    FaultKind::LinkKilled,
+    FaultKind::ComputerFrozen,
+    FaultKind::ComputerKilled,
+    FaultKind::CableOut,
+    FaultKind::AutopilotSilent,
+    FaultKind::StreamStops,
 ];
 
 const ABEAM: Station = Station {
@@ -90,7 +90,7 @@ struct Cell {
     when: When,
     /// After it entered that state, s.
     after_s: f64,
-    gone: Kind,
+    gone: FaultKind,
     gap_s: f64,
     firmware: Firmware,
     /// Given 2 s after the gap.
@@ -141,7 +141,7 @@ impl Cell {
         };
         scenario.start.warm_up_s = 30.0;
         if self.seed % 2 == 1 {
-            scenario.vessel.course = Course::Straight;
+            scenario.vessel.course = VesselCourse::Straight;
             scenario.vessel.speed_mps = 2.0;
         }
         let mut rig = Rig::new(&scenario, &nodes, self.seed).unwrap();
@@ -199,8 +199,8 @@ impl Cell {
             Effect::Lasting(fail) => {
                 let mut failing = Failing::default();
                 let size = match (self.gone, self.firmware) {
-                    (Kind::StreamStops, Firmware::Px4) => id::ODOMETRY,
-                    (Kind::StreamStops, Firmware::ArduCopter) => id::LOCAL_POSITION_NED,
+                    (FaultKind::StreamStops, Firmware::Px4) => id::ODOMETRY,
+                    (FaultKind::StreamStops, Firmware::ArduCopter) => id::LOCAL_POSITION_NED,
                     _ => 0,
                 };
                 fail(&mut failing, f64::from(size));
@@ -272,7 +272,7 @@ impl Watched {
             .find(|c| strikes(c.normal_mps, c.foot))
             .map(|c| c.normal_mps);
         let in_offboard = rig.world.drones()[0].autopilot().is_some_and(|a| a.in_offboard());
-        let restarted = matches!(cell.gone, Kind::MissionKilled | Kind::ComputerKilled);
+        let restarted = matches!(cell.gone, FaultKind::MissionKilled | FaultKind::ComputerKilled);
         self.end.water |= o.in_water;
         self.end.disarmed_in_air |= stops && height_m > AIR_M;
         let bad = if o.in_water {
@@ -360,20 +360,20 @@ fn gaps_that_ended_badly_once() {
     let [px4, copter] = BOTH;
     let (hold, abort) = (Some(CommandKind::Hold), Some(CommandKind::Abort));
     let found = bad(&[
-        cell(ClimbOut, 0.5, Kind::PilotFrozen, 0.8, px4, hold, 80),
-        cell(ClimbOut, 0.5, Kind::ComputerFrozen, 0.95, px4, None, 81),
-        cell(SpinUp, 0.5, Kind::PilotKilled, 1.0, px4, None, 82),
-        cell(SpinUp, 0.5, Kind::ComputerFrozen, 2.0, px4, None, 83),
-        cell(SpinUp, 2.8, Kind::LinkKilled, 1.0, copter, None, 84),
-        cell(StandDown, 0.05, Kind::LinkFrozen, 1.0, px4, None, 85),
-        cell(OnStation, 1.0, Kind::PilotFrozen, 0.8, px4, hold, 86),
+        cell(ClimbOut, 0.5, FaultKind::PilotFrozen, 0.8, px4, hold, 80),
+        cell(ClimbOut, 0.5, FaultKind::ComputerFrozen, 0.95, px4, None, 81),
+        cell(SpinUp, 0.5, FaultKind::PilotKilled, 1.0, px4, None, 82),
+        cell(SpinUp, 0.5, FaultKind::ComputerFrozen, 2.0, px4, None, 83),
+        cell(SpinUp, 2.8, FaultKind::LinkKilled, 1.0, copter, None, 84),
+        cell(StandDown, 0.05, FaultKind::LinkFrozen, 1.0, px4, None, 85),
+        cell(OnStation, 1.0, FaultKind::PilotFrozen, 0.8, px4, hold, 86),
         // It hovers by a thrust that was taken for less than hover; stands by a hover thrust that was learned on the deck.
-        cell(SpinUp, 0.5, Kind::AutopilotSilent, 0.8, px4, abort, 913),
-        cell(SpinUp, 0.5, Kind::ComputerKilled, 0.5, px4, abort, 910),
+        cell(SpinUp, 0.5, FaultKind::AutopilotSilent, 0.8, px4, abort, 913),
+        cell(SpinUp, 0.5, FaultKind::ComputerKilled, 0.5, px4, abort, 910),
         // The autopilot alone slides it to the deck's edge.
-        cell(Flare, 0.1, Kind::ComputerFrozen, 1.5, px4, abort, 924),
-        cell(Landed, 0.5, Kind::ComputerFrozen, 1.5, px4, abort, 925),
-        cell(Descent, 1.0, Kind::MissionFrozen, 0.5, px4, None, 917),
+        cell(Flare, 0.1, FaultKind::ComputerFrozen, 1.5, px4, abort, 924),
+        cell(Landed, 0.5, FaultKind::ComputerFrozen, 1.5, px4, abort, 925),
+        cell(Descent, 1.0, FaultKind::MissionFrozen, 0.5, px4, None, 917),
     ]);
     assert!(found.is_empty(), "{} of 12: {found:#?}", found.len());
 }
@@ -416,16 +416,16 @@ fn gaps_in_every_state() {
 #[test]
 #[ignore = "minutes"]
 fn set_points_that_cease_on_the_deck() {
-    const CEASE: [Kind; 9] = [
-        Kind::PilotFrozen,
-        Kind::PilotKilled,
-        Kind::LinkFrozen,
-        Kind::LinkKilled,
-        Kind::ComputerFrozen,
-        Kind::ComputerKilled,
-        Kind::MissionKilled,
-        Kind::CableOut,
-        Kind::AutopilotSilent,
+    const CEASE: [FaultKind; 9] = [
+        FaultKind::PilotFrozen,
+        FaultKind::PilotKilled,
+        FaultKind::LinkFrozen,
+        FaultKind::LinkKilled,
+        FaultKind::ComputerFrozen,
+        FaultKind::ComputerKilled,
+        FaultKind::MissionKilled,
+        FaultKind::CableOut,
+        FaultKind::AutopilotSilent,
     ];
     let count = std::env::var("ALIGHT_SEEDS")
         .ok()

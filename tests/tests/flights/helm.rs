@@ -7,7 +7,7 @@ use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_usv::helm::HelmOutput;
 
 /// A vessel under way at 5 m/s in a sea of 1 m and 5 s, with a plain deck, by the response table of a hull; it can be
@@ -15,7 +15,7 @@ use alight_usv::helm::HelmOutput;
 fn scene(hull: Option<&str>, helped: bool) -> (Scenario, NodeConfigs) {
     let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
     scenario.sea = "jonswap:1,5".parse().unwrap();
-    scenario.vessel.course = Course::Straight;
+    scenario.vessel.course = VesselCourse::Straight;
     scenario.vessel.speed_mps = 5.0;
     scenario.vessel.power_for(5.0);
     if let Some(hull) = hull {

@@ -6,7 +6,7 @@ use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_usv::VesselNode;
 
@@ -70,7 +70,7 @@ fn landing_with_a_hardly_damped_attitude_loop() {
 #[test]
 fn hull_trim_on_calm_water() {
     let (mut scenario, _) = world("mono-5m", "calm");
-    scenario.vessel.course = Course::Straight;
+    scenario.vessel.course = VesselCourse::Straight;
     let mut physics = Physics::new(&scenario, 1).unwrap();
     for _ in 0..500 {
         physics.advance();

@@ -6,12 +6,12 @@ use alight_shared::time::{Time, TrueTime};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, Kind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment};
 use alight_sim::harness::tap::Tap;
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly, fly_with};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::streams::Streams;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_sim::sensors::noise::Noise;
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::pilot::PilotOut;
@@ -99,7 +99,7 @@ fn landing_on_calm_water() {
 #[test]
 fn waiting_time_above_a_quiet_deck() {
     let mut under_way = at_sea(0.0, 5.0);
-    under_way.vessel.course = Course::Straight;
+    under_way.vessel.course = VesselCourse::Straight;
     under_way.vessel.speed_mps = 3.0;
     for (scenario, seed) in [(at_sea(0.0, 5.0), 6004), (under_way, 6002)] {
         let o = outcome(&scenario, seed);
@@ -118,7 +118,7 @@ fn landing_in_the_roughest_row_of_table_2() {
 fn landing_without_radio_from_tracking_on() {
     let tracking = Moment::In(State::Tracking);
     let scenario = Scenario {
-        faults: vec![Fault::new(Kind::RadioLost, tracking, 0.0, f64::INFINITY)],
+        faults: vec![Fault::new(FaultKind::RadioLost, tracking, 0.0, f64::INFINITY)],
         ..at_sea(0.5, 5.0)
     };
     let landed = (20..24).filter(|s| outcome(&scenario, *s).success).count();
@@ -129,7 +129,7 @@ fn landing_without_radio_from_tracking_on() {
 #[test]
 fn landing_aborted_by_a_fault_of_its_scenario() {
     let scenario = Scenario {
-        faults: vec![Fault::new(Kind::Abort, Moment::In(State::Descent), 0.3, 0.0)],
+        faults: vec![Fault::new(FaultKind::Abort, Moment::In(State::Descent), 0.3, 0.0)],
         ..at_sea(0.3, 5.0)
     };
     let (flight, names) = flown(&scenario, &NodeConfigs::default(), 20);
@@ -179,7 +179,7 @@ fn landing_with_a_low_battery_above_the_deck() {
 #[test]
 fn landing_on_a_vessel_under_way() {
     let mut scenario = at_sea(0.3, 5.0);
-    scenario.vessel.course = Course::Straight;
+    scenario.vessel.course = VesselCourse::Straight;
     scenario.vessel.speed_mps = 1.5;
     let o = outcome(&scenario, 15);
     assert!(o.success, "{}", o.reason);

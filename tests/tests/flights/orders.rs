@@ -5,7 +5,7 @@ use alight_shared::msg::{AutopilotMode, CommandKind, LandedState, State};
 use alight_sim::autopilots::simulated::mode_number;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::Kind;
+use alight_sim::harness::storm::FaultKind;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
@@ -125,8 +125,8 @@ fn gauge_that_sticks_above_the_deck() {
             empty |= autopilot(rig).battery <= 0.0;
             if restarts && !restarted && rig.t_s() > 250.0 {
                 restarted = true;
-                rig.begin(Kind::MissionKilled, 0.0);
-                rig.end(Kind::MissionKilled, 0.0);
+                rig.begin(FaultKind::MissionKilled, 0.0);
+                rig.end(FaultKind::MissionKilled, 0.0);
             }
             rests(rig) || empty
         });

@@ -3,7 +3,7 @@
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, Kind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial;
 use alight_sim::harness::world::World;
@@ -75,7 +75,7 @@ fn landing_after_a_long_outage_in_any_state() {
     for (state, transport) in states {
         let mut scenario = slight();
         scenario.radio.transport = transport;
-        scenario.faults = vec![Fault::new(Kind::RadioLost, Moment::In(state), 0.0, 10.0)];
+        scenario.faults = vec![Fault::new(FaultKind::RadioLost, Moment::In(state), 0.0, 10.0)];
         let outcome = land(&scenario, 104);
         let what = format!("{state:?} over {transport:?}: {outcome:?}");
         assert_eq!(

@@ -7,7 +7,7 @@ use alight_shared::msg::{CommandKind, State};
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::Kind;
+use alight_sim::harness::storm::FaultKind;
 use alight_sim::harness::world::Checkpoints;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::message::CommandResult;
@@ -27,7 +27,7 @@ enum When {
 /// A landing with one order, and its fault.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
-    kind: Kind,
+    kind: FaultKind,
     when: When,
     away_s: f64,
     checkpoints: Checkpoints,
@@ -108,7 +108,7 @@ impl Flight {
         let (mut end, mut contact, mut heights_m) = (End::default(), false, VecDeque::new());
         rig.each(LIMIT_S, |rig| {
             let (t, state, o) = (rig.t_s(), rig.state(0), rig.world.observation());
-            let commanded = matches!(self.kind, Kind::MissionKilled | Kind::PredictorKilled);
+            let commanded = matches!(self.kind, FaultKind::MissionKilled | FaultKind::PredictorKilled);
             let abandoned = !commanded && failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
             contact |= !o.contacts.is_empty();
             for c in o.contacts.iter().filter(|_| !abandoned) {
@@ -151,10 +151,10 @@ const SEAS: [(f64, u64); 2] = [(0.5, 41), (0.8, 43)];
 const MORE_SEAS: [(f64, u64); 2] = [(0.5, 42), (0.8, 44)];
 
 /// The drone of the defaults in two seas, with every fault.
-fn over_seas(kind: Kind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
+fn over_seas(kind: FaultKind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
     over(&SEAS, kind, cases, checkpoints)
 }
-fn over(seas: &[(f64, u64)], kind: Kind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
+fn over(seas: &[(f64, u64)], kind: FaultKind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
     let mut flights = Vec::new();
     for &when in cases {
         for away_s in [0.3, 1.0] {
@@ -175,7 +175,7 @@ fn over(seas: &[(f64, u64)], kind: Kind, cases: &[When], checkpoints: Checkpoint
     flights
 }
 /// Both firmwares in one sea, with every fault.
-fn over_firmwares(kind: Kind, cases: &[When], away_s: &[f64]) -> Vec<Flight> {
+fn over_firmwares(kind: FaultKind, cases: &[When], away_s: &[f64]) -> Vec<Flight> {
     let mut flights = Vec::new();
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         for (&when, seed) in cases.iter().zip(51..) {
@@ -245,113 +245,157 @@ const AFTER_THE_STOP: [When; 4] = [
 
 #[test]
 fn mission_killed_in_descent() {
-    all_land(&over_seas(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Kept));
+    all_land(&over_seas(
+        FaultKind::MissionKilled,
+        &IN_DESCENT,
+        Checkpoints::Kept,
+    ));
 }
 
 #[test]
 fn mission_killed_in_flare() {
-    all_land(&over_seas(Kind::MissionKilled, &IN_FLARE, Checkpoints::Kept));
+    all_land(&over_seas(FaultKind::MissionKilled, &IN_FLARE, Checkpoints::Kept));
 }
 
 #[test]
 fn mission_killed_on_the_deck() {
-    all_land(&over_seas(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Kept));
+    all_land(&over_seas(
+        FaultKind::MissionKilled,
+        &ON_THE_DECK,
+        Checkpoints::Kept,
+    ));
 }
 
 #[test]
 fn mission_killed_in_descent_without_checkpoint() {
-    all_safe(&over_seas(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Lost));
+    all_safe(&over_seas(
+        FaultKind::MissionKilled,
+        &IN_DESCENT,
+        Checkpoints::Lost,
+    ));
 }
 
 #[test]
 fn mission_killed_in_flare_without_checkpoint() {
-    all_safe(&over_seas(Kind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
+    all_safe(&over_seas(FaultKind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
 }
 
 #[test]
 fn mission_killed_on_the_deck_without_checkpoint() {
-    all_land(&over_seas(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Lost));
+    all_land(&over_seas(
+        FaultKind::MissionKilled,
+        &ON_THE_DECK,
+        Checkpoints::Lost,
+    ));
 }
 
 #[test]
 fn supervisor_killed_in_descent() {
-    all_land(&over_seas(Kind::ComputerKilled, &IN_DESCENT, Checkpoints::Kept));
+    all_land(&over_seas(
+        FaultKind::ComputerKilled,
+        &IN_DESCENT,
+        Checkpoints::Kept,
+    ));
 }
 
 #[test]
 fn supervisor_killed_in_flare() {
-    all_land(&over_seas(Kind::ComputerKilled, &IN_FLARE, Checkpoints::Kept));
+    all_land(&over_seas(
+        FaultKind::ComputerKilled,
+        &IN_FLARE,
+        Checkpoints::Kept,
+    ));
 }
 
 #[test]
 fn supervisor_killed_on_the_deck() {
-    all_land(&over_seas(Kind::ComputerKilled, &ON_THE_DECK, Checkpoints::Kept));
+    all_land(&over_seas(
+        FaultKind::ComputerKilled,
+        &ON_THE_DECK,
+        Checkpoints::Kept,
+    ));
 }
 
 #[test]
 #[ignore = "as many flights as the nine above: a minute and a half"]
 fn processes_killed_in_more_seas() {
     let flown = |kind, cases: &[When], checkpoints| over(&MORE_SEAS, kind, cases, checkpoints);
-    for kind in [Kind::MissionKilled, Kind::ComputerKilled] {
+    for kind in [FaultKind::MissionKilled, FaultKind::ComputerKilled] {
         all_land(&flown(kind, &IN_DESCENT, Checkpoints::Kept));
         all_land(&flown(kind, &IN_FLARE, Checkpoints::Kept));
         all_land(&flown(kind, &ON_THE_DECK, Checkpoints::Kept));
     }
-    all_safe(&flown(Kind::MissionKilled, &IN_DESCENT, Checkpoints::Lost));
-    all_safe(&flown(Kind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
-    all_land(&flown(Kind::MissionKilled, &ON_THE_DECK, Checkpoints::Lost));
+    all_safe(&flown(FaultKind::MissionKilled, &IN_DESCENT, Checkpoints::Lost));
+    all_safe(&flown(FaultKind::MissionKilled, &IN_FLARE, Checkpoints::Lost));
+    all_land(&flown(FaultKind::MissionKilled, &ON_THE_DECK, Checkpoints::Lost));
 }
 
 #[test]
 fn mission_away_in_flare_until_after_contact() {
     let late = [0.3, 0.45, 0.6, 0.75].map(|s| When::In(State::Flare, s));
-    all_land(&over_firmwares(Kind::MissionKilled, &late, &[0.7, 0.9, 2.0]));
+    all_land(&over_firmwares(FaultKind::MissionKilled, &late, &[0.7, 0.9, 2.0]));
 }
 
 #[test]
 fn pilot_restarted_in_the_air() {
-    all_safe(&over_firmwares(Kind::PilotKilled, &IN_THE_AIR, &[0.3, 1.0]));
+    all_safe(&over_firmwares(FaultKind::PilotKilled, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
 fn pilot_restarted_after_its_stop() {
-    all_land(&over_firmwares(Kind::PilotKilled, &AFTER_THE_STOP, &[0.3, 1.0]));
+    all_land(&over_firmwares(
+        FaultKind::PilotKilled,
+        &AFTER_THE_STOP,
+        &[0.3, 1.0],
+    ));
 }
 
 #[test]
 fn link_restarted_in_the_air() {
-    all_safe(&over_firmwares(Kind::LinkKilled, &IN_THE_AIR, &[0.3, 1.0]));
+    all_safe(&over_firmwares(FaultKind::LinkKilled, &IN_THE_AIR, &[0.3, 1.0]));
 }
 
 #[test]
 fn link_restarted_before_the_failsafe() {
-    all_land(&over_firmwares(Kind::LinkKilled, &AFTER_THE_STOP, &[0.1, 0.4]));
+    all_land(&over_firmwares(
+        FaultKind::LinkKilled,
+        &AFTER_THE_STOP,
+        &[0.1, 0.4],
+    ));
 }
 
 #[test]
 fn link_restarted_after_the_stop() {
-    most_land(&over_firmwares(Kind::LinkKilled, &AFTER_THE_STOP, &[0.3, 0.6]));
+    most_land(&over_firmwares(
+        FaultKind::LinkKilled,
+        &AFTER_THE_STOP,
+        &[0.3, 0.6],
+    ));
 }
 
 #[test]
 fn cable_out_in_the_air() {
-    all_safe(&over_firmwares(Kind::CableOut, &IN_THE_AIR, &[2.0]));
+    all_safe(&over_firmwares(FaultKind::CableOut, &IN_THE_AIR, &[2.0]));
 }
 
 #[test]
 fn cable_out_after_the_stop() {
-    most_land(&over_firmwares(Kind::CableOut, &AFTER_THE_STOP, &[1.0]));
+    most_land(&over_firmwares(FaultKind::CableOut, &AFTER_THE_STOP, &[1.0]));
 }
 
 #[test]
 fn predictor_restarted_in_the_air() {
-    all_land(&over_firmwares(Kind::PredictorKilled, &IN_THE_AIR, &[0.3, 1.0]));
+    all_land(&over_firmwares(
+        FaultKind::PredictorKilled,
+        &IN_THE_AIR,
+        &[0.3, 1.0],
+    ));
 }
 
 #[test]
 fn supervisor_restarted_in_the_air() {
     all_land(&over_firmwares(
-        Kind::ComputerKilled,
+        FaultKind::ComputerKilled,
         &IN_THE_AIR,
         &[0.3, 0.6, 1.0],
     ));
@@ -360,7 +404,7 @@ fn supervisor_restarted_in_the_air() {
 #[test]
 fn supervisor_restarted_after_the_stop() {
     most_land(&over_firmwares(
-        Kind::ComputerKilled,
+        FaultKind::ComputerKilled,
         &AFTER_THE_STOP,
         &[0.3, 0.6, 1.0],
     ));
@@ -396,7 +440,7 @@ fn motors_off_with_a_restarted_pilot() {
     };
     let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), 46).unwrap();
     assert!(rig.until(LIMIT_S, |rig| rig.state(0) == State::Landed));
-    rig.end(Kind::PilotKilled, 0.0);
+    rig.end(FaultKind::PilotKilled, 0.0);
     // Until its own thrust is in force (0.2 s) a new pilot presses with less than carries the drone.
     rig.run(0.4);
     rig.each(5.0, |rig| {

@@ -5,7 +5,7 @@ use alight_sim::autopilots::simulated::{mode_number, own_mission_mode};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::Checkpoints;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
@@ -230,7 +230,7 @@ fn own_mission_that_does_not_begin() {
 /// On its own mission far away from a vessel under way, out of radio range, with a battery that calls.
 fn called_out_of_range(firmware: Firmware, seed: u64, silent_s: f64) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
-    scenario.vessel.course = Course::Straight;
+    scenario.vessel.course = VesselCourse::Straight;
     scenario.vessel.speed_mps = 2.0;
     let mut rig = ordered(&scenario, &nodes, seed);
     assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
@@ -292,7 +292,7 @@ fn sortie_after_a_reboot() {
         // Over ground, from where the vessel has gone on.
         let (mut scenario, mut nodes) = on_deck(0.3, firmware);
         nodes.drone.mission.reservation_required = false;
-        (scenario.vessel.course, scenario.vessel.speed_mps) = (Course::Straight, 2.0);
+        (scenario.vessel.course, scenario.vessel.speed_mps) = (VesselCourse::Straight, 2.0);
         let mut rig = ordered(&scenario, &nodes, seed);
         assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
         assert!(rig.until(150.0, |r| r.world.physics().deck_distance_m(0) > 100.0));

@@ -3,7 +3,7 @@
 use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use nalgebra::Vector3;
 
 use super::takeoff::until;
@@ -29,7 +29,7 @@ fn off_m(rig: &Rig) -> f64 {
 #[test]
 fn station_off_a_vessel_that_turns() {
     let mut scenario = Scenario::default();
-    scenario.vessel.course = Course::Square;
+    scenario.vessel.course = VesselCourse::Square;
     scenario.drone.wind.mean_mps = 5.0;
     let mut rig = Rig::new(&scenario, &NodeConfigs::default(), 81).unwrap();
     rig.run(5.0);

@@ -2,9 +2,11 @@
 //! so that a change which breaks a rule often is noticed at once (`alight study storm` flies thousands).
 
 use alight_shared::msg::State;
-use alight_sim::harness::storm::watch::{Ending, Rule};
-use alight_sim::harness::storm::{Fault, FlightKind, Flown, Kind, Moment, Mutant, Storm, fly, fly_mutant};
-use alight_sim::physics::vessel::Course;
+use alight_sim::harness::storm::watch::{StormEnding, StormRule};
+use alight_sim::harness::storm::{
+    Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly, fly_mutant,
+};
+use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
@@ -20,7 +22,7 @@ const HARD_MPS: f64 = 2.0;
 /// The rule that it broke, with what it was.
 fn broken_by(flown: &Flown, name: &str, storm: &Storm) -> Option<String> {
     let violation = flown.violation?;
-    let usual = violation.rule == Rule::HardContact && violation.figure < HARD_MPS;
+    let usual = violation.rule == StormRule::HardContact && violation.figure < HARD_MPS;
     (!usual).then(|| format!("{name}: {violation}\n{}", storm.text()))
 }
 /// Those that broke a rule, with what it was.
@@ -69,7 +71,7 @@ fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
         | FlightKind::Beacon
         | FlightKind::TagAlone
         | FlightKind::Cycles
-        | FlightKind::Mavlink => (Course::Drift, 0.0),
+        | FlightKind::Mavlink => (VesselCourse::Drift, 0.0),
     };
     Storm {
         autopilot,
@@ -95,14 +97,14 @@ fn every_flight_without_a_fault() {
             let f = flown(&storm, None);
             let name = format!("{:?} over {:?}", storm.flight, storm.autopilot);
             let fits = match storm.flight {
-                FlightKind::TakeOff => f.ending == Ending::Waits,
+                FlightKind::TakeOff => f.ending == StormEnding::Waits,
                 FlightKind::Helm | FlightKind::Beacon => true,
                 FlightKind::Landing
                 | FlightKind::Sortie
                 | FlightKind::Station
                 | FlightKind::TagAlone
                 | FlightKind::Cycles
-                | FlightKind::Mavlink => f.ending == Ending::Landed,
+                | FlightKind::Mavlink => f.ending == StormEnding::Landed,
             };
             let ended = (f.violation.is_none() && !fits).then(|| format!("{name}: {f:?}"));
             broken_by(&f, &name, &storm).or(ended)
@@ -115,7 +117,7 @@ fn every_flight_without_a_fault() {
 #[test]
 fn fault_at_the_second_landing() {
     let fault = |entry| Fault {
-        kind: Kind::Blind,
+        kind: FaultKind::Blind,
         moment: Moment::In(State::Landed),
         entry,
         after_s: 0.5,
@@ -128,7 +130,11 @@ fn fault_at_the_second_landing() {
     };
     let f = flown(&storm, None);
     let began: Vec<_> = f.began.iter().map(|(kind, ..)| *kind).collect();
-    assert_eq!((began, f.ending), (vec![Kind::Blind], Ending::Landed), "{f:?}");
+    assert_eq!(
+        (began, f.ending),
+        (vec![FaultKind::Blind], StormEnding::Landed),
+        "{f:?}"
+    );
     assert!(f.began[0].2 > 60.0, "{f:?}");
 }
 
@@ -148,7 +154,7 @@ fn with_fault(seed: u64, fault: Fault) -> Storm {
         faults: vec![fault],
         sea: [0.2, 5.0],
         autopilot: Firmware::Px4,
-        course: Course::Straight,
+        course: VesselCourse::Straight,
         speed_mps: 2.0,
         wind_mps: 3.0,
         reserved: false,
@@ -167,7 +173,7 @@ fn order_over_a_suspended_computer() {
         .collect();
     cases.into_par_iter().for_each(|(state, seed)| {
         let fault = Fault {
-            kind: Kind::ComputerSuspended,
+            kind: FaultKind::ComputerSuspended,
             moment: Moment::In(state),
             entry: 1,
             after_s: 0.3,
@@ -176,7 +182,10 @@ fn order_over_a_suspended_computer() {
         };
         let f = flown(&with_fault(seed, fault), None);
         let context = format!("{state:?}, seed {seed}: {f:?}");
-        assert!(f.violation.is_none() && f.ending == Ending::Landed, "{context}");
+        assert!(
+            f.violation.is_none() && f.ending == StormEnding::Landed,
+            "{context}"
+        );
     });
 }
 
@@ -187,7 +196,7 @@ fn killed_in_the_flare(seeds: core::ops::RangeInclusive<u64>) {
         .par_iter()
         .filter_map(|&(seed, after_s)| {
             let fault = Fault {
-                kind: Kind::ComputerKilled,
+                kind: FaultKind::ComputerKilled,
                 moment: Moment::In(State::Flare),
                 entry: 1,
                 after_s,
@@ -195,7 +204,7 @@ fn killed_in_the_flare(seeds: core::ops::RangeInclusive<u64>) {
                 lasts_s: 2.0,
             };
             let violation = flown(&with_fault(seed, fault), None).violation?;
-            (violation.rule != Rule::HardContact).then_some((seed, after_s, violation))
+            (violation.rule != StormRule::HardContact).then_some((seed, after_s, violation))
         })
         .collect();
     assert!(lost.is_empty(), "{} of {}: {lost:#?}", lost.len(), flights.len());
@@ -222,21 +231,21 @@ fn mutants_that_a_short_list_shows() {
         size: 0.0,
         lasts_s,
     };
-    let abort = |state| fault(Kind::Abort, state, 0.5, 0.0);
-    let killed = fault(Kind::MissionKilled, State::GaveUp, 2.0, 0.5);
+    let abort = |state| fault(FaultKind::Abort, state, 0.5, 0.0);
+    let killed = fault(FaultKind::MissionKilled, State::GaveUp, 2.0, 0.5);
     let shown = [
         (
             Mutant::AbortIgnored,
             1,
             vec![abort(State::Descent)],
-            Rule::AbortIgnored,
+            StormRule::AbortIgnored,
         ),
-        (Mutant::TwoOwners, 2, Vec::new(), Rule::TwoAtDeck),
+        (Mutant::TwoOwners, 2, Vec::new(), StormRule::TwoAtDeck),
         (
             Mutant::OldCheckpoint,
             1,
             vec![abort(State::Tracking), killed],
-            Rule::AbortIgnored,
+            StormRule::AbortIgnored,
         ),
     ];
     shown.into_par_iter().for_each(|(mutant, drones, faults, rule)| {

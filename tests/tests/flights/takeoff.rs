@@ -5,7 +5,7 @@ use alight_sim::autopilots::simulated::own_mission_mode;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
@@ -294,7 +294,7 @@ fn cycles_from_deck_to_deck() {
     for (firmware, speed_mps) in [(Firmware::Px4, 0.0), (Firmware::ArduCopter, 2.0)] {
         let (mut scenario, nodes) = on_deck(0.5, firmware);
         if speed_mps > 0.0 {
-            scenario.vessel.course = Course::Straight;
+            scenario.vessel.course = VesselCourse::Straight;
             scenario.vessel.speed_mps = speed_mps;
         }
         let flown = cycles(&scenario, &nodes, 60, 3);
@@ -311,7 +311,7 @@ fn hundred_cycles_from_deck_to_deck() {
         let (mut scenario, nodes) = on_deck(0.2 + 0.02 * f64::from(k), BOTH[(k % 2) as usize]);
         scenario.drone.wind.mean_mps = 0.4 * f64::from(k);
         if k % 4 >= 2 {
-            scenario.vessel.course = Course::Straight;
+            scenario.vessel.course = VesselCourse::Straight;
             scenario.vessel.speed_mps = 2.0;
         }
         let flown = cycles(&scenario, &nodes, 7000 + u64::from(k), 5);
@@ -339,7 +339,7 @@ fn hundred_cycles_from_deck_to_deck() {
 fn sortie_ended_by_the_battery() {
     for firmware in BOTH {
         let (mut scenario, nodes) = on_deck(0.3, firmware);
-        scenario.vessel.course = Course::Straight;
+        scenario.vessel.course = VesselCourse::Straight;
         scenario.vessel.speed_mps = 2.0;
         let mut rig = ordered(&scenario, &nodes, 61);
         let (up, _) = until(&mut rig, 60.0, State::Hold);

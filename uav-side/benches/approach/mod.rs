@@ -21,7 +21,7 @@ use super::planner::{Planner, PlannerConfig, PlannerIn};
 
 /// Amplitudes of the deck's motion: heave m, roll and pitch rad.
 #[derive(Clone, Copy, Debug)]
-pub struct Sea {
+pub struct BenchSea {
     /// Heave, m.
     pub heave: f64,
     /// Roll, rad.
@@ -35,7 +35,7 @@ pub struct Sea {
 }
 
 /// Heave of 0.5 m in 5 s with 6 and 8 deg of roll and pitch.
-pub const MODERATE: Sea = Sea {
+pub const MODERATE: BenchSea = BenchSea {
     heave: 0.5,
     roll: 0.10,
     pitch: 0.14,
@@ -48,7 +48,7 @@ const HEADING: f64 = 0.7;
 /// Seven metres over the deck's mean.
 pub const ABOVE: [f64; 3] = [20.0, -8.0, -8.3];
 
-impl Sea {
+impl BenchSea {
     /// The deck at time `t`, s.
     pub fn deck(&self, t: f64) -> DeckStage {
         let wave = |amplitude: f64, phase: f64| {
@@ -84,7 +84,7 @@ impl Sea {
 
 /// State at a touch.
 #[derive(Clone, Copy, Debug)]
-pub struct Contact {
+pub struct BenchContact {
     /// Since the descent began, s.
     pub time_s: f64,
     /// Foot plane's centre to deck's centre, m.
@@ -98,7 +98,7 @@ pub struct Contact {
 }
 
 /// An ideal follower: the drone is exactly where its plan has it, every 10 ms.
-pub struct Follower {
+pub struct PlanFollower {
     /// Odometry of the drone.
     pub drone: DroneState,
     /// The plan that it follows.
@@ -107,10 +107,10 @@ pub struct Follower {
     pub tick: i64,
 }
 
-impl Follower {
+impl PlanFollower {
     /// At rest at `position`.
     pub fn new(position: [f64; 3]) -> Self {
-        Follower {
+        PlanFollower {
             drone: DroneState {
                 position,
                 ..DroneState::default()
@@ -147,19 +147,19 @@ impl Follower {
 
 /// A closed loop.
 pub struct Approach {
-    sea: Sea,
-    follower: Follower,
+    sea: BenchSea,
+    follower: PlanFollower,
     tracking_s: f64,
     /// The touch, once there was one.
-    pub contact: Option<Contact>,
+    pub contact: Option<BenchContact>,
 }
 
 impl Approach {
     /// From rest at `from`; the descent begins after `tracking_s`.
-    pub fn new(sea: Sea, from: [f64; 3], tracking_s: f64) -> Self {
+    pub fn new(sea: BenchSea, from: [f64; 3], tracking_s: f64) -> Self {
         Approach {
             sea,
-            follower: Follower::new(from),
+            follower: PlanFollower::new(from),
             tracking_s,
             contact: None,
         }
@@ -180,7 +180,7 @@ impl Approach {
         if gap <= 0.0 {
             let normal = deck.normal();
             let feet = p - up * feet_below;
-            self.contact = Some(Contact {
+            self.contact = Some(BenchContact {
                 time_s: t - self.tracking_s,
                 off_m: (feet - Vector3::from(deck.position)).norm(),
                 tilt: up.dot(&normal).clamp(-1.0, 1.0).acos(),
@@ -218,7 +218,7 @@ impl Approach {
     }
 
     /// To contact; `see` looks at the planner after each plan.
-    pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<Contact> {
+    pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<BenchContact> {
         let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
     }
@@ -228,7 +228,7 @@ impl Approach {
         mut self,
         mut planner: Planner,
         mut see: impl FnMut(&Planner, &Plan),
-    ) -> Option<Contact> {
+    ) -> Option<BenchContact> {
         while self
             .tick(|now, input| {
                 let plan = planner.step(now, input).plan;

@@ -134,7 +134,7 @@ fn flies_itself(mode: AutopilotMode) -> bool {
 
 /// Evidence for the decision.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Evidence {
+pub(crate) struct AuthorityEvidence {
     /// A heartbeat of a multirotor's autopilot was ever received.
     pub(crate) found: bool,
     /// The autopilot's heartbeats arrive.
@@ -199,7 +199,7 @@ impl AuthorityStateMachine {
     }
     /// Decides; for `quiet` after a takeover by a pilot no set-points are streamed. Where the autopilot returns or lands they are at
     /// once: it follows none, and whoever gives the mode back a second later is not denied for want of them.
-    pub(crate) fn step(&mut self, now: DroneTime, f: &Evidence, quiet: Span) -> ControlAuthority {
+    pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
             self.confirmations = if ours && f.armed {
@@ -259,7 +259,7 @@ impl AuthorityStateMachine {
     }
     /// The autopilot holds by itself because nothing was commanded. A stream brings it back only to the mode that the
     /// pilot chose, so no choice is overruled.
-    fn fell_back(&self, f: &Evidence) -> bool {
+    fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
         commanded && f.lapsed && f.mode == AutopilotMode::Hold
     }
@@ -282,7 +282,7 @@ mod tests {
     use super::*;
     use alight_shared::time::Time;
 
-    const READY: Evidence = Evidence {
+    const READY: AuthorityEvidence = AuthorityEvidence {
         found: true,
         alive: true,
         several: false,
@@ -298,7 +298,11 @@ mod tests {
     };
 
     /// Steps 20 ms apart, each with a heartbeat.
-    fn run(a: &mut AuthorityStateMachine, from_ms: i64, evidence: &[Evidence]) -> Vec<ControlAuthority> {
+    fn run(
+        a: &mut AuthorityStateMachine,
+        from_ms: i64,
+        evidence: &[AuthorityEvidence],
+    ) -> Vec<ControlAuthority> {
         evidence
             .iter()
             .enumerate()
@@ -308,21 +312,21 @@ mod tests {
             })
             .collect()
     }
-    fn by(mode: AutopilotMode) -> Evidence {
-        Evidence { mode, ..READY }
+    fn by(mode: AutopilotMode) -> AuthorityEvidence {
+        AuthorityEvidence { mode, ..READY }
     }
 
     #[test]
     fn authority_conditions() {
         let mut a = AuthorityStateMachine::default();
-        let disarmed = Evidence {
+        let disarmed = AuthorityEvidence {
             armed: false,
             ..READY
         };
         let s = run(&mut a, 0, &[disarmed, disarmed, READY, READY]);
         assert_eq!(s[..3], [ControlAuthority::Disarmed; 3]);
         assert_eq!(s[3], ControlAuthority::Commanding);
-        let gaps: [fn(&mut Evidence); 9] = [
+        let gaps: [fn(&mut AuthorityEvidence); 9] = [
             |e| e.several = true,
             |e| e.clock = false,
             |e| e.origin = false,
@@ -344,7 +348,7 @@ mod tests {
 
     #[test]
     fn authority_with_a_second_autopilot_in_flight() {
-        let several = Evidence {
+        let several = AuthorityEvidence {
             several: true,
             ..READY
         };
@@ -352,7 +356,7 @@ mod tests {
         run(&mut a, 0, &[READY; 3]);
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
         // Nor once its odometry is back, or its own hold for want of set-points has ended.
-        let gap = Evidence {
+        let gap = AuthorityEvidence {
             odometry: false,
             ..several
         };
@@ -361,14 +365,14 @@ mod tests {
             [ControlAuthority::NoOdometry, ControlAuthority::Commanding]
         );
         let mode = AutopilotMode::Hold;
-        let hold = Evidence {
+        let hold = AuthorityEvidence {
             mode,
             lapsed: true,
             ..several
         };
         assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
         // The pilot's mode ends it.
-        let pilot = Evidence {
+        let pilot = AuthorityEvidence {
             mode: AutopilotMode::Other,
             ..several
         };
@@ -410,7 +414,7 @@ mod tests {
             for lapsed in [false, true] {
                 let mut a = AuthorityStateMachine::default();
                 run(&mut a, 0, &[READY; 3]);
-                let s = run(&mut a, 60, &[Evidence { lapsed, ..by(mode) }])[0];
+                let s = run(&mut a, 60, &[AuthorityEvidence { lapsed, ..by(mode) }])[0];
                 // It holds because nothing was commanded: no person to wait for.
                 let expected = if lapsed && mode == AutopilotMode::Hold {
                     ControlAuthority::Standby { mode }
@@ -441,7 +445,7 @@ mod tests {
     fn authority_after_link_loss() {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
-        let gone = Evidence {
+        let gone = AuthorityEvidence {
             alive: false,
             heartbeat: false,
             ..READY

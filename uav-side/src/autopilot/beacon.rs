@@ -8,7 +8,7 @@ use alight_shared::msg::{BeaconSource, DeckBeacon, MAX_BEACON_MPS, MIN_BEACON_SD
 
 use alight_shared::time::Span;
 
-use super::message::{Frame, Message};
+use super::message::{MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
 use super::{AutopilotLink, DroneTime, Output};
 
@@ -34,12 +34,12 @@ const AIS_REPEATED_S: f64 = 2.0;
 impl AutopilotLink {
     /// The beacon that a frame is, where it comes from the configured system and not from the drone's own, or is of the
     /// configured vessel.
-    pub(super) fn beacon(&mut self, now: DroneTime, frame: &Frame) -> Option<DeckBeacon> {
-        let beacon = if let Message::GlobalPosition(report) = &frame.message {
+    pub(super) fn beacon(&mut self, now: DroneTime, frame: &MavlinkFrame) -> Option<DeckBeacon> {
+        let beacon = if let MavlinkMessage::GlobalPosition(report) = &frame.message {
             self.beacon_of(now, frame, BeaconSource::GlobalPosition, report)
-        } else if let Message::FollowTarget(report) = &frame.message {
+        } else if let MavlinkMessage::FollowTarget(report) = &frame.message {
             self.beacon_of(now, frame, BeaconSource::FollowTarget, report)
-        } else if let Message::Ais(report) = &frame.message {
+        } else if let MavlinkMessage::Ais(report) = &frame.message {
             self.beacon_by_ais(now, report)
         } else {
             None
@@ -51,7 +51,7 @@ impl AutopilotLink {
     fn beacon_of(
         &mut self,
         now: DroneTime,
-        frame: &Frame,
+        frame: &MavlinkFrame,
         source: BeaconSource,
         report: &PlaceReport,
     ) -> Option<DeckBeacon> {
@@ -119,7 +119,7 @@ mod tests {
         AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1)
     }
     /// Through the bytes of a link.
-    fn received(link: &mut AutopilotLink, system: u8, message: &Message) -> Option<DeckBeacon> {
+    fn received(link: &mut AutopilotLink, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
         let bytes = Encoder::default()
             .frame(Address::new(system, 1), message)
             .unwrap();
@@ -138,7 +138,7 @@ mod tests {
             error_m: None,
         };
         let mut link = link(42);
-        let tracker = Message::GlobalPosition(report);
+        let tracker = MavlinkMessage::GlobalPosition(report);
         let m = received(&mut link, 42, &tracker).unwrap();
         assert_eq!(
             (m.header.at, m.source),
@@ -149,7 +149,7 @@ mod tests {
         assert_eq!(received(&mut link, 41, &tracker), None);
         assert_eq!(received(&mut self::link(0), 42, &tracker), None);
         // A phone that does not know its speed, with an error that it states.
-        let phone = Message::FollowTarget(PlaceReport {
+        let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
             error_m: Some(12.0),
             ..report
@@ -158,7 +158,7 @@ mod tests {
         assert_eq!((m.source, m.place_sd_m), (BeaconSource::FollowTarget, 12.0));
         assert_eq!(m.velocity_sd_mps, UNKNOWN_VELOCITY_SD_MPS);
         // One without a fix.
-        let none = Message::GlobalPosition(PlaceReport {
+        let none = MavlinkMessage::GlobalPosition(PlaceReport {
             latitude_deg: 0.0,
             longitude_deg: 0.0,
             ..report
@@ -184,7 +184,7 @@ mod tests {
             age_s: 1.0,
         };
         // Over the autopilot's own link, by its own number.
-        let m = received(&mut link, 1, &Message::Ais(report)).unwrap();
+        let m = received(&mut link, 1, &MavlinkMessage::Ais(report)).unwrap();
         assert_eq!((m.source, m.header.at), (BeaconSource::Ais, Time::from_secs(2.0)));
         assert!((m.velocity[0] - 3.0).abs() < 0.01 && (m.velocity[1] + 4.0).abs() < 0.01);
         // It errs by what a fast vessel goes on its way, too.
@@ -197,7 +197,7 @@ mod tests {
         let of = |change: fn(&mut AisReport)| {
             let mut r = report;
             change(&mut r);
-            Message::Ais(r)
+            MavlinkMessage::Ais(r)
         };
         for wrong in [
             of(|r| r.age_s = 3.0),
@@ -209,6 +209,9 @@ mod tests {
             assert_eq!(received(&mut link, 1, &wrong), None, "{wrong:?}");
         }
         assert!(received(&mut link, 1, &of(|r| r.place.velocity = None)).is_some());
-        assert_eq!(received(&mut self::link(42), 42, &Message::Ais(report)), None);
+        assert_eq!(
+            received(&mut self::link(42), 42, &MavlinkMessage::Ais(report)),
+            None
+        );
     }
 }

@@ -11,7 +11,7 @@ use alight_shared::time::Span;
 
 use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
-use super::peer::Peer;
+use super::peer::MavlinkPeer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::odometry::Jumps;
 use alight_shared::checkpoint::{CheckpointRejection, validate};
@@ -65,7 +65,7 @@ impl AutopilotLink {
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
             return;
         };
-        let otherwise = |p: &Peer| {
+        let otherwise = |p: &MavlinkPeer| {
             (p.address, p.firmware) != (address, firmware) || p.mode != AutopilotMode::Offboard || !p.armed
         };
         if self.peer.as_ref().is_some_and(otherwise) {
@@ -73,7 +73,7 @@ impl AutopilotLink {
         }
         let peer = self.peer.get_or_insert_with(|| {
             // It was alive; a heartbeat that came meanwhile is lost.
-            let mut peer = Peer::new(address, firmware, now, &self.config, self.attitudes);
+            let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);
             peer

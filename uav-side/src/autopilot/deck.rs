@@ -10,7 +10,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::DeckMessage;
 use super::message::command::SET_HOME;
-use super::message::{CommandLong, LandingTarget, Message, TargetAbsolute, TargetFrame, TargetRelative};
+use super::message::{
+    CommandLong, LandingTarget, MavlinkMessage, TargetAbsolute, TargetFrame, TargetRelative,
+};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
@@ -56,8 +58,8 @@ impl AutopilotLink {
         let target = match self.peer.as_ref().map(|p| p.firmware) {
             Some(Firmware::Px4) if self.config.deck_message == DeckMessage::Target => {
                 let (relative, absolute) = (self.target_relative(), self.target_absolute(now, &d, velocity));
-                out.messages.extend(relative.map(Message::TargetRelative));
-                out.messages.extend(absolute.map(Message::TargetAbsolute));
+                out.messages.extend(relative.map(MavlinkMessage::TargetRelative));
+                out.messages.extend(absolute.map(MavlinkMessage::TargetAbsolute));
                 None
             }
             Some(Firmware::Px4) => Some(LandingTarget {
@@ -71,8 +73,8 @@ impl AutopilotLink {
             Some(Firmware::ArduCopter) => self.target_from_vehicle(now),
             None => None,
         };
-        out.messages.extend(target.map(Message::LandingTarget));
-        out.messages.push(Message::Deck {
+        out.messages.extend(target.map(MavlinkMessage::LandingTarget));
+        out.messages.push(MavlinkMessage::Deck {
             time_us,
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
@@ -153,7 +155,7 @@ impl AutopilotLink {
         }
         let (lat, lon) = (place.latitude_deg, place.longitude_deg);
         let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m]);
-        out.messages.push(Message::Command(command));
+        out.messages.push(MavlinkMessage::Command(command));
         self.home = Some((now, place));
     }
 }

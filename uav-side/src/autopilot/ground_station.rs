@@ -7,7 +7,7 @@ use alight_shared::time::{DroneClock, Span};
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::message::{Message, severity};
+use super::message::{MavlinkMessage, severity};
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
 /// Characters of a STATUSTEXT.
@@ -46,7 +46,7 @@ pub(super) struct GroundReports {
 impl AutopilotOut {
     /// Something that whoever watches has to know at once, here and at a ground station.
     pub(super) fn alarm(&mut self, severity: u8, text: String) {
-        self.messages.push(Message::Text {
+        self.messages.push(MavlinkMessage::Text {
             severity,
             text: fit(&text),
         });
@@ -75,7 +75,7 @@ impl AutopilotLink {
         ];
         out.messages
             .extend(values.into_iter().filter_map(|(name, value)| {
-                Some(Message::NamedValue {
+                Some(MavlinkMessage::NamedValue {
                     time_ms,
                     name: name.into(),
                     value: value?,
@@ -100,11 +100,11 @@ impl AutopilotLink {
 
 impl GroundReports {
     /// A text for a state that was entered, else for what is waited for.
-    fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<Message> {
+    fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<MavlinkMessage> {
         if self.entered != Some((m.state, m.since)) {
             self.entered = Some((m.state, m.since));
             self.waiting = None;
-            return Some(Message::Text {
+            return Some(MavlinkMessage::Text {
                 severity: severity_of(m),
                 text: fit(&m.state.because(&m.entered)),
             });
@@ -113,7 +113,7 @@ impl GroundReports {
         if core::mem::replace(&mut self.rejected, rejected) != rejected
             && let Some(why) = m.rejected
         {
-            return Some(Message::Text {
+            return Some(MavlinkMessage::Text {
                 severity: severity::WARNING,
                 text: fit(&why.to_string()),
             });
@@ -131,13 +131,13 @@ impl GroundReports {
                 // Whoever stopped it sees it go on down, and learns at once that it does so on purpose.
                 let stopped = code == ReasonCode::CompletesLanding;
                 *waiting = Some((code, now, nothing || stopped));
-                return stopped.then(|| Message::Text {
+                return stopped.then(|| MavlinkMessage::Text {
                     severity: severity::WARNING,
                     text: STOPPED_LOW.into(),
                 });
             }
         }
-        Some(Message::Text {
+        Some(MavlinkMessage::Text {
             severity: if m.waits_in_trouble() {
                 severity::WARNING
             } else {
@@ -289,7 +289,7 @@ mod tests {
         assert!(reports.report(Time::from_secs(0.0), &m).is_some());
         m.waiting = ReasonCode::CompletesLanding.into();
         let first = reports.report(Time::from_secs(0.1), &m);
-        let expected = Message::Text {
+        let expected = MavlinkMessage::Text {
             severity: severity::WARNING,
             text: STOPPED_LOW.into(),
         };
@@ -310,7 +310,7 @@ mod tests {
                 state(State::Hold, 5.0, ReasonCode::Operator)
             };
             texts.extend(reports.report(Time::from_secs(at), &m).map(|t| match t {
-                Message::Text { text, .. } => text,
+                MavlinkMessage::Text { text, .. } => text,
                 other => panic!("{other:?}"),
             }));
         }

@@ -18,7 +18,7 @@ impl AutopilotLink {
     /// Disarms a drone that the autopilot has landed by itself, where that is configured.
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
-        let lands = |p: &super::Peer| p.armed && p.mode == AutopilotMode::Land;
+        let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
         // A landing of the autopilot's own needs no mission; one that looks on commands nothing.
         let looks_on = self.mode == Some(LandingMode::Shadow);
         if !(c.own_landing && !looks_on && self.peer.as_ref().is_some_and(lands)) {

@@ -7,12 +7,12 @@ use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
 
 use super::heading::HeadingAlignment;
 use super::message::{
-    self, Address, CommandResult, DistanceReport, Frame, Heartbeat, Message, command, severity,
+    self, Address, CommandResult, DistanceReport, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
 };
 use super::modes::Firmware;
 use super::orders::named;
-use super::peer::Peer;
-use super::station::{Answer, Asked, Received, Repetition};
+use super::peer::MavlinkPeer;
+use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
@@ -30,8 +30,8 @@ const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
     /// Takes a frame of the link. True when it reported the autopilot's mode: a heartbeat, mostly.
-    pub(super) fn receive(&mut self, now: DroneTime, frame: &Frame, out: &mut AutopilotOut) -> bool {
-        if let Message::Heartbeat(heartbeat) = &frame.message {
+    pub(super) fn receive(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
+        if let MavlinkMessage::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
         }
         if self.asked_by_station(now, frame, out) {
@@ -46,36 +46,36 @@ impl AutopilotLink {
         };
         let c = &self.config;
         match &frame.message {
-            Message::Heartbeat(_) => {}
-            Message::Timesync {
+            MavlinkMessage::Heartbeat(_) => {}
+            MavlinkMessage::Timesync {
                 remote_ns: 0,
                 local_ns,
-            } => out.messages.push(Message::Timesync {
+            } => out.messages.push(MavlinkMessage::Timesync {
                 remote_ns: now.nanos(),
                 local_ns: *local_ns,
             }),
-            Message::Timesync { remote_ns, local_ns } => self.on_timesync(now, *remote_ns, *local_ns),
-            Message::Odometry(o) => {
+            MavlinkMessage::Timesync { remote_ns, local_ns } => self.on_timesync(now, *remote_ns, *local_ns),
+            MavlinkMessage::Odometry(o) => {
                 peer.streams.received(message::id::ODOMETRY);
                 if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
                     let state = self.drone_state.odometry(at, o, c);
                     self.on_odometry(now, state, out);
                 }
             }
-            Message::LocalPosition(p) => {
+            MavlinkMessage::LocalPosition(p) => {
                 peer.streams.received(message::id::LOCAL_POSITION_NED);
                 if let Some(at) = self.clock.local_time(now, millis(p.time_ms)) {
                     let state = self.drone_state.position(at, p.position, p.velocity, c);
                     self.on_odometry(now, state, out);
                 }
             }
-            Message::Attitude(a) => {
+            MavlinkMessage::Attitude(a) => {
                 peer.streams.received(message::id::ATTITUDE_QUATERNION);
                 if let Some(at) = self.clock.local_time(now, millis(a.time_ms)) {
                     self.drone_state.attitude(at, a.attitude, a.rates);
                 }
             }
-            Message::Imu(i) => {
+            MavlinkMessage::Imu(i) => {
                 peer.streams.received(match peer.firmware {
                     Firmware::Px4 => message::id::HIGHRES_IMU,
                     Firmware::ArduCopter => message::id::SCALED_IMU,
@@ -84,21 +84,21 @@ impl AutopilotLink {
                     self.drone_state.imu(at, i.accelerometer);
                 }
             }
-            Message::Distance(d) => {
+            MavlinkMessage::Distance(d) => {
                 peer.streams.received(message::id::DISTANCE_SENSOR);
                 self.on_distance(now, d, out);
             }
-            Message::Mode { custom_mode } => {
+            MavlinkMessage::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
                 peer.on_mode(*custom_mode);
                 // It reports the mode as well as a heartbeat does.
                 return true;
             }
-            Message::Landed { state } => {
+            MavlinkMessage::Landed { state } => {
                 peer.streams.received(message::id::EXTENDED_SYS_STATE);
                 peer.on_landed(now, *state);
             }
-            Message::Battery {
+            MavlinkMessage::Battery {
                 number,
                 remaining,
                 voltage_v,
@@ -107,72 +107,72 @@ impl AutopilotLink {
                 peer.streams.received(message::id::BATTERY_STATUS);
                 peer.battery(now, *number, [*remaining, *voltage_v, *current_a]);
             }
-            Message::Outputs { port, pulses_us } => {
+            MavlinkMessage::Outputs { port, pulses_us } => {
                 peer.streams.received(message::id::SERVO_OUTPUT_RAW);
                 peer.rotors.outputs(now, peer.armed, *port, pulses_us);
             }
-            Message::AttitudeTargetThrust { thrust } => {
+            MavlinkMessage::AttitudeTargetThrust { thrust } => {
                 peer.streams.received(message::id::ATTITUDE_TARGET);
                 let attitude = self.state.map(|s| s.attitude);
                 peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
             }
-            Message::Parameter { name, value, .. } => peer.parameters.received(name, *value),
-            Message::Origin(origin) => self.on_origin(origin),
-            Message::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
-            Message::CommandAck { command, result, to } => {
+            MavlinkMessage::Parameter { name, value, .. } => peer.parameters.received(name, *value),
+            MavlinkMessage::Origin(origin) => self.on_origin(origin),
+            MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
+            MavlinkMessage::CommandAck { command, result, to } => {
                 if self.is_addressed(*to) {
                     self.on_answer(now, *command, *result, out);
                 }
             }
-            Message::SystemStatus { present, healthy } => {
+            MavlinkMessage::SystemStatus { present, healthy } => {
                 peer.streams.received(message::id::SYS_STATUS);
                 self.switch.on_status(now, *present, *healthy);
             }
-            Message::EstimatorStatus { flags } => {
+            MavlinkMessage::EstimatorStatus { flags } => {
                 peer.streams.received(message::id::ESTIMATOR_STATUS);
                 self.heading.status(now, *flags);
             }
-            Message::EkfStatus { flags } => {
+            MavlinkMessage::EkfStatus { flags } => {
                 peer.streams.received(message::id::EKF_STATUS_REPORT);
                 self.heading.status(now, *flags);
             }
-            Message::MissionCurrent { total, state } => {
+            MavlinkMessage::MissionCurrent { total, state } => {
                 self.own_mission.current(peer.firmware, *total, *state);
             }
-            Message::MissionItemReached { item } => self.own_mission.reached(*item),
-            Message::RemoteControl(channels) => {
+            MavlinkMessage::MissionItemReached { item } => self.own_mission.reached(*item),
+            MavlinkMessage::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
                 let given = self.switch.on_channels(now, c.rc_switch, channels);
                 if let Some(kind) = given {
                     self.command_by_switch(now, kind, out);
                 }
             }
-            Message::Text { severity: of, text } => {
+            MavlinkMessage::Text { severity: of, text } => {
                 if *of <= severity::WARNING {
                     self.departure.explained(now, text);
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
             // Meant for others.
-            Message::ParameterList { .. }
-            | Message::ParameterRequest { .. }
-            | Message::ParameterSet { .. }
-            | Message::Command(_)
-            | Message::CommandInt { .. }
-            | Message::GlobalPosition(_)
-            | Message::FollowTarget(_)
-            | Message::Ais(_)
-            | Message::Position(_)
-            | Message::AttitudeThrust(_)
-            | Message::LandingTarget(_)
-            | Message::TargetRelative(_)
-            | Message::TargetAbsolute(_)
-            | Message::Deck { .. }
-            | Message::RemoteControlOverride { .. }
-            | Message::NamedValue { .. }
-            | Message::HilSensor(_)
-            | Message::HilGps(_)
-            | Message::HilActuators { .. } => {}
+            MavlinkMessage::ParameterList { .. }
+            | MavlinkMessage::ParameterRequest { .. }
+            | MavlinkMessage::ParameterSet { .. }
+            | MavlinkMessage::Command(_)
+            | MavlinkMessage::CommandInt { .. }
+            | MavlinkMessage::GlobalPosition(_)
+            | MavlinkMessage::FollowTarget(_)
+            | MavlinkMessage::Ais(_)
+            | MavlinkMessage::Position(_)
+            | MavlinkMessage::AttitudeThrust(_)
+            | MavlinkMessage::LandingTarget(_)
+            | MavlinkMessage::TargetRelative(_)
+            | MavlinkMessage::TargetAbsolute(_)
+            | MavlinkMessage::Deck { .. }
+            | MavlinkMessage::RemoteControlOverride { .. }
+            | MavlinkMessage::NamedValue { .. }
+            | MavlinkMessage::HilSensor(_)
+            | MavlinkMessage::HilGps(_)
+            | MavlinkMessage::HilActuators { .. } => {}
         }
         false
     }
@@ -262,13 +262,13 @@ impl AutopilotLink {
     }
 
     /// Takes what a ground station asks of the companion itself; false where it is something else.
-    fn asked_by_station(&mut self, now: DroneTime, frame: &Frame, out: &mut AutopilotOut) -> bool {
+    fn asked_by_station(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         let own = self.address();
-        if let Message::Command(c) = &frame.message
+        if let MavlinkMessage::Command(c) = &frame.message
             && c.to == own
         {
             let [height, ahead, right, minutes, ..] = c.parameters;
-            let asked = Asked {
+            let asked = StationCommand {
                 number: c.command,
                 first: [height, ahead, right, minutes],
                 repetition: Repetition::counted(c.confirmation),
@@ -276,10 +276,10 @@ impl AutopilotLink {
             self.command_by_station(now, frame.from, &asked, out);
             return true;
         }
-        if let Message::CommandInt { to, command, first } = &frame.message
+        if let MavlinkMessage::CommandInt { to, command, first } = &frame.message
             && *to == own
         {
-            let asked = Asked {
+            let asked = StationCommand {
                 number: *command,
                 first: *first,
                 repetition: Repetition::Perhaps,
@@ -288,19 +288,19 @@ impl AutopilotLink {
             return true;
         }
         // A station asks for the list of all components at once.
-        if let Message::ParameterList { to } = &frame.message
+        if let MavlinkMessage::ParameterList { to } = &frame.message
             && (*to == own || *to == Address::new(own.system, message::ALL_COMPONENTS))
         {
             self.list_parameters(out);
             return *to == own;
         }
-        if let Message::ParameterRequest { to, name, index } = &frame.message
+        if let MavlinkMessage::ParameterRequest { to, name, index } = &frame.message
             && *to == own
         {
             self.read_parameter(name, *index, out);
             return true;
         }
-        if let Message::ParameterSet { to, name, value } = &frame.message
+        if let MavlinkMessage::ParameterSet { to, name, value } = &frame.message
             && *to == own
         {
             self.set_parameter(now, frame.from, name, *value, out);
@@ -310,22 +310,28 @@ impl AutopilotLink {
     }
 
     /// A command to us: an order to the mission, or none of ours.
-    fn command_by_station(&mut self, now: DroneTime, from: Address, asked: &Asked, out: &mut AutopilotOut) {
+    fn command_by_station(
+        &mut self,
+        now: DroneTime,
+        from: Address,
+        asked: &StationCommand,
+        out: &mut AutopilotOut,
+    ) {
         let command = asked.number;
-        let answer = |result| Message::CommandAck {
+        let answer = |result| MavlinkMessage::CommandAck {
             command,
             result,
             to: from,
         };
         let admits = [self.switch.bars(), self.config.takes_orders()];
         match self.station.received(now, from, asked, admits) {
-            Received::Answered(result) => out.messages.push(answer(result)),
-            Received::Rejected(result, why) => {
+            CommandOutcome::Answered(result) => out.messages.push(answer(result)),
+            CommandOutcome::Rejected(result, why) => {
                 out.messages.push(answer(result));
                 let text = format!("not taken: {why}: an order of ground station {}", from.system);
                 out.alarm(severity::WARNING, text);
             }
-            Received::Order(kind) => {
+            CommandOutcome::Order(kind) => {
                 let header = self.header(Output::Command, now);
                 let replaced = self.station.give((command, kind), from, header);
                 if kind == CommandKind::Abort {
@@ -368,7 +374,13 @@ impl AutopilotLink {
                 return false;
             }
             peer => {
-                *peer = Some(Peer::new(from, firmware, now, &self.config, self.attitudes));
+                *peer = Some(MavlinkPeer::new(
+                    from,
+                    firmware,
+                    now,
+                    &self.config,
+                    self.attitudes,
+                ));
                 self.authority.forget();
                 self.clock.forget();
                 self.new_frame();

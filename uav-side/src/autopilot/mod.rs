@@ -66,16 +66,18 @@ use serde::{Deserialize, Serialize};
 use crate::odometry::{Odometry, OdometryConfig};
 use crate::range_witness::RangeWitness;
 use alight_shared::checkpoint::Recovery;
-use authority::{AuthorityStateMachine, Evidence};
+use authority::{AuthorityEvidence, AuthorityStateMachine};
 use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
 use ground_station::GroundReports;
 use heading::HeadingAlignment;
 use lapse::LapseMonitor;
-use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command, severity};
+use message::{
+    Address, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
+};
 use own_mission::{MissionEnd, MissionStart, OwnMissionMonitor};
-use peer::Peer;
+use peer::MavlinkPeer;
 use rc_switch::RcSwitch;
 use station::StationOrders;
 use station_parameters::StationParameters;
@@ -107,7 +109,7 @@ const UNKNOWN_ORIGIN: Span = Span::from_millis(1000);
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotIn {
     /// From the link, in order of arrival.
-    pub received: Vec<Frame>,
+    pub received: Vec<MavlinkFrame>,
     /// The pilot's set-point.
     pub set_point: Option<SetPoint>,
     /// The mission's state.
@@ -124,7 +126,7 @@ pub struct AutopilotOut {
     /// Who we are on the link.
     pub from: Address,
     /// To the link.
-    pub messages: Vec<Message>,
+    pub messages: Vec<MavlinkMessage>,
     /// Odometry, smooth, in the order of its time.
     pub odometry: Vec<DroneState>,
     /// The autopilot's state.
@@ -222,7 +224,7 @@ pub struct AutopilotLink {
     /// Time of the first step.
     began: Option<DroneTime>,
 
-    peer: Option<Peer>,
+    peer: Option<MavlinkPeer>,
     /// Another vehicle's autopilot was received: when last, and its system.
     other: Option<(DroneTime, u8)>,
     /// The vessel's place as AIS reported it last.
@@ -263,7 +265,7 @@ pub struct AutopilotLink {
     own_landing: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
     /// Place at which it holds after a false touchdown.
-    held: Option<outbound::Held>,
+    held: Option<outbound::HeldPosition>,
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
     sent_at: Option<DroneTime>,
@@ -347,10 +349,10 @@ impl AutopilotLink {
         Header::new(0, self.drone_id, self.boot, *s, at)
     }
 
-    fn evidence(&self, now: DroneTime, heartbeat: bool) -> Evidence {
+    fn evidence(&self, now: DroneTime, heartbeat: bool) -> AuthorityEvidence {
         let p = self.peer.as_ref();
         let recent = |at: DroneTime, s: f64| (now - at).secs() <= s;
-        Evidence {
+        AuthorityEvidence {
             found: p.is_some(),
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             several: self.other_autopilot(now).is_some(),
@@ -376,7 +378,7 @@ impl AutopilotLink {
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let timers = &mut self.timers;
         if timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
-            out.messages.push(Message::Heartbeat(Heartbeat {
+            out.messages.push(MavlinkMessage::Heartbeat(Heartbeat {
                 autopilot: message::NO_AUTOPILOT,
                 vehicle: message::COMPANION_TYPE,
                 base_mode: CUSTOM_MODE,
@@ -392,7 +394,7 @@ impl AutopilotLink {
             if self.timesync_requests.len() > MAX_TIMESYNC_REQUESTS {
                 self.timesync_requests.pop_front();
             }
-            out.messages.push(Message::Timesync {
+            out.messages.push(MavlinkMessage::Timesync {
                 remote_ns: 0,
                 local_ns: now.nanos(),
             });
@@ -406,7 +408,7 @@ impl AutopilotLink {
         if timers.origin.is_due_spaced(now, period) {
             let mut request = |id: u32| {
                 let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, [f64::from(id)]);
-                out.messages.push(Message::Command(request));
+                out.messages.push(MavlinkMessage::Command(request));
             };
             if self.geoid_m.is_none() {
                 request(message::id::GPS_RAW_INT);
@@ -477,7 +479,7 @@ impl AutopilotLink {
         })
     }
     /// Reason that forbids a landing and a take-off, by all that is known on the link.
-    fn rejection(&self, now: DroneTime, p: &Peer) -> Reason {
+    fn rejection(&self, now: DroneTime, p: &MavlinkPeer) -> Reason {
         if self.switch.is_held_on_abort() {
             return ReasonCode::SwitchAborts.into();
         }
@@ -495,7 +497,7 @@ impl AutopilotLink {
     /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
     /// must not take that for a person's takeover.
     fn is_undecided(&self, now: DroneTime) -> bool {
-        let ours = |p: &Peer| p.armed && p.mode == AutopilotMode::Offboard;
+        let ours = |p: &MavlinkPeer| p.armed && p.mode == AutopilotMode::Offboard;
         self.peer.as_ref().is_some_and(ours)
             && now - self.authority.since() <= UNDECIDED
             && matches!(

@@ -14,14 +14,14 @@ const GIVEN_UP: Span = Span::from_millis(5000);
 
 /// An order under way to the mission.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Order {
+pub(super) struct MavlinkOrder {
     command: Command,
     sending: Retransmission<DroneClock>,
 }
 
 /// Progress of an order.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Progress {
+pub(super) enum OrderProgress {
     /// The mission has taken it.
     Taken,
     /// It rejects it, or has not taken it in 5 s.
@@ -30,10 +30,10 @@ pub(super) enum Progress {
     UnderWay(Option<Command>),
 }
 
-impl Order {
+impl MavlinkOrder {
     /// Given at the time of `header`.
-    pub(super) fn new(header: Header<DroneClock>, kind: CommandKind) -> Order {
-        Order {
+    pub(super) fn new(header: Header<DroneClock>, kind: CommandKind) -> MavlinkOrder {
+        MavlinkOrder {
             command: Command { header, kind },
             sending: Retransmission::new(header.at, REPEAT, GIVEN_UP),
         }
@@ -48,12 +48,12 @@ impl Order {
             .answers(self.command.kind, |echo| echo == [h.boot, h.sequence])
     }
     /// By the mission's newest state.
-    pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> Progress {
+    pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> OrderProgress {
         match mission.and_then(|m| self.answered(m)) {
-            Some(true) => Progress::Taken,
-            Some(false) => Progress::GivenUp,
-            None if self.sending.is_over(now) => Progress::GivenUp,
-            None => Progress::UnderWay(self.sending.is_due(now).then_some(self.command)),
+            Some(true) => OrderProgress::Taken,
+            Some(false) => OrderProgress::GivenUp,
+            None if self.sending.is_over(now) => OrderProgress::GivenUp,
+            None => OrderProgress::UnderWay(self.sending.is_due(now).then_some(self.command)),
         }
     }
     /// Why it was given up, for people: the mission's reason in full where it rejects the order, as far as one STATUSTEXT holds it.

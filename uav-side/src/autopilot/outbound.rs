@@ -11,7 +11,9 @@ use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
-use super::message::{Address, AttitudeTarget, CommandLong, Message, PositionTarget, command, severity};
+use super::message::{
+    Address, AttitudeThrustTarget, CommandLong, MavlinkMessage, PositionTarget, command, severity,
+};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
 use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
@@ -43,7 +45,7 @@ const ARM_TRIES: u32 = 3;
 
 /// Place at which the link holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Held {
+pub(super) struct HeldPosition {
     place: Vector3<f64>,
     /// From the deck's centre, where the deck was known.
     from_deck: Option<Vector3<f64>>,
@@ -223,7 +225,7 @@ impl AutopilotLink {
     /// The command number `sent`.
     pub(super) fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
         let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
-        out.messages.push(Message::Command(CommandLong {
+        out.messages.push(MavlinkMessage::Command(CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }));
@@ -314,7 +316,7 @@ impl AutopilotLink {
         if self.held.is_none() {
             let s = self.state?;
             let place = s.position() - Vector3::z() * CLEAR_M;
-            self.held = Some(Held {
+            self.held = Some(HeldPosition {
                 place,
                 from_deck: centre.map(|c| place - c),
                 yaw: s.euler().z,
@@ -431,21 +433,21 @@ impl AutopilotLink {
     }
 
     /// A set-point as a MAVLink message in the autopilot's frame.
-    fn to_mavlink(&self, to: Address, s: &SetPoint) -> Message {
+    fn to_mavlink(&self, to: Address, s: &SetPoint) -> MavlinkMessage {
         let s = self.in_its_frame(s);
         if s.kind == SetPointKind::Attitude {
             let tilt = self
                 .peer
                 .as_ref()
                 .map_or(1.0, |p| p.tilt_compensation(s.attitude));
-            return Message::AttitudeThrust(AttitudeTarget {
+            return MavlinkMessage::AttitudeThrust(AttitudeThrustTarget {
                 to,
                 attitude: s.attitude,
                 rates: self.config.send_rates.then_some(s.rates),
                 thrust: tilt * thrust::command(s.thrust, self.config.thrust_curve),
             });
         }
-        Message::Position(PositionTarget {
+        MavlinkMessage::Position(PositionTarget {
             to,
             position: s.position,
             velocity: s.velocity,
@@ -502,7 +504,7 @@ impl AutopilotLink {
             );
         }
         let command = CommandLong::mode(peer.address, mode);
-        out.messages.push(Message::Command(command));
+        out.messages.push(MavlinkMessage::Command(command));
         self.diversions += 1;
         self.timers.command.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, to);
@@ -543,7 +545,7 @@ impl AutopilotLink {
             return;
         }
         let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
-        out.messages.push(Message::Command(arm));
+        out.messages.push(MavlinkMessage::Command(arm));
         self.arm_tries += 1;
         self.timers.command.restart(now, COMMAND_PAUSE);
     }

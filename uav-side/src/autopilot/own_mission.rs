@@ -19,7 +19,7 @@
 use alight_shared::msg::{AutopilotMode, OwnMission, ReasonCode, State};
 use alight_shared::time::Span;
 
-use super::message::{CommandLong, Message, command, id, severity};
+use super::message::{CommandLong, MavlinkMessage, command, id, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
@@ -142,7 +142,7 @@ impl AutopilotLink {
         if asks && self.timers.own_mission.is_due_spaced(now, ASK) {
             let which = [f64::from(id::MISSION_CURRENT)];
             let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, which);
-            out.messages.push(Message::Command(request));
+            out.messages.push(MavlinkMessage::Command(request));
         }
     }
 
@@ -173,7 +173,7 @@ impl AutopilotLink {
         }
         end.sent += 1;
         let command = CommandLong::mode(peer.address, peer.firmware.offboard());
-        out.messages.push(Message::Command(command));
+        out.messages.push(MavlinkMessage::Command(command));
         out.alarm(severity::WARNING, text.into());
         self.timers.command.restart(now, PAUSE);
     }
@@ -194,7 +194,7 @@ impl AutopilotLink {
         }
         self.mission_start.sent += 1;
         let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
-        out.messages.push(Message::Command(start));
+        out.messages.push(MavlinkMessage::Command(start));
         out.alarm(
             severity::NOTICE,
             "hands over to the autopilot's own mission".into(),

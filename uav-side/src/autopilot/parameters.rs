@@ -7,7 +7,7 @@ use alight_shared::msg::{Reason, ReasonCode};
 use alight_shared::time::Span;
 
 use super::DroneTime;
-use super::message::{Address, Message, ParameterValue};
+use super::message::{Address, MavlinkMessage, ParameterValue};
 use super::modes::Firmware;
 
 /// Time between two requests on the link.
@@ -108,7 +108,7 @@ impl Parameters {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
     /// The next request, when one is due: for what was not reported yet, and now and then for what does not suit.
-    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<Message> {
+    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
         }
@@ -125,7 +125,7 @@ impl Parameters {
                 None => SILENT,
                 Some(_) => REVIEW,
             };
-        Some(Message::ParameterRequest {
+        Some(MavlinkMessage::ParameterRequest {
             to,
             name: item.parameter.name.into(),
             index: None,
@@ -197,7 +197,7 @@ mod tests {
         (0..(seconds * 100.0) as u32)
             .filter_map(
                 |k| match p.ask(Time::from_secs(from_s + 0.01 * f64::from(k)), TO) {
-                    Some(Message::ParameterRequest { name, .. }) => Some(name),
+                    Some(MavlinkMessage::ParameterRequest { name, .. }) => Some(name),
                     _ => None,
                 },
             )

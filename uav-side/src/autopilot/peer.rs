@@ -9,7 +9,7 @@ use super::message::{ARMED, Address};
 use super::modes::Firmware;
 use super::parameters::Parameters;
 use super::rotors::RotorOutputs;
-use super::streams::Streams;
+use super::streams::MessageStreams;
 
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
@@ -28,7 +28,7 @@ const MAX_BATTERIES: usize = 4;
 
 /// The autopilot.
 #[derive(Clone, Debug)]
-pub(crate) struct Peer {
+pub(crate) struct MavlinkPeer {
     pub(crate) address: Address,
     pub(crate) firmware: Firmware,
     pub(crate) mode: AutopilotMode,
@@ -37,7 +37,7 @@ pub(crate) struct Peer {
     pub(crate) armed: bool,
     pub(crate) heartbeat_at: DroneTime,
     landed: Option<(DroneTime, LandedState)>,
-    pub(crate) streams: Streams,
+    pub(crate) streams: MessageStreams,
     /// Charge (0 to 1), voltage (V) and current (A) of each.
     batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
     /// It was reported that the gauge is silent.
@@ -48,15 +48,15 @@ pub(crate) struct Peer {
     pub(crate) parameters: Parameters,
 }
 
-impl Peer {
+impl MavlinkPeer {
     pub(crate) fn new(
         address: Address,
         firmware: Firmware,
         now: DroneTime,
         c: &AutopilotLinkConfig,
         attitudes: bool,
-    ) -> Peer {
-        Peer {
+    ) -> MavlinkPeer {
+        MavlinkPeer {
             address,
             firmware,
             mode: AutopilotMode::Other,
@@ -64,7 +64,7 @@ impl Peer {
             armed: false,
             heartbeat_at: now,
             landed: None,
-            streams: Streams::new(firmware, c, now),
+            streams: MessageStreams::new(firmware, c, now),
             batteries: [None; MAX_BATTERIES],
             battery_lost: false,
             thrust: None,

@@ -9,7 +9,7 @@ use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
-use super::orders::{Order, Progress};
+use super::orders::{MavlinkOrder, OrderProgress};
 
 /// Without a channel for this long the remote control is lost.
 const LOST: Span = Span::from_millis(600);
@@ -71,7 +71,7 @@ pub(super) struct RcSwitch {
     /// It reports now that its receiver does not.
     lost: bool,
     /// Order that is commanded, and when it is published.
-    given: Option<Order>,
+    given: Option<MavlinkOrder>,
 }
 
 impl RcSwitch {
@@ -149,7 +149,7 @@ impl RcSwitch {
     }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
-        self.given = Some(Order::new(header, kind));
+        self.given = Some(MavlinkOrder::new(header, kind));
     }
     /// Order to publish now, by the newest mission state, and why an order was not taken; time passes for the channels too.
     pub(super) fn poll(
@@ -164,9 +164,9 @@ impl RcSwitch {
             return (None, None);
         };
         let text = match given.poll(now, mission) {
-            Progress::UnderWay(command) => return (command, None),
-            Progress::Taken => None,
-            Progress::GivenUp => Some(given.refusal(mission)),
+            OrderProgress::UnderWay(command) => return (command, None),
+            OrderProgress::Taken => None,
+            OrderProgress::GivenUp => Some(given.refusal(mission)),
         };
         self.given = None;
         (None, text)

@@ -18,12 +18,12 @@ use alight_shared::msg::{Command, CommandKind, Header, MissionState, Station};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
-use super::message::{Address, CommandResult, Message, command};
-use super::orders::{Order, Progress};
+use super::message::{Address, CommandResult, MavlinkMessage, command};
+use super::orders::{MavlinkOrder, OrderProgress};
 
 /// A command as a station gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Asked {
+pub(super) struct StationCommand {
     /// Which.
     pub(super) number: u16,
     /// First four parameters of the command.
@@ -31,7 +31,7 @@ pub(super) struct Asked {
     pub(super) repetition: Repetition,
 }
 
-impl Asked {
+impl StationCommand {
     /// Kind of the order; otherwise the answer.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
@@ -87,9 +87,9 @@ const MAX_STATIONS: usize = 4;
 
 /// The order of a station under way.
 #[derive(Clone, Debug)]
-struct Given {
+struct StationOrder {
     number: u16,
-    order: Order,
+    order: MavlinkOrder,
     answers: Periodic<DroneClock>,
     /// Who gave it, and who gave it again.
     stations: Vec<Address>,
@@ -120,7 +120,7 @@ impl Repetition {
 /// The orders of all stations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationOrders {
-    given: Option<Given>,
+    given: Option<StationOrder>,
     /// The answer to the last order that was decided, and when.
     decided: Option<(Answer, DroneTime)>,
     /// When a landing was stopped last: by an abort of anybody, or by a person who took the drone over.
@@ -129,7 +129,7 @@ pub(super) struct StationOrders {
 
 /// Result of a command from a station.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Received {
+pub(super) enum CommandOutcome {
     /// It is no order of ours, or repeats another.
     Answered(CommandResult),
     /// It is not taken, for this reason.
@@ -153,28 +153,28 @@ impl StationOrders {
         &mut self,
         now: DroneTime,
         from: Address,
-        asked: &Asked,
+        asked: &StationCommand,
         [barred, counts]: [bool; 2],
-    ) -> Received {
+    ) -> CommandOutcome {
         let (number, repetition) = (asked.number, asked.repetition);
         let kind = match asked.ordered() {
             Ok(kind) if counts || kind == CommandKind::Abort => kind,
-            Ok(_) => return Received::Rejected(CommandResult::Denied, UNSIGNED),
+            Ok(_) => return CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
             Err(CommandResult::Denied) => {
-                return Received::Rejected(CommandResult::Denied, OUT_OF_BOUNDS);
+                return CommandOutcome::Rejected(CommandResult::Denied, OUT_OF_BOUNDS);
             }
-            Err(answer) => return Received::Answered(answer),
+            Err(answer) => return CommandOutcome::Answered(answer),
         };
-        let is_same = |g: &&mut Given| g.number == number && g.order.kind() == kind;
+        let is_same = |g: &&mut StationOrder| g.number == number && g.order.kind() == kind;
         if let Some(same) = self.given.as_mut().filter(is_same) {
             if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
                 same.stations.push(from);
             }
-            return Received::Answered(CommandResult::InProgress);
+            return CommandOutcome::Answered(CommandResult::InProgress);
         }
         if kind == CommandKind::Abort {
             // Never by an old answer: somebody may have ordered a landing since, and a second abort does no harm.
-            return Received::Order(kind);
+            return CommandOutcome::Order(kind);
         }
         let recent = |at: DroneTime, within| now - at < within;
         // Before the answer that it had once: what it ordered is no longer in force.
@@ -184,14 +184,14 @@ impl StationOrders {
         };
         let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
         if stopped || barred || self.aborts() {
-            return Received::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
+            return CommandOutcome::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
         }
         let same = |a: &Answer| a.number == number && a.kind == kind && a.stations.contains(&from);
         match &self.decided {
             Some((answer, at)) if repetition == Repetition::Yes && same(answer) && recent(*at, REPEATED) => {
-                Received::Answered(answer.result)
+                CommandOutcome::Answered(answer.result)
             }
-            Some(_) | None => Received::Order(kind),
+            Some(_) | None => CommandOutcome::Order(kind),
         }
     }
     /// Begins a new order; the answer to the one that it takes the place of.
@@ -201,10 +201,10 @@ impl StationOrders {
         from: Address,
         header: Header<DroneClock>,
     ) -> Option<Answer> {
-        let order = Order::new(header, kind);
+        let order = MavlinkOrder::new(header, kind);
         let mut answers = Periodic::default();
         answers.restart(header.at, ANSWERED);
-        let before = self.given.replace(Given {
+        let before = self.given.replace(StationOrder {
             number,
             order,
             answers,
@@ -227,12 +227,12 @@ impl StationOrders {
             return (None, None);
         };
         let answer = match given.order.poll(now, mission) {
-            Progress::UnderWay(command) => {
+            OrderProgress::UnderWay(command) => {
                 let again = given.answers.is_due_spaced(now, ANSWERED);
                 return (command, again.then(|| given.answer(CommandResult::InProgress)));
             }
-            Progress::Taken => given.answer(CommandResult::Accepted),
-            Progress::GivenUp => given.rejected(mission),
+            OrderProgress::Taken => given.answer(CommandResult::Accepted),
+            OrderProgress::GivenUp => given.rejected(mission),
         };
         self.given = None;
         self.decided = Some((answer.clone(), now));
@@ -240,7 +240,7 @@ impl StationOrders {
     }
 }
 
-impl Given {
+impl StationOrder {
     fn answer(&self, result: CommandResult) -> Answer {
         Answer {
             number: self.number,
@@ -276,8 +276,8 @@ pub(super) struct Answer {
 
 impl Answer {
     /// As messages to all who wait for it.
-    pub(super) fn messages(&self) -> impl Iterator<Item = Message> + '_ {
-        self.stations.iter().map(|to| Message::CommandAck {
+    pub(super) fn messages(&self) -> impl Iterator<Item = MavlinkMessage> + '_ {
+        self.stations.iter().map(|to| MavlinkMessage::CommandAck {
             command: self.number,
             result: self.result,
             to: *to,

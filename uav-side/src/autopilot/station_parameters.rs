@@ -13,7 +13,7 @@ use alight_shared::msg::{LandingMode, MissionSettings, MissionState, SettingsOrd
 use alight_shared::time::{DroneClock, Span};
 use alight_shared::topics;
 
-use super::message::{Address, Message, ParameterValue, severity};
+use super::message::{Address, MavlinkMessage, ParameterValue, severity};
 use super::modes::Firmware;
 use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
@@ -36,50 +36,50 @@ const MODES: [(LandingMode, &str); 3] = [
 
 /// A parameter; its place is its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Parameter {
+pub(super) enum StationParameter {
     Mode,
     ApproachHeight,
     TrackingHeight,
     LowestClearance,
 }
 
-impl Parameter {
-    const ALL: [Parameter; 4] = [
-        Parameter::Mode,
-        Parameter::ApproachHeight,
-        Parameter::TrackingHeight,
-        Parameter::LowestClearance,
+impl StationParameter {
+    const ALL: [StationParameter; 4] = [
+        StationParameter::Mode,
+        StationParameter::ApproachHeight,
+        StationParameter::TrackingHeight,
+        StationParameter::LowestClearance,
     ];
     /// Sixteen characters at most.
     const fn name(self) -> &'static str {
         match self {
-            Parameter::Mode => "ALIGHT_MODE",
-            Parameter::ApproachHeight => "ALIGHT_APPR_H",
-            Parameter::TrackingHeight => "ALIGHT_TRACK_H",
-            Parameter::LowestClearance => "ALIGHT_MATCH_H",
+            StationParameter::Mode => "ALIGHT_MODE",
+            StationParameter::ApproachHeight => "ALIGHT_APPR_H",
+            StationParameter::TrackingHeight => "ALIGHT_TRACK_H",
+            StationParameter::LowestClearance => "ALIGHT_MATCH_H",
         }
     }
     /// Key in `[drone.mission]`.
     const fn key(self) -> &'static str {
         match self {
-            Parameter::Mode => "mode",
-            Parameter::ApproachHeight => "approach_height_m",
-            Parameter::TrackingHeight => "tracking_height_m",
-            Parameter::LowestClearance => "lowest_clearance_m",
+            StationParameter::Mode => "mode",
+            StationParameter::ApproachHeight => "approach_height_m",
+            StationParameter::TrackingHeight => "tracking_height_m",
+            StationParameter::LowestClearance => "lowest_clearance_m",
         }
     }
-    fn named(name: &str) -> Option<Parameter> {
-        Parameter::ALL.into_iter().find(|p| p.name() == name)
+    fn named(name: &str) -> Option<StationParameter> {
+        StationParameter::ALL.into_iter().find(|p| p.name() == name)
     }
     fn value(self, s: &MissionSettings) -> f64 {
         match self {
-            Parameter::Mode => MODES
+            StationParameter::Mode => MODES
                 .iter()
                 .position(|(mode, _)| *mode == s.mode)
                 .map_or(f64::NAN, |k| k as f64),
-            Parameter::ApproachHeight => s.approach_height_m,
-            Parameter::TrackingHeight => s.tracking_height_m,
-            Parameter::LowestClearance => s.lowest_clearance_m,
+            StationParameter::ApproachHeight => s.approach_height_m,
+            StationParameter::TrackingHeight => s.tracking_height_m,
+            StationParameter::LowestClearance => s.lowest_clearance_m,
         }
     }
     /// These settings with another value of it, or why there are none.
@@ -87,22 +87,24 @@ impl Parameter {
         let value = (value * STEPS).round() / STEPS;
         let mut changed = *s;
         match self {
-            Parameter::Mode => {
+            StationParameter::Mode => {
                 let with_number =
                     |(k, (mode, _)): (usize, &(LandingMode, _))| (k as f64 == value).then_some(*mode);
                 let mode = MODES.iter().enumerate().find_map(with_number);
                 changed.mode = mode.ok_or(format!("{value} is not 0, 1 or 2"))?;
             }
-            Parameter::ApproachHeight => changed.approach_height_m = value,
+            StationParameter::ApproachHeight => changed.approach_height_m = value,
             // The exposure of the camera's images was checked against the one in the file.
-            Parameter::TrackingHeight => return Err("only the file sets it".into()),
-            Parameter::LowestClearance => changed.lowest_clearance_m = value,
+            StationParameter::TrackingHeight => return Err("only the file sets it".into()),
+            StationParameter::LowestClearance => changed.lowest_clearance_m = value,
         }
         // No limit of these depends on the rest of the mission's configuration.
         match MissionConfig::default().with(&changed) {
             Ok(_) => Ok(changed),
             Err(ConfigError::Range { key, value, allowed }) => {
-                let other = Parameter::ALL.into_iter().find(|p| p.key() == key && *p != self);
+                let other = StationParameter::ALL
+                    .into_iter()
+                    .find(|p| p.key() == key && *p != self);
                 let whose = other.map_or(String::new(), |p| {
                     format!("{} ", p.name().trim_start_matches(PREFIX))
                 });
@@ -116,19 +118,22 @@ impl Parameter {
         let value = self.value(s);
         let mode = MODES
             .iter()
-            .find(|(mode, _)| self == Parameter::Mode && *mode == s.mode);
+            .find(|(mode, _)| self == StationParameter::Mode && *mode == s.mode);
         mode.map_or(format!("{value}"), |(_, name)| format!("{value} ({name})"))
     }
-    fn message(self, s: &MissionSettings) -> Message {
-        let index = Parameter::ALL.iter().position(|p| *p == self).unwrap_or_default();
-        Message::Parameter {
+    fn message(self, s: &MissionSettings) -> MavlinkMessage {
+        let index = StationParameter::ALL
+            .iter()
+            .position(|p| *p == self)
+            .unwrap_or_default();
+        MavlinkMessage::Parameter {
             name: self.name().into(),
             value: ParameterValue {
                 bits: (self.value(s) as f32).to_bits(),
                 integer: false,
             },
             index: index as u16,
-            count: Parameter::ALL.len() as u16,
+            count: StationParameter::ALL.len() as u16,
         }
     }
 }
@@ -139,7 +144,7 @@ struct UnderWay {
     order: SettingsOrder,
     sending: Retransmission<DroneClock>,
     /// Parameters that it changes, and the station that asked last.
-    changes: Vec<Parameter>,
+    changes: Vec<StationParameter>,
     station: u8,
 }
 
@@ -158,13 +163,13 @@ pub(super) struct StationParameters {
 struct Polled {
     order: Option<SettingsOrder>,
     /// Whose values the stations are sent.
-    values: Vec<Parameter>,
+    values: Vec<StationParameter>,
     texts: Vec<(u8, String)>,
 }
 
 impl StationParameters {
     /// Begins to set `p`, besides what is under way: all of it is wanted.
-    fn begin(&mut self, order: SettingsOrder, station: u8, p: Parameter) {
+    fn begin(&mut self, order: SettingsOrder, station: u8, p: StationParameter) {
         let before = self.under_way.take().map(|u| u.changes);
         let mut changes = before.unwrap_or_default();
         if !changes.contains(&p) {
@@ -190,10 +195,11 @@ impl StationParameters {
         self.known = Some(*settings);
         let mut polled = Polled::default();
         let Some(under_way) = &mut self.under_way else {
-            let moved = |p: &Parameter| before.is_some_and(|b| p.value(&b) != p.value(settings));
-            polled.values = Parameter::ALL.into_iter().filter(moved).collect();
-            let again =
-                |p: &Parameter| format!("{} is {} now: mission restarted", p.name(), p.shown(settings));
+            let moved = |p: &StationParameter| before.is_some_and(|b| p.value(&b) != p.value(settings));
+            polled.values = StationParameter::ALL.into_iter().filter(moved).collect();
+            let again = |p: &StationParameter| {
+                format!("{} is {} now: mission restarted", p.name(), p.shown(settings))
+            };
             polled.texts = polled
                 .values
                 .iter()
@@ -208,7 +214,7 @@ impl StationParameters {
             polled.order = under_way.sending.is_due(now).then_some(under_way.order);
             return polled;
         }
-        let text = |p: &Parameter| {
+        let text = |p: &StationParameter| {
             let (name, station) = (p.name(), under_way.station);
             if is_taken {
                 let value = p.shown(settings);
@@ -234,14 +240,16 @@ impl AutopilotLink {
     /// Answers a station that asks for all parameters. They are not known before the mission has reported.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
         let known = self.mission.get().map(|m| m.settings);
-        let all = known.iter().flat_map(|s| Parameter::ALL.map(|p| p.message(s)));
+        let all = known
+            .iter()
+            .flat_map(|s| StationParameter::ALL.map(|p| p.message(s)));
         out.messages.extend(all);
     }
     /// A station asks for one, by its index or its name.
     pub(super) fn read_parameter(&self, name: &str, index: Option<u16>, out: &mut AutopilotOut) {
         let parameter = match index {
-            Some(k) => Parameter::ALL.get(usize::from(k)).copied(),
-            None => Parameter::named(name),
+            Some(k) => StationParameter::ALL.get(usize::from(k)).copied(),
+            None => StationParameter::named(name),
         };
         let known = self.mission.get().map(|m| m.settings);
         out.messages
@@ -256,7 +264,7 @@ impl AutopilotLink {
         value: ParameterValue,
         out: &mut AutopilotOut,
     ) {
-        let Some(p) = Parameter::named(name) else {
+        let Some(p) = StationParameter::named(name) else {
             out.alarm(
                 severity::WARNING,
                 format!("{name} is no parameter of this companion"),
@@ -285,7 +293,12 @@ impl AutopilotLink {
         shown && self.parameters.under_way.is_none()
     }
     /// The settings with this value of `p`, or why they stay.
-    fn changed_settings(&self, now: DroneTime, p: Parameter, value: f64) -> Result<MissionSettings, String> {
+    fn changed_settings(
+        &self,
+        now: DroneTime,
+        p: StationParameter,
+        value: f64,
+    ) -> Result<MissionSettings, String> {
         let mission = self.mission.fresh(now, topics::MISSION.stale_after);
         let mission = mission.ok_or("no mission reports")?;
         if !self.config.takes_orders() {
@@ -357,17 +370,20 @@ mod tests {
 
     #[test]
     fn parameter_names_of_sixteen_characters() {
-        for p in Parameter::ALL {
+        for p in StationParameter::ALL {
             assert!(p.name().len() <= 16 && p.name().starts_with(PREFIX));
-            assert!(Parameter::named(p.name()) == Some(p));
+            assert!(StationParameter::named(p.name()) == Some(p));
         }
         let file = alight_shared::config::commented(&MissionConfig::default()).unwrap();
-        assert!(Parameter::ALL.iter().all(|p| file.contains(p.key())), "{file}");
+        assert!(
+            StationParameter::ALL.iter().all(|p| file.contains(p.key())),
+            "{file}"
+        );
     }
 
     #[test]
     fn parameter_limits_of_the_configuration() {
-        use Parameter::{ApproachHeight, LowestClearance, Mode, TrackingHeight};
+        use StationParameter::{ApproachHeight, LowestClearance, Mode, TrackingHeight};
         let c = configured();
         let matching = Mode.changed(&c, 1.0).unwrap();
         assert_eq!(matching.mode, LandingMode::Match);
@@ -394,15 +410,18 @@ mod tests {
     fn settings_until_the_mission_shows_them() {
         let (mut parameters, before) = (StationParameters::default(), configured());
         assert_eq!(poll(&mut parameters, 9.9, &before), Polled::default());
-        let first = Parameter::Mode.changed(&before, 1.0).unwrap();
-        parameters.begin(order(10.0, first), 255, Parameter::Mode);
-        let both = Parameter::ApproachHeight.changed(&first, 12.0).unwrap();
-        parameters.begin(order(10.01, both), 255, Parameter::ApproachHeight);
+        let first = StationParameter::Mode.changed(&before, 1.0).unwrap();
+        parameters.begin(order(10.0, first), 255, StationParameter::Mode);
+        let both = StationParameter::ApproachHeight.changed(&first, 12.0).unwrap();
+        parameters.begin(order(10.01, both), 255, StationParameter::ApproachHeight);
         let sent = (0..10).filter_map(|k| poll(&mut parameters, 10.01 + 0.02 * f64::from(k), &before).order);
         let sent: Vec<_> = sent.collect();
         assert_eq!(sent, [order(10.01, both); 2]);
         let done = poll(&mut parameters, 10.3, &both);
-        assert_eq!(done.values, [Parameter::Mode, Parameter::ApproachHeight]);
+        assert_eq!(
+            done.values,
+            [StationParameter::Mode, StationParameter::ApproachHeight]
+        );
         assert_eq!(
             done.texts[0].1,
             "ground station 255 sets ALIGHT_MODE to 1 (match)"
@@ -423,8 +442,8 @@ mod tests {
     #[test]
     fn settings_that_the_mission_does_not_take() {
         let (mut parameters, before) = (StationParameters::default(), configured());
-        let wanted = Parameter::Mode.changed(&before, 0.0).unwrap();
-        parameters.begin(order(10.0, wanted), 255, Parameter::Mode);
+        let wanted = StationParameter::Mode.changed(&before, 0.0).unwrap();
+        parameters.begin(order(10.0, wanted), 255, StationParameter::Mode);
         let mut last = Polled::default();
         let mut published = 0;
         for k in 0..50 {
@@ -434,7 +453,7 @@ mod tests {
                 break;
             }
         }
-        assert_eq!(last.values, [Parameter::Mode]);
+        assert_eq!(last.values, [StationParameter::Mode]);
         assert!((8..=9).contains(&published), "{published}");
         assert_eq!(last.texts[0].1, "ALIGHT_MODE stays: the mission did not take it");
     }
@@ -442,11 +461,11 @@ mod tests {
     #[test]
     fn settings_shown_before_they_were_ordered() {
         let (mut parameters, before) = (StationParameters::default(), configured());
-        let other = Parameter::ApproachHeight.changed(&before, 12.0).unwrap();
-        parameters.begin(order(10.0, other), 255, Parameter::ApproachHeight);
+        let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
+        parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());
         // Back, while the mission may be about to take the other: it is ordered, not taken for done.
-        parameters.begin(order(10.02, before), 255, Parameter::ApproachHeight);
+        parameters.begin(order(10.02, before), 255, StationParameter::ApproachHeight);
         let old = shown(10.01, &before);
         let ordered = parameters.poll(at(10.02), &old);
         assert_eq!(
@@ -455,7 +474,7 @@ mod tests {
         );
         assert_eq!(poll(&mut parameters, 10.04, &other), Polled::default());
         let done = poll(&mut parameters, 10.06, &before);
-        assert_eq!(done.values, [Parameter::ApproachHeight]);
+        assert_eq!(done.values, [StationParameter::ApproachHeight]);
     }
 
     #[test]
@@ -469,7 +488,7 @@ mod tests {
             first
         };
         let reported = lost(Some(LandingMode::Shadow));
-        assert_eq!(reported.values, [Parameter::Mode]);
+        assert_eq!(reported.values, [StationParameter::Mode]);
         let text = "ALIGHT_MODE is 2 (land) now: mission restarted".to_owned();
         assert_eq!(reported.texts, [(severity::WARNING, text)]);
         for same in [None, Some(LandingMode::Land)] {
@@ -483,7 +502,7 @@ mod tests {
         fn settings_by_arbitrary_values(values in prop::collection::vec((0..4_usize, any::<f32>()), 1..20)) {
             let mut settings = configured();
             for (k, value) in values {
-                if let Ok(changed) = Parameter::ALL[k].changed(&settings, f64::from(value)) {
+                if let Ok(changed) = StationParameter::ALL[k].changed(&settings, f64::from(value)) {
                     settings = changed;
                 }
                 prop_assert!(MissionConfig::default().with(&settings).is_ok());

@@ -4,7 +4,7 @@ use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{Address, CommandLong, CommandResult, Message, command, id};
+use super::message::{Address, CommandLong, CommandResult, MavlinkMessage, command, id};
 use super::modes::Firmware;
 
 /// Time between two requests on the link, s.
@@ -41,15 +41,15 @@ struct Stream {
 
 /// The streams of one autopilot.
 #[derive(Clone, Debug)]
-pub(crate) struct Streams {
+pub(crate) struct MessageStreams {
     list: Vec<Stream>,
     next: DroneTime,
     last_asked: Option<u32>,
 }
 
-impl Streams {
+impl MessageStreams {
     /// Streams that landing needs, as far as this firmware can send them.
-    pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> Streams {
+    pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> MessageStreams {
         let own: &[(u32, f64)] = match firmware {
             Firmware::Px4 => &[
                 (id::ODOMETRY, c.odometry_hz),
@@ -82,7 +82,7 @@ impl Streams {
         } else {
             &[(id::RC_CHANNELS, CHANNELS_HZ), (id::SYS_STATUS, STATUS_HZ)]
         };
-        Streams {
+        MessageStreams {
             list: both
                 .iter()
                 .chain(own)
@@ -129,7 +129,7 @@ impl Streams {
         }
     }
     /// The next request, when it is due.
-    pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<Message> {
+    pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
         }
@@ -149,7 +149,7 @@ impl Streams {
         self.next = now + Span::from_secs(REQUEST_SPACING_S);
         self.last_asked = Some(s.id);
         let interval = [f64::from(s.id), (1e6 / s.hz).round()];
-        Some(Message::Command(CommandLong::new(
+        Some(MavlinkMessage::Command(CommandLong::new(
             to,
             command::MESSAGE_INTERVAL,
             interval,
@@ -165,12 +165,18 @@ mod tests {
     const TO: Address = Address::new(1, 1);
 
     /// Asked-for ids over `seconds`, when the streams in `sent` come at their rate.
-    fn asked(s: &mut Streams, from_s: f64, seconds: f64, sent: &[u32], answer: CommandResult) -> Vec<u32> {
+    fn asked(
+        s: &mut MessageStreams,
+        from_s: f64,
+        seconds: f64,
+        sent: &[u32],
+        answer: CommandResult,
+    ) -> Vec<u32> {
         let mut all = Vec::new();
         for k in 0..(seconds * 100.0) as u32 {
             let now = Time::from_secs(from_s + 0.01 * f64::from(k));
             sent.iter().for_each(|i| s.received(*i));
-            if let Some(Message::Command(c)) = s.ask(now, TO) {
+            if let Some(MavlinkMessage::Command(c)) = s.ask(now, TO) {
                 all.push(c.parameters[0] as u32);
                 s.answered(now, answer);
             }
@@ -181,7 +187,7 @@ mod tests {
     #[test]
     fn missing_streams() {
         let c = AutopilotLinkConfig::default();
-        let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
+        let mut s = MessageStreams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
         assert_eq!(first.len(), 8, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
@@ -194,7 +200,7 @@ mod tests {
     #[test]
     fn denied_stream() {
         let c = AutopilotLinkConfig::default();
-        let mut s = Streams::new(Firmware::ArduCopter, &c, Time::from_secs(0.0));
+        let mut s = MessageStreams::new(Firmware::ArduCopter, &c, Time::from_secs(0.0));
         let all = asked(&mut s, 0.0, 50.0, &[], CommandResult::Failed);
         let odometry = all.iter().filter(|i| **i == id::SCALED_IMU).count();
         assert_eq!(odometry, MAX_DENIALS as usize);

@@ -16,10 +16,10 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::message::{CommandLong, CommandResult, Message, command, severity};
+use super::message::{CommandLong, CommandResult, MavlinkMessage, command, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime, thrust};
-use crate::standing::{Standing, StandingMonitor, by_height};
+use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
 /// PX4 denies OFFBOARD without a stream of set-points for so long.
 const STREAMS: Span = Span::from_millis(1200);
@@ -49,7 +49,7 @@ pub(super) struct TakeOffSequence {
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
-    verdict: Standing,
+    verdict: StandingVerdict,
     /// Set-points ceased, and nothing has shown since that it stands.
     may_fly: bool,
     next: Option<DroneTime>,
@@ -149,9 +149,9 @@ impl AutopilotLink {
         let d = &mut self.departure;
         d.verdict = d.standing.step(now, applied.or(sent), force, &heights);
         d.may_fly = match d.verdict {
-            Standing::Stands => false,
-            Standing::Unknown => d.may_fly || ceased,
-            Standing::Flies => true,
+            StandingVerdict::Stands => false,
+            StandingVerdict::Unknown => d.may_fly || ceased,
+            StandingVerdict::Flies => true,
         };
     }
     /// The pilot's set-point for a drone that stands on the deck; one that may be in the air climbs a little and holds.
@@ -203,7 +203,7 @@ impl AutopilotLink {
             if may && d.is_due(now, PAUSE) {
                 d.modes += 1;
                 let command = CommandLong::mode(peer.address, peer.firmware.offboard());
-                out.messages.push(Message::Command(command));
+                out.messages.push(MavlinkMessage::Command(command));
             }
             return;
         }
@@ -213,7 +213,7 @@ impl AutopilotLink {
         if may && d.is_due(now, PAUSE) {
             (d.arms, d.armed) = (d.arms + 1, true);
             let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
-            out.messages.push(Message::Command(arm));
+            out.messages.push(MavlinkMessage::Command(arm));
         }
     }
 
@@ -236,7 +236,7 @@ impl AutopilotLink {
         let may = armed && ours && (self.departure.armed || stands_down);
         let low = self.sent_thrust.is_low(now);
         let d = &mut self.departure;
-        let stands = d.verdict == Standing::Stands && low;
+        let stands = d.verdict == StandingVerdict::Stands && low;
         if !(may && stands) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
             return;
         }
@@ -245,7 +245,7 @@ impl AutopilotLink {
             d.disarms,
             self.peer.as_ref().map(|p| p.address).unwrap_or_default(),
         );
-        out.messages.push(Message::Command(CommandLong {
+        out.messages.push(MavlinkMessage::Command(CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }));

@@ -27,7 +27,7 @@ use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use crate::predictor::placement::placed;
-use crate::predictor::track::Track;
+use crate::predictor::track::DroneTrack;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
 
@@ -188,7 +188,7 @@ struct Sample {
 pub struct DeckCalibration {
     config: PredictorConfig,
     stand: DronePlacement,
-    track: Track,
+    track: DroneTrack,
     samples: Vec<Sample>,
     /// Every so many estimates one is kept.
     every: usize,
@@ -203,7 +203,7 @@ impl DeckCalibration {
         DeckCalibration {
             config: config.clone(),
             stand,
-            track: Track::default(),
+            track: DroneTrack::default(),
             samples: Vec::new(),
             every: 1,
             count: 0,

@@ -174,7 +174,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 
 /// An image and when it was taken.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct CameraFrame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
     /// The image.

@@ -55,7 +55,7 @@ impl TagLight {
 const TILE_PX: usize = 6;
 
 /// Sum of a square that is at its brightest all over.
-const MOST: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
+const MAX_TILE_SUM: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
 
 /// By how much the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
@@ -85,7 +85,7 @@ impl ImageLight {
                 }
             }
             brightest = sums.iter().copied().fold(brightest, u32::max);
-            saturated += sums.iter().filter(|sum| **sum == MOST).count();
+            saturated += sums.iter().filter(|sum| **sum == MAX_TILE_SUM).count();
         }
         let tiles = columns * (image.height() / TILE_PX);
         ImageLight {

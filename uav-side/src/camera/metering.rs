@@ -39,7 +39,7 @@ const SHORT: f64 = 0.25;
 
 /// Values that a device can be set to: `low + k step`, up to `most`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
+pub struct SettingRange {
     /// Minimum.
     pub low: f64,
     /// The most.
@@ -48,7 +48,7 @@ pub struct Range {
     pub step: f64,
 }
 
-impl Range {
+impl SettingRange {
     /// The nearest that can be set.
     pub fn nearest(&self, value: f64) -> f64 {
         let steps = |v: f64| (v - self.low) / self.step;
@@ -88,8 +88,8 @@ pub struct Exposed {
 /// Metering of one device.
 #[derive(Clone, Debug)]
 pub struct Metering {
-    exposure_s: Range,
-    gain: Range,
+    exposure_s: SettingRange,
+    gain: SettingRange,
     setting: Setting,
     /// The newest image when it was set.
     set_at: u64,
@@ -106,7 +106,7 @@ pub struct Metering {
 impl Metering {
     /// A device with these ranges, the exposure's up to the longest that is permitted; it begins at `setting` or what
     /// is nearest to it.
-    pub fn new(exposure_s: Range, gain: Range, setting: Setting) -> Metering {
+    pub fn new(exposure_s: SettingRange, gain: SettingRange, setting: Setting) -> Metering {
         let setting = Setting {
             exposure_s: exposure_s.nearest(setting.exposure_s),
             gain: gain.nearest(setting.gain),
@@ -128,7 +128,7 @@ impl Metering {
     }
     /// Whether neither exposure nor gain may be more.
     pub fn at_limit(&self) -> bool {
-        let most = |range: &Range| range.nearest(range.most);
+        let most = |range: &SettingRange| range.nearest(range.most);
         self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
     }
     /// Image number `image` of the device, whose newest is number `newest`, had this light: the next setting, if it
@@ -224,7 +224,7 @@ mod tests {
     use std::collections::VecDeque;
 
     /// The longest exposure, s.
-    const LONGEST_S: f64 = 0.004;
+    const MAX_EXPOSURE_S: f64 = 0.004;
     /// Images within which a level is reached.
     const CONVERGED: u64 = 240;
 
@@ -252,18 +252,18 @@ mod tests {
 
     impl Sensor {
         fn new(scale: Scale, latency: u64, queue: u64, step_s: f64, start: Setting) -> Sensor {
-            let exposure = Range {
+            let exposure = SettingRange {
                 low: step_s,
-                most: LONGEST_S,
+                most: MAX_EXPOSURE_S,
                 step: step_s,
             };
             let gain = match scale {
-                Scale::Linear => Range {
+                Scale::Linear => SettingRange {
                     low: 1.0,
                     most: 64.0,
                     step: 1.0,
                 },
-                Scale::TenthDecibel => Range {
+                Scale::TenthDecibel => SettingRange {
                     low: 0.0,
                     most: 480.0,
                     step: 1.0,
@@ -326,7 +326,7 @@ mod tests {
                     break;
                 };
                 if let Some(setting) = self.metering.step(number, self.image, &light) {
-                    assert!(setting.exposure_s <= LONGEST_S + 1e-12, "{setting:?}");
+                    assert!(setting.exposure_s <= MAX_EXPOSURE_S + 1e-12, "{setting:?}");
                     self.changes += 1;
                     self.pending.push_back((self.image + self.latency + 1, setting));
                 }
@@ -370,7 +370,7 @@ mod tests {
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
-            let most = exposure_s > 0.99 * LONGEST_S && gain > 63.0 && whites[59] < 150.0;
+            let most = exposure_s > 0.99 * MAX_EXPOSURE_S && gain > 63.0 && whites[59] < 150.0;
             prop_assert!(good >= 45 || most, "{whites:?} at {exposure_s} s, gain {gain}");
         }
         #[test]
@@ -408,7 +408,7 @@ mod tests {
 
     /// A camera at 1 ms and gain 1.
     fn from_a_millisecond() -> Metering {
-        let range = |most| Range {
+        let range = |most| SettingRange {
             low: 0.0001,
             most,
             step: 0.0001,
@@ -417,14 +417,14 @@ mod tests {
             exposure_s: 0.001,
             gain: 1.0,
         };
-        Metering::new(range(LONGEST_S), range(8.0), start)
+        Metering::new(range(MAX_EXPOSURE_S), range(8.0), start)
     }
 
     /// Lit tags in the dark: overexposed they are not decoded, and they are a hundredth of the image. Returns whether they are
     /// decoded in each image, and how many images are at the limits.
     fn night(scale: Scale, light: f64, lamp: bool) -> (Vec<bool>, usize) {
         let start = Setting {
-            exposure_s: LONGEST_S,
+            exposure_s: MAX_EXPOSURE_S,
             gain: 0.0,
         };
         let mut sensor = Sensor::new(scale, 2, 1, 1e-4, start);
@@ -505,12 +505,12 @@ mod tests {
         });
         assert!((10..15).all(|image| metering.step(image, image, &water).is_none()));
         let next = metering.step(15, 15, &water).unwrap();
-        assert!((next.exposure_s - LONGEST_S).abs() < 1e-9, "{next:?}");
+        assert!((next.exposure_s - MAX_EXPOSURE_S).abs() < 1e-9, "{next:?}");
     }
 
     #[test]
     fn nearest_setting_steps_and_bounds() {
-        let range = Range {
+        let range = SettingRange {
             low: 1.0,
             most: 40.4,
             step: 2.0,
@@ -519,7 +519,7 @@ mod tests {
             [-5.0, 1.9, 2.1, 39.0, 900.0].map(|v| range.nearest(v)),
             [1.0, 1.0, 3.0, 39.0, 39.0]
         );
-        let hundred_us = Range {
+        let hundred_us = SettingRange {
             low: 1e-4,
             most: 0.004,
             step: 1e-4,

@@ -23,7 +23,7 @@ use alight_shared::config;
 use alight_shared::frames::{Camera, Rotation};
 
 pub use detector::TagSettings;
-pub use image::{Frame, GreyImage, ImageError};
+pub use image::{CameraFrame, GreyImage, ImageError};
 pub use lens::Lens;
 pub use light::{ImageLight, TagLight};
 pub use node::{CameraIn, CameraNode, CameraOut};

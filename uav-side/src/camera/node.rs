@@ -10,7 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
-use super::image::{Frame, GreyImage};
+use super::image::{CameraFrame, GreyImage};
 use super::light::{ImageLight, TagLight, mean_level};
 use super::marked::MarkedImage;
 use super::metering::{Exposed, Light};
@@ -66,7 +66,7 @@ impl Exposures {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraIn {
     /// Images.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<CameraFrame>,
     /// Exposure of the newest of them; None where the drone does not set it.
     pub exposed: Option<Exposed>,
 }
@@ -151,7 +151,7 @@ impl CameraNode {
         largest.map(|d| d.light)
     }
     /// The newest image that was processed, if it is this one, small, with what was detected of the deck drawn in.
-    pub fn marked(&self, frame: &Frame, deck: &DeckGeometry) -> Option<MarkedImage> {
+    pub fn marked(&self, frame: &CameraFrame, deck: &DeckGeometry) -> Option<MarkedImage> {
         if self.exposures.last != Some(frame.at) {
             return None;
         }
@@ -198,7 +198,7 @@ impl CameraNode {
         poses
     }
     /// The light in the newest image, where a report of it is due.
-    fn report(&mut self, frame: &Frame, exposed: Option<Exposed>) -> Option<CameraLight> {
+    fn report(&mut self, frame: &CameraFrame, exposed: Option<Exposed>) -> Option<CameraLight> {
         let due = self
             .reports
             .last
@@ -319,7 +319,7 @@ impl Node for CameraNode {
 
     fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> CameraOut {
         let mut out = CameraOut::default();
-        for Frame { at, image } in &input.frames {
+        for CameraFrame { at, image } in &input.frames {
             if self.exposures.accept(now, *at) {
                 for pose in self.decks(image) {
                     let header = self.exposures.header(*at);
@@ -392,7 +392,7 @@ mod tests {
             let at = Time::from_nanos(ms * 1_000_000);
             let image = GreyImage::new(640, 480, vec![level; 640 * 480]).unwrap();
             let input = CameraIn {
-                frames: vec![Frame { at, image }],
+                frames: vec![CameraFrame { at, image }],
                 exposed: at_limit.map(|at_limit| Exposed { setting, at_limit }),
             };
             node.step(at, &input).light

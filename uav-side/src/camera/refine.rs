@@ -33,7 +33,7 @@ impl CameraPose {
 pub(super) type NormalEquations = (Matrix6<f64>, Vector6<f64>, f64);
 
 /// When the refinement ends, and how it is damped.
-pub(super) struct Limits {
+pub(super) struct RefinementLimits {
     /// Trials, at most.
     pub steps: usize,
     /// Damping at first.
@@ -52,7 +52,7 @@ pub(super) struct Limits {
 /// equations do not hold at `start`.
 pub(super) fn refine(
     start: CameraPose,
-    limits: &Limits,
+    limits: &RefinementLimits,
     equations: impl Fn(&CameraPose) -> Option<NormalEquations>,
 ) -> Option<(CameraPose, f64)> {
     let mut at = start;

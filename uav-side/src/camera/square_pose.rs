@@ -14,9 +14,9 @@
 use alight_shared::tags::DeckTag;
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 
-use super::refine::{CameraPose, Limits, NormalEquations, refine};
+use super::refine::{CameraPose, NormalEquations, RefinementLimits, refine};
 
-const LIMITS: Limits = Limits {
+const LIMITS: RefinementLimits = RefinementLimits {
     steps: 12,
     damping: 1e-4,
     min_damping: 0.0,

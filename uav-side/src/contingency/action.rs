@@ -10,11 +10,11 @@ pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
 
 /// What a drone does in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Action {
+pub(crate) enum ContingencyAction {
     /// Commands nothing: the autopilot's own failsafe acts.
     Nothing,
     /// Stands on the ground.
-    Stand,
+    RemainOnDeck,
     /// Stays where it is.
     Hold,
     /// Stays where it is, and away from a deck that is near.
@@ -33,7 +33,7 @@ pub(crate) enum Action {
 
 /// What is known in a step.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Known<'a> {
+pub(crate) struct ContingencyInput<'a> {
     /// The autopilot, armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
     /// The mission's state, or its last one while that counts.
@@ -55,7 +55,7 @@ pub(crate) struct Known<'a> {
     pub(crate) low: bool,
 }
 
-impl Known<'_> {
+impl ContingencyInput<'_> {
     /// Alight commands the drone.
     pub(crate) fn commands(&self) -> bool {
         self.autopilot.is_some_and(|a| a.mode == AutopilotMode::Offboard)
@@ -71,7 +71,7 @@ impl Known<'_> {
     }
 
     /// What the drone does. `softer`: to complete the landing ends softer than to climb.
-    pub(crate) fn action(&self, softer: impl Fn() -> bool) -> Action {
+    pub(crate) fn action(&self, softer: impl Fn() -> bool) -> ContingencyAction {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)
         {
@@ -79,16 +79,16 @@ impl Known<'_> {
             let stands = matches!(state, State::SpinUp | State::StandDown);
             let jumps = state == State::TakeOff && self.autopilot.is_some();
             return if stands && self.attitudes {
-                Action::Idle
+                ContingencyAction::Idle
             } else if jumps && self.attitudes {
-                Action::Jump
+                ContingencyAction::Jump
             } else {
                 // Disarmed.
-                Action::Nothing
+                ContingencyAction::Nothing
             };
         }
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
-            return Action::Nothing;
+            return ContingencyAction::Nothing;
         };
         // The landing goes on without mission or plan when a climb would end harder.
         let close = self
@@ -98,32 +98,32 @@ impl Known<'_> {
             // A report alone does not cut the thrust: it may be wrong.
             let grounded = autopilot.landed == LandedState::OnGround && self.low;
             return if grounded && self.attitudes {
-                Action::Stand
+                ContingencyAction::RemainOnDeck
             } else {
-                Action::Hold
+                ContingencyAction::Hold
             };
         }
         // A pilot before this one stopped the motors, and this one has to find the touchdown again.
         let landed = mission.state == State::Landed;
         if landed && !(close && self.commands()) {
-            return Action::Nothing;
+            return ContingencyAction::Nothing;
         }
         // A mission that fell silent in the descent would have gone on to the flare.
         let committed = close && (landed || mission.state == State::Flare || self.silent && self.lands());
         if self.silent && !(committed && (self.planned || softer())) {
-            return Action::Leave;
+            return ContingencyAction::Leave;
         }
         if self.touches && (self.attitudes || landed) {
-            return Action::Press;
+            return ContingencyAction::Press;
         }
         if self.planned {
-            return Action::Follow;
+            return ContingencyAction::Follow;
         }
         let completes = committed && !self.holds || self.lands() && softer();
         if completes && self.below.is_some() {
-            Action::Complete
+            ContingencyAction::Complete
         } else {
-            Action::Leave
+            ContingencyAction::Leave
         }
     }
 }
@@ -145,7 +145,7 @@ mod tests {
         clearance: f64,
         softer: bool,
         holds: bool,
-    ) -> Action {
+    ) -> ContingencyAction {
         let (header, drone) = (header(1, Time::from_secs(10.0)), DroneGeometry::default());
         let f = forecast(header, |_| level([0.0, 0.0, -1.3]));
         let body = Body {
@@ -155,7 +155,7 @@ mod tests {
         };
         let (autopilot, mission) = (airborne(header), mission(header, state, 0.5));
         let below = DeckBelow::of(header.at, &f, &body, &drone);
-        let known = Known {
+        let known = ContingencyInput {
             autopilot: Some(&autopilot),
             mission: Some(&mission),
             silent,
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn action_by_what_is_missing() {
-        use Action::{Complete, Follow, Leave};
+        use ContingencyAction::{Complete, Follow, Leave};
         use State::{Descent, Flare, Tracking};
         for (state, planned, silent, clearance, softer, expected) in [
             (Descent, true, false, 5.0, false, Follow),
@@ -204,16 +204,16 @@ mod tests {
         let header = header(1, Time::from_secs(10.0));
         let mission = mission(header, State::Idle, 0.0);
         for (landed, low, expected) in [
-            (LandedState::OnGround, true, Action::Stand),
-            (LandedState::OnGround, false, Action::Hold),
-            (LandedState::Unknown, true, Action::Hold),
-            (LandedState::InAir, true, Action::Hold),
+            (LandedState::OnGround, true, ContingencyAction::RemainOnDeck),
+            (LandedState::OnGround, false, ContingencyAction::Hold),
+            (LandedState::Unknown, true, ContingencyAction::Hold),
+            (LandedState::InAir, true, ContingencyAction::Hold),
         ] {
             let autopilot = AutopilotState {
                 landed,
                 ..airborne(header)
             };
-            let known = Known {
+            let known = ContingencyInput {
                 autopilot: Some(&autopilot),
                 mission: Some(&mission),
                 silent: false,

@@ -13,7 +13,7 @@ pub(crate) const BELOW_M: f64 = 1.0;
 /// Climb relative to a deck that rises or rests, m/s: the planner's for any climb.
 const CLIMB_MPS: f64 = 3.0;
 /// Greatest climb, m/s: the planner's limit on vertical speed.
-const GREATEST_MPS: f64 = 4.0;
+const MAX_CLIMB_MPS: f64 = 4.0;
 /// Greatest acceleration of any drone, m/s²: the planner's slew of the rotors builds it up within [`super::contact`]'s reaction.
 const ACCELERATION_MPS2: f64 = 9.0;
 
@@ -46,7 +46,7 @@ impl Climb {
 
     /// `dt` later (s) over a deck that moves down at `deck` (m/s).
     pub(crate) fn advance(&mut self, dt: f64, deck: f64) {
-        self.towards((deck.min(0.0) - CLIMB_MPS).max(-GREATEST_MPS), dt);
+        self.towards((deck.min(0.0) - CLIMB_MPS).max(-MAX_CLIMB_MPS), dt);
     }
 
     /// `dt` later (s), sinking onto a deck that moves down at `deck` by `sink` (m/s) relative to it.

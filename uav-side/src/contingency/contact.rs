@@ -48,7 +48,7 @@ impl PredictedContact {
 
 /// How a drone low over the deck may end.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ends {
+pub struct ContactOutcomes {
     /// The feet rest on the deck already.
     pub rests: bool,
     /// The contact of the landing, completed.
@@ -57,7 +57,7 @@ pub struct Ends {
     pub climb: Option<PredictedContact>,
 }
 
-impl Ends {
+impl ContactOutcomes {
     /// The ends of a drone at `position` with `velocity` (NED) from `now` on; None where the forecast does not reach.
     pub(crate) fn predict(
         now: Time<DroneClock>,
@@ -65,7 +65,7 @@ impl Ends {
         position: &Vector3<f64>,
         velocity: &Vector3<f64>,
         drone: &DroneGeometry,
-    ) -> Option<Ends> {
+    ) -> Option<ContactOutcomes> {
         let start = now.max(forecast.header.at);
         let here = forecast.at(start)?;
         let aside = position - Vector3::from(here.position);
@@ -82,15 +82,15 @@ impl Ends {
             tilt_rad: 0.0,
         };
         let landing = prediction
-            .contact(End::Landing)
+            .contact(ContactOutcome::Landing)
             .map_or(soft, |c| PredictedContact {
                 speed_mps: c.speed_mps.max(SINK_MPS),
                 tilt_rad: 0.0,
             });
-        Some(Ends {
+        Some(ContactOutcomes {
             rests: (here.height_of(position) - drone.feet_below_m).abs() < AT_REST_M,
             landing,
-            climb: prediction.contact(End::Climb),
+            climb: prediction.contact(ContactOutcome::Climb),
         })
     }
 
@@ -106,7 +106,7 @@ impl Ends {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum End {
+enum ContactOutcome {
     Landing,
     Climb,
 }
@@ -124,16 +124,16 @@ struct Prediction<'a> {
 
 impl Prediction<'_> {
     /// The first contact with the deck; None without one.
-    fn contact(&self, end: End) -> Option<PredictedContact> {
+    fn contact(&self, end: ContactOutcome) -> Option<PredictedContact> {
         let mut climb = self.climb;
         let mut deck = self.forecast.at(self.start)?;
         let mut before = self.gap(end, &climb, &deck);
         for k in 1..=(HORIZON_S / STEP_S) as u32 {
             let t = STEP_S * f64::from(k);
             match end {
-                End::Landing => climb.sink(STEP_S, deck.velocity[2], SINK_MPS),
-                End::Climb if t <= REACTION_S => climb.z += climb.velocity * STEP_S,
-                End::Climb => climb.advance(STEP_S, deck.velocity[2]),
+                ContactOutcome::Landing => climb.sink(STEP_S, deck.velocity[2], SINK_MPS),
+                ContactOutcome::Climb if t <= REACTION_S => climb.z += climb.velocity * STEP_S,
+                ContactOutcome::Climb => climb.advance(STEP_S, deck.velocity[2]),
             }
             deck = self.forecast.at(self.start + Span::from_secs(t))?;
             let left = self.gap(end, &climb, &deck);
@@ -149,26 +149,26 @@ impl Prediction<'_> {
         None
     }
 
-    fn gap(&self, end: End, climb: &Climb, deck: &DeckStage) -> f64 {
+    fn gap(&self, end: ContactOutcome, climb: &Climb, deck: &DeckStage) -> f64 {
         let n = deck.normal();
         let r = Vector3::new(self.aside.x, self.aside.y, climb.z - deck.position[2]);
         let spread = match end {
-            End::Landing => 0.0,
-            End::Climb => self.half_span_m * n.xy().norm(),
+            ContactOutcome::Landing => 0.0,
+            ContactOutcome::Climb => self.half_span_m * n.xy().norm(),
         };
         n.dot(&r) - self.feet_m - spread
     }
 }
 
 #[cfg(test)]
-impl Ends {
+impl ContactOutcomes {
     /// Of contacts at these speeds, m/s.
-    pub(crate) fn of_speeds(landing_mps: f64, climb_mps: Option<f64>) -> Ends {
+    pub(crate) fn of_speeds(landing_mps: f64, climb_mps: Option<f64>) -> ContactOutcomes {
         let at = |speed_mps| PredictedContact {
             speed_mps,
             tilt_rad: 0.0,
         };
-        Ends {
+        ContactOutcomes {
             rests: false,
             landing: at(landing_mps),
             climb: climb_mps.map(at),
@@ -183,7 +183,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// The ends from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
-    fn ends(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> Ends {
+    fn ends(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> ContactOutcomes {
         let now = Time::from_secs(10.0);
         let f = forecast(header(1, now), |t| DeckStage {
             velocity: [0.0, 0.0, deck(t).1],
@@ -191,7 +191,7 @@ mod tests {
         });
         let drone = DroneGeometry::default();
         let p = Vector3::new(0.0, 0.0, deck(0.0).0 - drone.feet_below_m - clearance);
-        Ends::predict(now, &f, &p, &Vector3::new(0.0, 0.0, sink), &drone).unwrap()
+        ContactOutcomes::predict(now, &f, &p, &Vector3::new(0.0, 0.0, sink), &drone).unwrap()
     }
     fn climb_mps(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
         ends(clearance, sink, deck).climb.map(|c| c.speed_mps)
@@ -255,7 +255,7 @@ mod tests {
             let deck = f.stages[0];
             let p = Vector3::from(deck.position) + deck.normal() * (drone.feet_below_m + clearance);
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
-            let ends = Ends::predict(f.header.at, &f, &p, &v, &drone).unwrap();
+            let ends = ContactOutcomes::predict(f.header.at, &f, &p, &v, &drone).unwrap();
             prop_assert!(ends.landing.speed_mps >= SINK_MPS);
             // No harder than without any braking.
             prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
@@ -277,7 +277,7 @@ mod tests {
                 ..level([of(deck[5]), of(deck[4]), of(deck[2]) * t])
             });
             let drone = DroneGeometry { mass_kg, ..DroneGeometry::default() };
-            let ends = Ends::predict(f.header.at, &f, &Vector3::from(p.map(of)), &Vector3::from(v.map(of)), &drone);
+            let ends = ContactOutcomes::predict(f.header.at, &f, &Vector3::from(p.map(of)), &Vector3::from(v.map(of)), &drone);
             let ends = ends.unwrap();
             for c in [Some(ends.landing), ends.climb].into_iter().flatten() {
                 prop_assert!(c.speed_mps.is_finite() && c.tilt_rad.is_finite(), "{ends:?}");

@@ -11,11 +11,11 @@ mod contact;
 mod escape;
 mod hold;
 
-pub(crate) use action::{Action, GOES_ON_WITHOUT_MISSION_S, Known};
+pub(crate) use action::{ContingencyAction, ContingencyInput, GOES_ON_WITHOUT_MISSION_S};
 pub(crate) use below::{Body, DeckBelow, NEAR_DECK_M};
 pub(crate) use climb::{BELOW_M, Climb};
 pub(crate) use completion::Completion;
 pub(crate) use contact::HARD_MPS;
-pub use contact::{Ends, PredictedContact};
+pub use contact::{ContactOutcomes, PredictedContact};
 pub(crate) use escape::escape_velocity;
 pub(crate) use hold::Hold;

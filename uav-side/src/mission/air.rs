@@ -33,23 +33,23 @@ type Covariance = SMatrix<f64, 5, 5>;
 
 /// Wind and drag by odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Air {
+pub(super) struct WindEstimator {
     /// None before the first sample.
     state: Option<(State, Covariance)>,
     /// Sums of disturbance and velocity times time, and that time.
     sum: (Vector2<f64>, Vector2<f64>, f64),
 }
 
-impl Default for Air {
+impl Default for WindEstimator {
     fn default() -> Self {
-        Air {
+        WindEstimator {
             state: None,
             sum: (Vector2::zeros(), Vector2::zeros(), 0.0),
         }
     }
 }
 
-impl Air {
+impl WindEstimator {
     /// The disturbance `d` (m/s²) of a drone in free flight at the velocity `v` (m/s), for `dt` (s).
     pub(super) fn update(&mut self, d: &Vector2<f64>, v: &Vector2<f64>, dt: f64) {
         let (sum_d, sum_v, time) = &mut self.sum;
@@ -58,7 +58,7 @@ impl Air {
             return;
         }
         let (d, v) = (*sum_d / *time, *sum_v / *time);
-        self.sum = Air::default().sum;
+        self.sum = WindEstimator::default().sum;
         if (d.norm() + v.norm()).is_finite() {
             self.sample(&d, &v);
         }
@@ -148,8 +148,8 @@ mod tests {
     use proptest::prelude::*;
 
     /// An approach from hover at 7 m/s to a vessel at `way`, then 20 s above it.
-    fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> Air {
-        let mut air = Air::default();
+    fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> WindEstimator {
+        let mut air = WindEstimator::default();
         for step in 0..4000 {
             let t = 0.01 * f64::from(step);
             let v = match t {
@@ -197,7 +197,7 @@ mod tests {
     proptest! {
         #[test]
         fn wind_of_any_odometry_is_finite(samples in proptest::collection::vec([-1e6..1e6_f64, -1e6..1e6, -1e4..1e4, -1e4..1e4], 1..40)) {
-            let mut air = Air::default();
+            let mut air = WindEstimator::default();
             for [a, b, c, d] in samples {
                 air.update(&Vector2::new(a, b), &Vector2::new(c, d), 1.0);
                 let (wind, sd) = air.wind().unwrap();

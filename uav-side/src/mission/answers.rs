@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
-use super::phase::{Decision, MissionPhase, Progress};
+use super::phase::{Decision, MissionPhase, MissionProgress};
 use super::situation::{ControlState, Situation};
 
 /// Why an order, given in `phase` with the progress `before`, is not carried out by a decision; None: it is, or what it asks for
@@ -10,7 +10,7 @@ use super::situation::{ControlState, Situation};
 pub(super) fn not_done(
     order: CommandKind,
     phase: MissionPhase,
-    before: &Progress,
+    before: &MissionProgress,
     d: &Decision,
     s: &Situation,
 ) -> Option<Reason> {

@@ -11,7 +11,7 @@ use alight_shared::topics;
 use super::cycles::Cycles;
 use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, RejectedOrder, climbing_out, gave_up, holding,
+    DroneTime, HoldCause, MissionPhase, MissionProgress, RejectedOrder, climbing_out, gave_up, holding,
 };
 use super::situation::{ControlState, Deck, Situation};
 use super::take_off::standing_down;
@@ -26,7 +26,7 @@ const MAX_COMMANDS: usize = 16;
 
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Beginning {
+pub(super) struct MissionStartUp {
     recovery: Recovery<MissionCheckpoint>,
     /// Commands that came meanwhile, in order.
     commands: Vec<Command>,
@@ -41,7 +41,7 @@ pub(super) struct Begun {
     pub(super) commands: Vec<Command>,
 }
 
-impl Beginning {
+impl MissionStartUp {
     /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` means
     /// that it sees the drone and its deck.
     pub(super) fn step(
@@ -185,8 +185,8 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
 }
 
 /// The progress that `m` reports.
-pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
-    Progress {
+pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
+    MissionProgress {
         landing: m.landing,
         attempts: m.state.attempts,
         started: m.started,
@@ -218,12 +218,12 @@ pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
 /// Purpose of the flight, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge
 /// lasts, and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left
 /// of it.
-pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> Progress {
+pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.sortie || m.deck_declined {
-        return Progress::default();
+        return MissionProgress::default();
     }
     let restarted = m.cycling.then(|| ReasonCode::Restarted.into());
-    Progress {
+    MissionProgress {
         started: now,
         sortie: true,
         cycles: Cycles {
@@ -231,7 +231,7 @@ pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> Progress {
             ended: restarted.or(m.cycles_ended),
             ..Cycles::default()
         },
-        ..Progress::default()
+        ..MissionProgress::default()
     }
 }
 

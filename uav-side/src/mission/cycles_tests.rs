@@ -5,12 +5,12 @@ use alight_shared::msg::ReasonCode::{
     HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack, SeeksVessel,
     SortieBegins, SortiesDone, TakeOffTilted,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, OwnMission};
 use nalgebra::Vector2;
 
 use super::cycles::Cycles;
 use super::lift_off::{LiftOff, Moments};
-use super::situation::Seeks;
+use super::situation::SilentVessel;
 use super::tests::{at, config, with};
 use super::*;
 
@@ -22,15 +22,15 @@ fn permits() -> MissionConfig {
     }
 }
 /// In cycles of which one sortie has begun.
-fn cycling() -> Progress {
-    Progress {
+fn cycling() -> MissionProgress {
+    MissionProgress {
         started: at(9.0),
         cycles: Cycles {
             on: true,
             sorties: 1,
             ..Cycles::default()
         },
-        ..Progress::default()
+        ..MissionProgress::default()
     }
 }
 /// A drone that stands disarmed on its deck, cleared and with every check passed.
@@ -49,7 +49,12 @@ fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-fn step(phase: MissionPhase, progress: Progress, command: Option<CommandKind>, s: &Situation) -> Decision {
+fn step(
+    phase: MissionPhase,
+    progress: MissionProgress,
+    command: Option<CommandKind>,
+    s: &Situation,
+) -> Decision {
     decide(phase, progress, command, s, &permits())
 }
 fn landed() -> MissionPhase {
@@ -91,7 +96,7 @@ fn next_sortie_by_charge_or_by_order() {
     // The order is for nothing else.
     let d = step(
         landed(),
-        Progress::default(),
+        MissionProgress::default(),
         Some(CommandKind::Ready),
         &standing(|_| {}),
     );
@@ -135,22 +140,22 @@ fn preparation_of_the_next_sortie() {
 #[test]
 fn endings_of_unattended_cycles() {
     let away = ControlState::OtherControl(AutopilotMode::Other);
-    let on_sortie = Progress {
+    let on_sortie = MissionProgress {
         sortie: true,
         ..cycling()
     };
-    let third = Progress {
+    let third = MissionProgress {
         cycles: Cycles {
             sorties: 3,
             ..cycling().cycles
         },
         ..cycling()
     };
-    let spins = |armed| MissionPhase::SpinUp {
+    let spins = MissionPhase::SpinUp {
         since: at(-1.0),
-        armed,
+        armed: None,
     };
-    let handed = Progress {
+    let handed = MissionProgress {
         started: at(1.0),
         ..on_sortie
     };
@@ -180,7 +185,7 @@ fn endings_of_unattended_cycles() {
         ),
         (landed(), third, None, standing(|_| {}), SortiesDone),
         (MissionPhase::Idle, on_sortie, None, standing(|_| {}), NotOnDeck),
-        (spins(None), cycling(), None, standing(|_| {}), ArmingRejected),
+        (spins, cycling(), None, standing(|_| {}), ArmingRejected),
         (MissionPhase::DESCENT, on_sortie, None, hard, HardContact),
         (hold(), handed, None, with(|_| {}), HandOverRefused),
         (
@@ -204,14 +209,22 @@ fn endings_of_unattended_cycles() {
     assert!(d.progress.landing && d.phase.state() == State::Hold);
     let soon = with(|s| s.now = at(3.0));
     assert_eq!(step(hold(), handed, None, &soon).waiting.code, HandsOver);
-    // No moment came: again, three times.
+}
+
+/// No moment came: again, three times.
+#[test]
+fn unattended_cycles_without_a_moment() {
+    let spins = MissionPhase::SpinUp {
+        since: at(-1.0),
+        armed: Some(at(0.0)),
+    };
     let none = standing(|s| {
         s.flight = ControlState::OnGround;
         s.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
     });
     let mut progress = cycling();
     for tries in 1..=4 {
-        let d = step(spins(Some(at(0.0))), progress, None, &none);
+        let d = step(spins, progress, None, &none);
         assert_eq!(d.entered.unwrap().code, NoMoment);
         assert_eq!(d.progress.cycles.on, tries <= 3);
         progress = d.progress;
@@ -262,7 +275,7 @@ fn purpose_of_an_aged_checkpoint() {
     };
     let flown = |checkpoint, armed| {
         let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-        let mut m = Mission::new(&permits(), &drone, &deck, 1, 2).as_successor();
+        let mut m = MissionNode::new(&permits(), &drone, &deck, 1, 2).as_successor();
         for k in 0..130_u32 {
             let t = at(60.0 + 0.1 * f64::from(k));
             let mut input = super::node_tests::fresh_input(k, t, [60.0, 0.0, -16.3]);
@@ -291,7 +304,7 @@ fn purpose_of_an_aged_checkpoint() {
 
 #[test]
 fn sortie_that_ends_by_its_mission_or_an_order() {
-    let on_sortie = Progress {
+    let on_sortie = MissionProgress {
         sortie: true,
         ..cycling()
     };
@@ -311,7 +324,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     // Without a sortie no return is due.
     let d = step(
         MissionPhase::Idle,
-        Progress::default(),
+        MissionProgress::default(),
         None,
         &flown(OwnMission::Done),
     );
@@ -321,7 +334,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     for (progress, expected) in [
         (on_sortie, OrderedBack),
         (
-            Progress {
+            MissionProgress {
                 cycles: Cycles::default(),
                 ..on_sortie
             },
@@ -335,7 +348,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
 
 #[test]
 fn way_to_a_vessel_that_is_not_received() {
-    let seeks = Seeks {
+    let seeks = SilentVessel {
         offset: Vector2::new(600.0, -200.0),
         silent_s: 90.0,
     };
@@ -347,11 +360,11 @@ fn way_to_a_vessel_that_is_not_received() {
         change(&mut s);
         s
     };
-    let called = Progress {
+    let called = MissionProgress {
         sortie: true,
         landing: true,
         started: at(9.0),
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     let others = silent(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     assert_eq!(
@@ -366,7 +379,7 @@ fn way_to_a_vessel_that_is_not_received() {
         );
     }
     // At the approach height, its nose towards the place.
-    let place = Place::of(MissionPhase::Seek, &silent(|_| {}), &permits());
+    let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
     // Not received, until the reserve is reached; received, as any landing.
@@ -385,7 +398,7 @@ fn way_to_a_vessel_that_is_not_received() {
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
     // No vessel is sought without a sortie, nor one that is too far away.
-    let stays = Progress {
+    let stays = MissionProgress {
         sortie: false,
         ..called
     };

@@ -4,8 +4,10 @@ use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHome, BatteryStopped, HeightsDisagree, NotCommanded, NotFlying, OffHeight, Operator,
     OrderExpired,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind};
 
+use super::reservation::Reservation;
+use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
@@ -24,7 +26,7 @@ fn order_that_waits_for_a_flight() {
             ..with(|s| s.flight = flight)
         };
         let d = commanded(
-            (MissionPhase::Idle, Progress::default()),
+            (MissionPhase::Idle, MissionProgress::default()),
             CommandKind::Land,
             &waiting(0.0),
         );
@@ -47,7 +49,7 @@ fn order_that_waits_for_a_flight() {
 fn order_of_the_flight_before() {
     let other = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     let d = commanded(
-        (MissionPhase::Idle, Progress::default()),
+        (MissionPhase::Idle, MissionProgress::default()),
         CommandKind::Land,
         &other,
     );
@@ -56,7 +58,7 @@ fn order_of_the_flight_before() {
     goes(&step(&d, &disarmed), State::Idle, OrderExpired);
     // One that is given to a disarmed drone waits for the take-off.
     let d = commanded(
-        (MissionPhase::Idle, Progress::default()),
+        (MissionPhase::Idle, MissionProgress::default()),
         CommandKind::Land,
         &disarmed,
     );
@@ -80,14 +82,14 @@ fn order_below_the_reserve() {
         })
     };
     let d = commanded(
-        (MissionPhase::Idle, Progress::default()),
+        (MissionPhase::Idle, MissionProgress::default()),
         CommandKind::Land,
         &rough(0.18),
     );
     assert_eq!(d.progress.ordered_below, Some(0.18));
     let tracking = (
         MissionPhase::TrackingStable,
-        Progress {
+        MissionProgress {
             low_battery: Some(BatteryPlace::Deck),
             ..d.progress
         },
@@ -116,7 +118,7 @@ fn order_below_the_reserve() {
     // With less than half of the reserve there is no other place to reach.
     let last = (
         MissionPhase::TrackingStable,
-        Progress {
+        MissionProgress {
             ordered_below: Some(0.08),
             ..tracking.1
         },
@@ -184,9 +186,9 @@ fn gauge_that_steps_below_half_of_the_reserve() {
 #[test]
 fn low_battery_after_a_give_up() {
     let gave_up = phase::gave_up(&fair(), &config());
-    let progress = Progress {
+    let progress = MissionProgress {
         attempts: config().max_attempts,
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     waits(
         &step((gave_up, progress), &charged(0.5)),

@@ -21,7 +21,7 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::Mission;
+use super::MissionNode;
 use super::phase::DroneTime;
 use crate::deck_height::forecast_mean;
 use crate::mission_config::MissionConfig;
@@ -261,7 +261,7 @@ impl HeightWitnesses {
     }
 }
 
-impl Mission {
+impl MissionNode {
     /// Height of the deck over still water, m.
     fn deck_height_m(&self) -> f64 {
         -self.deck_geometry.centre_m[2]

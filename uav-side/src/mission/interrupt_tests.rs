@@ -5,13 +5,14 @@ use alight_shared::msg::ReasonCode::{
     FalseTouchdown, ForecastStale, HardContact, NotCommanded, NotFlying, OdometryStale, Operator,
     OutOfRetries, Permitted, Recovered, TooLong, Touchdown,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, DECK_CLOSED};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED};
 use nalgebra::Vector3;
 
 use super::phase::{HoldCause, holding};
+use super::reservation::Reservation;
 use super::tests::*;
 use super::*;
-use crate::contingency::Ends;
+use crate::contingency::ContactOutcomes;
 
 #[test]
 fn hold_with_stale_data() {
@@ -80,16 +81,16 @@ fn abort_in_every_flying_state() {
 }
 
 /// Outcomes for a drone whose feet rest on the deck.
-fn on_the_deck() -> Ends {
-    Ends {
+fn on_the_deck() -> ContactOutcomes {
+    ContactOutcomes {
         rests: true,
-        ..Ends::of_speeds(0.5, None)
+        ..ContactOutcomes::of_speeds(0.5, None)
     }
 }
 
 /// A drone low over the deck that a climb would meet at this speed.
 fn low(contact_mps: f64) -> Situation {
-    with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(Ends::of_speeds(0.5, Some(contact_mps)))))
+    with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(ContactOutcomes::of_speeds(0.5, Some(contact_mps)))))
 }
 
 #[test]
@@ -178,7 +179,7 @@ fn hold_position_with_the_deck() {
 
 #[test]
 fn abort_of_an_idle_drone() {
-    let idle = (MissionPhase::Idle, Progress::default());
+    let idle = (MissionPhase::Idle, MissionProgress::default());
     waits(&step(idle, &fair()), State::Idle, NotCommanded);
     let low = with(|s| s.own.as_mut().unwrap().position.z = -2.0);
     let d = commanded(idle, CommandKind::Abort, &low);
@@ -284,7 +285,10 @@ fn last_attempt() {
 #[test]
 fn completion_of_a_landing_without_data() {
     let harder = 2.0 * config().flare_mps;
-    let (clears, meets) = (Ends::of_speeds(0.5, None), Ends::of_speeds(0.5, Some(harder)));
+    let (clears, meets) = (
+        ContactOutcomes::of_speeds(0.5, None),
+        ContactOutcomes::of_speeds(0.5, Some(harder)),
+    );
     // Without odometry nothing is commanded, and whether it leaves is decided once it is back.
     for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),

@@ -3,11 +3,13 @@
 use alight_shared::msg::ReasonCode::{
     BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost,
 };
-use alight_shared::msg::{AutopilotMode, AutopilotState, BatteryPlace, LandedState, LandingMode};
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, BatteryPlace, CommandKind, LandedState, LandingMode,
+};
 
 use super::tests::*;
 use super::*;
-use crate::contingency::Ends;
+use crate::contingency::ContactOutcomes;
 
 fn matching() -> MissionConfig {
     MissionConfig {
@@ -75,7 +77,8 @@ fn match_below_its_clearance_and_blind() {
 
 #[test]
 fn match_with_abort_and_hold() {
-    let low = with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(Ends::of_speeds(0.5, Some(2.0)))));
+    let low =
+        with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(ContactOutcomes::of_speeds(0.5, Some(2.0)))));
     for (order, state) in [
         (CommandKind::Abort, State::GaveUp),
         (CommandKind::Hold, State::Hold),

@@ -6,12 +6,12 @@ use alight_shared::msg::{RangeSample, State};
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::Mission;
-use super::lift_off::Jump;
+use super::MissionNode;
+use super::lift_off::LiftOffConditions;
 use super::phase::DroneTime;
 use super::situation::{ControlState, Situation, hover_thrust};
 use crate::lift_off::{LIES_BELOW_M, Rise};
-use crate::standing::{Standing, StandingMonitor, by_height};
+use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
 /// Rotors that give this much of hover's thrust by the autopilot's report turn: a third of what they idle at.
 const TURN_OF_HOVER: f64 = 0.1;
@@ -29,7 +29,7 @@ pub(super) struct LeavingMonitor {
     /// Since the rotors could first lift the drone; None: it was not watched from then on.
     rise: Option<Rise>,
     standing: StandingMonitor,
-    verdict: Standing,
+    verdict: StandingVerdict,
     /// The drone was witnessed to stand last, or began to be watched.
     witnessed: Option<DroneTime>,
     turn: Option<DroneTime>,
@@ -42,7 +42,7 @@ fn lasts(since: &mut Option<DroneTime>, holds: bool, now: DroneTime) -> f64 {
     since.map_or(0.0, |at| (now - at).secs())
 }
 
-impl Mission {
+impl MissionNode {
     /// Readings of the rangefinder.
     pub(super) fn keep_range(&mut self, ranges: &[RangeSample]) {
         let newest = ranges.iter().max_by_key(|r| r.header.at);
@@ -55,7 +55,7 @@ impl Mission {
             self.phase.stands() && s.fresh_deck().is_some(),
             self.forecast.get(),
         ) {
-            let jump = Jump {
+            let jump = LiftOffConditions {
                 forecast,
                 wind: &self.wind,
                 drone: &self.drone_geometry,
@@ -87,7 +87,7 @@ impl Mission {
         );
         let idles = s.odometry_age_s <= RECENT_S && thrust.is_some_and(|t| t <= IDLE_OF_HOVER);
         let lay = (m.rise).is_some_and(|rise| rise.is_measured() && rise.risen_m() < LIES_BELOW_M);
-        let stood = m.verdict == Standing::Stands || m.verdict == Standing::Unknown && lay;
+        let stood = m.verdict == StandingVerdict::Stands || m.verdict == StandingVerdict::Unknown && lay;
         if s.flight == ControlState::Disarmed || leaves && idles && stood {
             m.rise = Some(Rise::begun(now));
         } else if !leaves {
@@ -125,7 +125,7 @@ impl Mission {
             s.on_ground.then_some(true),
         ];
         m.verdict = m.standing.step(now, thrust, force, &heights);
-        if m.verdict == Standing::Stands {
+        if m.verdict == StandingVerdict::Stands {
             m.witnessed = Some(now);
         }
         s.standing = m.verdict;

@@ -96,7 +96,7 @@ impl Moments {
 }
 
 /// Conditions of the probability.
-pub(super) struct Jump<'a> {
+pub(super) struct LiftOffConditions<'a> {
     /// The deck's forecast.
     pub(super) forecast: &'a DeckForecast,
     /// The wind, where a flight before this one has found it.
@@ -105,7 +105,7 @@ pub(super) struct Jump<'a> {
     pub(super) drone: &'a DroneGeometry,
 }
 
-impl Jump<'_> {
+impl LiftOffConditions<'_> {
     /// Now and later; None where the forecast does not reach.
     pub(super) fn moments(&self, now: Time<DroneClock>) -> Option<Moments> {
         let start = now.max(self.forecast.header.at);
@@ -195,7 +195,7 @@ mod tests {
     fn moments(deck: impl Fn(f64) -> DeckStage) -> Moments {
         let f = forecast(header(0, Time::EPOCH), deck);
         let (wind, drone) = (WindMonitor::default(), DroneGeometry::default());
-        let jump = Jump {
+        let jump = LiftOffConditions {
             forecast: &f,
             wind: &wind,
             drone: &drone,

@@ -7,6 +7,7 @@
 
 mod air;
 mod answers;
+mod assessment;
 mod battery;
 mod checkpoint;
 mod cycles;
@@ -17,12 +18,14 @@ mod limits;
 mod outlook;
 mod phase;
 mod place;
+mod reservation;
 mod search;
 mod seek;
 mod situation;
 mod sortie;
 mod states;
 mod station;
+mod succession;
 mod swing;
 mod take_off;
 mod tilt;
@@ -33,6 +36,8 @@ mod wind;
 
 #[cfg(test)]
 mod cycles_tests;
+#[cfg(test)]
+mod descent_tests;
 #[cfg(test)]
 mod ending_tests;
 #[cfg(test)]
@@ -46,11 +51,15 @@ mod orders_tests;
 #[cfg(test)]
 mod promise_tests;
 #[cfg(test)]
+mod random_tests;
+#[cfg(test)]
 mod settings_tests;
 #[cfg(test)]
 mod station_tests;
 #[cfg(test)]
 mod staying_tests;
+#[cfg(test)]
+mod successor_tests;
 #[cfg(test)]
 mod take_off_tests;
 #[cfg(test)]
@@ -61,13 +70,12 @@ pub use alight_shared::bus::wiring;
 use alight_shared::checkpoint::CheckpointRejection;
 
 use alight_shared::admission::{CommandAdmission, Latest};
-use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::landing::{Odds, Slopes, Stand, Staying};
+use alight_shared::landing::{Odds, Staying};
 use alight_shared::msg::{
-    AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    LandedState, LastVessel, MissionCheckpoint, MissionSettings, MissionState, Motors, OwnMission, PLACES,
-    Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder, Solve, State, VesselLevel,
+    AutopilotState, CameraLight, Command, DeckForecast, DeckGrant, DroneState, Header, LastVessel,
+    MissionCheckpoint, MissionSettings, MissionState, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
+    SettingsOrder, State, VesselLevel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -76,20 +84,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::FrameEpoch;
-use crate::standing::Standing;
 use battery::BatteryMonitor;
-use checkpoint::{Beginning, Begun};
+use checkpoint::MissionStartUp;
 use height::{HeightWitnesses, Surface};
 use leaving::LeavingMonitor;
 use limits::{MATCHES_FROM_M, TAG_HEIGHT_M};
-use outlook::Outlook;
 pub use phase::MAX_VESSEL_DISTANCE_M;
-use phase::{Decision, MissionPhase, Progress, gave_up};
-use place::Place;
-use situation::{
-    ControlState, Deck, OwnState, Promise, Reservation, Situation, rotors_carry, several, stated_course,
-    tips_rad,
-};
+use phase::{Decision, MissionPhase, MissionProgress, gave_up};
+use place::Waypoint;
+use situation::{ControlState, Situation};
 use states::{RADIO_BLIND_S, blind_limit};
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
@@ -137,7 +140,7 @@ pub struct MissionOut {
 
 wiring! {
     /// Topics that the mission reads and writes.
-    MissionPorts of Mission: MissionIn => MissionOut {
+    MissionPorts of MissionNode: MissionIn => MissionOut {
         reads {
             newest forecast: DeckForecast,
             newest drone: DroneState,
@@ -162,7 +165,7 @@ const PERIOD: Span = Span::from_millis(20);
 const WIND_SD_MPS: f64 = 3.0;
 /// The mission node.
 #[derive(Clone, Debug, Default)]
-pub struct Mission {
+pub struct MissionNode {
     /// Configuration, with heights above all volumes around the deck.
     config: MissionConfig,
     /// Settings that an operator may change, as they are set.
@@ -206,13 +209,13 @@ pub struct Mission {
     /// A descent begins so long after the drone is steady, and when that is.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     /// Does not know yet whether a mission before it flew.
-    beginning: Option<Beginning>,
+    beginning: Option<MissionStartUp>,
     /// Began without a checkpoint, or lost the drone to the autopilot's hold, and does not know yet that the drone is safe: which.
     unjudged: Option<ReasonCode>,
     /// Without an order, and ours, it has been away from the deck.
     was_away: bool,
     phase: MissionPhase,
-    progress: Progress,
+    progress: MissionProgress,
     previous: State,
     since: Time<DroneClock>,
     entered: Reason,
@@ -223,7 +226,7 @@ pub struct Mission {
     published: Option<Time<DroneClock>>,
 }
 
-impl Mission {
+impl MissionNode {
     /// A mission that waits for a command.
     pub fn new(
         config: &MissionConfig,
@@ -232,7 +235,7 @@ impl Mission {
         drone_id: u32,
         boot: u32,
     ) -> Self {
-        Mission {
+        MissionNode {
             config: config.clone(),
             settings: config.settings(),
             drone_geometry: *drone,
@@ -240,7 +243,7 @@ impl Mission {
             drone_id,
             boot,
             due: Time::from_nanos(i64::MIN),
-            ..Mission::default()
+            ..MissionNode::default()
         }
     }
 
@@ -252,7 +255,7 @@ impl Mission {
     /// likely it succeeds.
     #[must_use]
     pub fn forced_descent(self, after: Option<Span>) -> Self {
-        Mission {
+        MissionNode {
             forced_descent: after.map(|after| (after, None)),
             ..self
         }
@@ -260,8 +263,8 @@ impl Mission {
     /// A predecessor may have flown: it waits for that one's checkpoint first.
     #[must_use]
     pub fn as_successor(self) -> Self {
-        Mission {
-            beginning: Some(Beginning::default()),
+        MissionNode {
+            beginning: Some(MissionStartUp::default()),
             ..self
         }
     }
@@ -357,161 +360,6 @@ impl Mission {
         }
     }
 
-    /// Updates the odds of a landing from here, and the probability above which waiting on is not worth it, with each
-    /// forecast.
-    fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
-        let forecast_at = self.forecast.get().map(|f| f.header.at);
-        match self.judged {
-            Some((at, staying, odds)) if Some(at) == forecast_at => {
-                s.staying = staying;
-                s.odds = odds.filter(|_| s.fresh_deck().is_some());
-            }
-            Some(_) | None => self.update_odds(now, s),
-        }
-        self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
-        let follows = self.phase.state().phase() == Phase::Follow;
-        let identified = s.fresh_deck().is_some_and(|d| d.identified);
-        if let Some(odds) = s.odds.filter(|_| follows && identified) {
-            self.waiting.update(now, odds.whole());
-        }
-        s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
-    }
-    fn update_odds(&self, now: Time<DroneClock>, s: &mut Situation) {
-        let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
-        let stand = Stand::on(plate, drone, self.config.friction);
-        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
-        let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
-            return;
-        };
-        let outlook = Outlook {
-            forecast,
-            deck,
-            wind: &self.wind,
-            staying: &s.staying,
-            drone,
-            plate,
-            chooses: deck.clearance_m > self.config.flare_clearance_m,
-            response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
-        };
-        s.odds = outlook.odds(now);
-    }
-
-    /// The speed made good on the way to the deck.
-    fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
-        let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
-        self.stepped = Some(now);
-        let approaches = self.phase.state() == State::Approach;
-        if let Some(d) = s.fresh_deck() {
-            let assumed_mps = self.config.battery_air_speed_mps - d.leaving_mps;
-            let closing_mps = approaches.then_some(d.closing_mps);
-            self.battery.approach(dt, d.distance_m, closing_mps, assumed_mps);
-        }
-    }
-
-    fn follows(&self, s: &Situation) -> bool {
-        self.phase.state().phase() == Phase::Follow
-            && s.fresh_deck()
-                .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
-    }
-
-    /// The other drones that have the waiting places, and the heights of their stations, m.
-    fn others(&self) -> [(u32, u8); PLACES] {
-        let grant = self.grant.get();
-        core::array::from_fn(|k| {
-            let of = |g: &DeckGrant<DroneClock>| Some((*g.places.get(k)?, *g.stations.get(k)?));
-            let other = grant.and_then(of).filter(|(drone, _)| *drone != self.drone_id);
-            other.unwrap_or_default()
-        })
-    }
-    fn situation(&mut self, now: Time<DroneClock>) -> Situation {
-        let heights = self.heights(now);
-        let c = &self.config;
-        let drone = self.drone.get();
-        let own = drone.map(OwnState::of);
-        let deck = match (self.forecast.get(), own, drone) {
-            (Some(f), Some(own), Some(d)) => Deck::of(f, &own, &self.drone_geometry, &d.attitude(), c, now),
-            _ => None,
-        };
-        let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
-        let others = self.others();
-        Situation {
-            now,
-            flight: ControlState::of(autopilot, c.mode),
-            rejection: autopilot
-                .map(|a| a.rejection)
-                .filter(|why| why.code != ReasonCode::None),
-            moved: self
-                .moved
-                .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
-            several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
-            battery: autopilot.and_then(|_| self.battery.charge(c)),
-            battery_reserve: deck.map_or(c.battery_reserve, |d| {
-                let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
-                self.battery.reserve(d.distance_m, assumed_mps, c)
-            }),
-            own,
-            odometry_age_s: self.drone.age_s(now),
-            odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
-            deck,
-            mean_deck_z: heights.deck_z,
-            lowest_z: heights.lowest_z,
-            doubt: heights.doubt,
-            tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
-            swing_rad: self.swing.rms(),
-            staying: Staying::default(),
-            odds: None,
-            forced_descent: self.forced_descent.map(|(after, at)| at.unwrap_or(now + after)),
-            worth_waiting: 0.0,
-            water_z: heights.water_z.unwrap_or(0.0),
-            forecast_age_s: self.forecast.age_s(now),
-            forecast_limit_s: topics::FORECAST.stale_after.secs(),
-            plan_age_s: match self.plan.get() {
-                Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
-                Some(_) | None => f64::INFINITY,
-            },
-            plan_limit_s: topics::PLAN.stale_after.secs(),
-            outside_m: deck.map_or(f64::INFINITY, |d| {
-                d.outside_m(&self.deck_geometry, &self.drone_geometry)
-            }),
-            reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
-            course: stated_course(self.grant.get(), now),
-            promise: Promise::of(self.grant.get(), now),
-            dark: self
-                .light
-                .fresh(now, topics::CAMERA_LIGHT.stale_after)
-                .and_then(CameraLight::hides_tags),
-            place: self
-                .grant
-                .get()
-                .filter(|_| c.reservation_required)
-                .and_then(|g| g.place(self.drone_id)),
-            others: others.map(|(drone, _)| drone),
-            other_stations_m: others.map(|(_, height_m)| height_m),
-            motors_stopped: self
-                .set_point
-                .fresh(now, topics::SET_POINT.stale_after)
-                .is_some_and(|s| s.motors == Motors::Stop),
-            rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
-            hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
-            deck_wanted: (self.grant.fresh(now, topics::DECK.stale_after)).is_some_and(|g| g.wanted),
-            not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
-            on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
-            battery_for_take_off: self.battery.for_take_off(c),
-            turns_back: None,
-            seeks: None,
-            own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
-            turns_in_s: None,
-            lift_off: None,
-            risen_m: 0.0,
-            rise_measured: false,
-            standing: Standing::Unknown,
-            unwitnessed_s: 0.0,
-            rotors_turn_s: 0.0,
-            lifts_s: None,
-            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
-        }
-    }
-
     /// Back to tracking after the longest time in a landing state: the loop is bounded.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
@@ -577,69 +425,6 @@ impl Mission {
         0.0
     }
 
-    /// Begins where its predecessor was, or from the start; returns the command that came meanwhile.
-    fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
-        self.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
-        if let Some(m) = &begun.checkpoint {
-            let drone = self.drone.get();
-            let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
-            // Where it goes depends on what was set.
-            self.adjust(&m.state.settings);
-            let s = self.situation(now);
-            let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
-            self.phase = phase;
-            self.progress = checkpoint::progress(m);
-            self.was_away = m.was_away;
-            self.last_vessel = m.last_vessel;
-            self.meets = m.state.meets;
-            self.previous = m.state.previous;
-            self.since = m.state.since;
-            self.entered = m.state.entered;
-            if let Some(why) = changed {
-                (self.previous, self.since, self.entered) = (m.state.state, now, why);
-            }
-            self.commands = CommandAdmission::after(m.command, m.abort);
-            if let Some((charge, known)) = m.state.battery.zip(m.battery) {
-                self.battery.resume(m.header.at, charge, &known, &self.config);
-            }
-            if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
-                self.mean_deck_z.begin(m.header.at, z);
-            }
-        }
-        if let Some(m) = &begun.aged {
-            self.progress = checkpoint::purpose(now, m);
-            self.last_vessel = m.last_vessel;
-        }
-        self.commands.first_of(now, &begun.commands)
-    }
-
-    /// The command to act on, if any, and why a predecessor's checkpoint does not count; None while it does not know yet how it
-    /// begins.
-    fn order(
-        &mut self,
-        now: Time<DroneClock>,
-        input: &MissionIn,
-        s: &Situation,
-    ) -> Option<(Option<CommandKind>, Option<CheckpointRejection>)> {
-        let Some(beginning) = &mut self.beginning else {
-            self.resume(now, s);
-            return Some((self.commands.first_of(now, &input.commands), None));
-        };
-        // Of a disarmed drone the pilot knows whether its landing is over.
-        let complete = match s.flight {
-            ControlState::Disarmed => self.set_point.get().is_some(),
-            ControlState::Unknown => false,
-            ControlState::OnGround
-            | ControlState::Ours
-            | ControlState::Lapsed
-            | ControlState::OtherControl(_) => s.fresh_deck().is_some(),
-        };
-        let ids = [self.drone_id, self.boot];
-        let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
-        self.beginning = None;
-        Some((self.begin(now, &begun), begun.rejected))
-    }
-
     /// Goes on as decided.
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
         // Out of a lapse, by a pilot.
@@ -664,75 +449,9 @@ impl Mission {
         }
     }
 
-    /// A process that stood still for longer than the others wait for its state goes on as its successor would.
-    fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
-        let state = self.phase.state();
-        let stopped = self.progress.stopped;
-        let Some(at) = self.published else { return };
-        if let Some(phase) = checkpoint::interrupted(at, state, stopped, s, &self.config) {
-            let why = Reason::new(ReasonCode::StoodStill, s.clearance_m(), (now - at).secs());
-            (self.previous, self.since, self.entered) = (state, now, why);
-            self.phase = phase;
-        }
-    }
-
-    /// An idle mission's decision about a drone in flight: one that it finds there, without a checkpoint or after a loss of
-    /// set-points, and one that the vessel comes near to.
-    fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
-        let waits = self.phase == MissionPhase::Idle;
-        // A drone that is handed over above the deck stays there.
-        self.was_away &= waits && s.flight == ControlState::Ours;
-        if !waits {
-            self.unjudged = None;
-            return None;
-        }
-        let (phase, why) = if let Some(code) = self.unjudged {
-            let found = checkpoint::safe_start(s, self.progress.landing, code, &self.config);
-            self.unjudged = self.unjudged.filter(|_| found.is_err());
-            found.ok().flatten()?
-        } else {
-            self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
-            let gives_way = checkpoint::gives_way(s, &self.config);
-            gives_way.filter(|_| self.was_away && !self.progress.landing)?
-        };
-        Some(Decision {
-            phase,
-            progress: self.progress,
-            entered: Some(why),
-            waiting: Reason::default(),
-        })
-    }
-
-    fn checkpoint(&self, state: &MissionState) -> MissionCheckpoint {
-        MissionCheckpoint {
-            header: state.header,
-            state: *state,
-            landing: self.progress.landing,
-            started: self.progress.started,
-            ordered_below: self.progress.ordered_below,
-            low_from: self.progress.low_from,
-            battery: self.battery.memory(),
-            deck_declined: self.progress.deck_declined,
-            stopped: self.progress.stopped,
-            committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
-            disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
-            command: self.commands.newest(),
-            abort: self.commands.abort(),
-            frames: self.drone.get().map_or(0, |d| d.frames),
-            datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
-            mean_deck_z: self.mean_deck_z.value(),
-            was_away: self.was_away,
-            sortie: self.progress.sortie,
-            cycling: self.progress.cycles.on,
-            ready: self.progress.cycles.ready,
-            cycles_ended: self.progress.cycles.ended,
-            last_vessel: self.last_vessel,
-        }
-    }
-
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
         let c = &self.config;
-        let place = Place::of(self.phase, s, c);
+        let place = Waypoint::of(self.phase, s, c);
         let state = self.phase.state();
         let altitude = if state.phase() == Phase::Landing || state == State::Landed {
             c.minimum_altitude_landing_m
@@ -791,7 +510,7 @@ impl Mission {
     }
 }
 
-impl Node for Mission {
+impl Node for MissionNode {
     type Clock = DroneClock;
     type In = MissionIn;
     type Out = MissionOut;

@@ -1,17 +1,17 @@
-//! The mission's node: an ideal drone, commands, checkpoints, frames, random input.
+//! The mission's node: an ideal drone, commands, frames.
 
 use alight_shared::config::parse;
-use alight_shared::msg::{AutopilotMode, Message, Phase, PlanStage};
+use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage};
 use alight_shared::surroundings::KeepOut;
 use nalgebra::Vector3;
-use proptest::prelude::*;
 
-use super::tests::{COMMITTED, DroneTime, at, config};
+use super::phase::DroneTime;
+use super::tests::{COMMITTED, at, config};
 use super::*;
 use crate::fixtures::{airborne, command, drone, forecast, header, level, plan};
 
-pub(super) fn node() -> Mission {
-    Mission::new(
+pub(super) fn node() -> MissionNode {
+    MissionNode::new(
         &config(),
         &DroneGeometry::default(),
         &DeckGeometry::default(),
@@ -51,13 +51,13 @@ fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
     }
 }
 /// The state after them.
-fn state_after(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
+fn state_after(m: &mut MissionNode, t: f64, commands: Vec<Command>) -> State {
     m.step(at(t), &ordered(t, commands));
     m.phase.state()
 }
 /// Flies with another autopilot.
 fn flown(
-    m: &mut Mission,
+    m: &mut MissionNode,
     t: f64,
     commands: Vec<Command>,
     autopilot: impl FnOnce(&mut AutopilotState),
@@ -144,7 +144,7 @@ fn heights_of_two_receivers_that_disagree() {
 #[test]
 fn waiting_and_leaving_among_volumes() {
     let mut m = node();
-    let state = |k: u32, m: &mut Mission, position, kind: Option<CommandKind>| {
+    let state = |k: u32, m: &mut MissionNode, position, kind: Option<CommandKind>| {
         let t = at(1.0 + f64::from(k) * 0.02);
         let mut input = fresh_input(k, t, position);
         let around = &mut input.forecast.as_mut().unwrap().surroundings;
@@ -241,7 +241,7 @@ fn landing_of_an_ideal_drone() {
 #[test]
 fn command_freshness_and_order() {
     let mut m = node();
-    let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
+    let give = |m: &mut MissionNode, t: f64, given: f64, n: u32, kind| {
         state_after(m, t, vec![command(header(n, at(given)), kind)]);
         m.commands.rejected().total()
     };
@@ -310,7 +310,7 @@ fn order_after_a_hold_of_a_person() {
 #[test]
 fn lasting_empty_battery() {
     let mut m = node();
-    let step = |m: &mut Mission, t: f64, battery: Option<f64>, commands| {
+    let step = |m: &mut MissionNode, t: f64, battery: Option<f64>, commands| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [60.0, 0.0, -16.3]);
         input.autopilot = input.autopilot.map(|a| AutopilotState { battery, ..a });
         m.step(at(t), &MissionIn { commands, ..input });
@@ -335,7 +335,7 @@ fn lasting_empty_battery() {
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
     m.config.battery_order = vec![alight_shared::msg::BatteryPlace::Home];
-    let low = |m: &mut Mission, t: f64, commands| {
+    let low = |m: &mut MissionNode, t: f64, commands| {
         let battery = Some(0.3 * config().battery_reserve);
         flown(m, t, commands, |a| a.battery = battery)
     };
@@ -412,103 +412,6 @@ fn abort_echo_with_its_newest_repetition() {
     assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
 }
 
-/// The checkpoint of a mission that is over the deck in this state.
-fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
-    let header = Header::new(1, 1, 5, 9, at(t));
-    MissionCheckpoint {
-        header,
-        state: MissionState {
-            header,
-            state,
-            attempts: 1,
-            since: at(t - 1.0),
-            hold_position: [1.0, 2.0, -16.0],
-            ..MissionState::default()
-        },
-        landing: true,
-        started: at(t - 30.0),
-        mean_deck_z: Some(-1.3),
-        ..MissionCheckpoint::default()
-    }
-}
-
-/// State in which a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the
-/// deck; and why it rejected it.
-fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
-    for k in 0..100_u32 {
-        let t = at(10.0 + 0.01 * f64::from(k));
-        let z = -1.3 - drone.feet_below_m - height;
-        let input = MissionIn {
-            checkpoint,
-            ..fresh_input(k, t, [0.1, 0.0, z])
-        };
-        let out = m.step(t, &input);
-        if let Some(state) = out.state {
-            assert_eq!(out.checkpoint.map(|m| m.state), Some(state));
-            return (state, out.rejected);
-        }
-    }
-    panic!("no state for a second")
-}
-
-#[test]
-fn successor_with_a_checkpoint() {
-    for state in [
-        State::Idle,
-        State::GetAltitude,
-        State::Approach,
-        State::Tracking,
-        State::Descent,
-        State::Landed,
-        State::Hold,
-        State::GaveUp,
-    ] {
-        let (s, rejected) = begun(Some(checkpoint(state, 9.8)), 3.0);
-        let wanted = if state == State::Idle {
-            State::GetAltitude
-        } else {
-            state
-        };
-        assert_eq!((s.state, rejected), (wanted, None));
-        if matches!(state, State::Hold | State::GaveUp) {
-            // Over the deck it moves with that until it is as high.
-            assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
-        }
-    }
-    for (at_s, height, state) in [
-        (9.8, 0.5, State::Flare),
-        // The pilot has left the plan since: it begins again, but not from the deck.
-        (9.0, 0.5, State::Tracking),
-        (9.0, 0.05, State::Flare),
-    ] {
-        assert_eq!(begun(Some(checkpoint(State::Flare, at_s)), height).0.state, state);
-    }
-    assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
-}
-
-/// The pilot stopped the motors while no mission ran; the successor reads its set-point one step late.
-#[test]
-fn successor_after_the_pilot_stopped_the_motors() {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
-    for k in 0..10_u32 {
-        let t = at(10.0 + 0.01 * f64::from(k));
-        let mut input = fresh_input(k, t, [0.1, 0.0, -1.3 - drone.feet_below_m]);
-        input.checkpoint = Some(checkpoint(State::Flare, 9.9));
-        input.autopilot = input.autopilot.map(|a| AutopilotState { armed: false, ..a });
-        input.set_point = Some(SetPoint {
-            header: header(k, t),
-            motors: Motors::Stop,
-            ..SetPoint::default()
-        })
-        .filter(|_| k > 2);
-        m.step(t, &input);
-    }
-    assert_eq!(m.phase.state(), State::Landed);
-}
-
 #[test]
 fn standstill_in_the_flare() {
     for (height, still_s, wanted) in [
@@ -581,65 +484,6 @@ fn lapse_low_above_the_deck() {
 }
 
 #[test]
-fn successor_without_a_sound_checkpoint() {
-    let change = |f: fn(&mut MissionCheckpoint)| {
-        let mut m = checkpoint(State::Descent, 9.8);
-        f(&mut m);
-        Some(m)
-    };
-    use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
-    for (bad, why) in [
-        (None, None),
-        // The keeper has none.
-        (Some(MissionCheckpoint::default()), None),
-        (change(|m| m.header.version -= 1), Some(Version)),
-        (change(|m| m.state.header.version -= 1), Some(Damaged)),
-        (change(|m| m.header.drone = 2), Some(OtherDrone)),
-        (change(|m| m.header.at = at(4.0)), Some(Age)),
-        (change(|m| m.header.at = at(11.0)), Some(Age)),
-        (change(|m| m.state.hold_position[0] = f64::NAN), Some(Damaged)),
-        (change(|m| m.mean_deck_z = Some(f64::NAN)), Some(Damaged)),
-    ] {
-        let (s, rejected) = begun(bad, 1.0);
-        assert_eq!((s.state, rejected), (State::GaveUp, why), "{bad:?}");
-        assert_eq!(s.entered.code, ReasonCode::Restarted);
-        assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
-    }
-    // On the deck the pilot's evidence decides; away from it nothing happens.
-    assert_eq!(begun(None, 0.05).0.state, State::Flare);
-    assert_eq!(begun(None, 12.0).0.state, State::Idle);
-}
-
-#[test]
-fn abort_among_many_commands_to_a_successor() {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    for abort_at in [0, 15, 16, 29] {
-        let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
-        let mut entered = None;
-        for k in 0..100_u32 {
-            let t = at(10.0 + 0.01 * f64::from(k));
-            let kind = if k == abort_at {
-                CommandKind::Abort
-            } else {
-                CommandKind::Land
-            };
-            let input = MissionIn {
-                commands: (k < 30)
-                    .then(|| command(header(k + 1, t), kind))
-                    .into_iter()
-                    .collect(),
-                checkpoint: (k == 29).then(|| checkpoint(State::Tracking, 10.2)),
-                ..fresh_input(k, t, [0.1, 0.0, -8.3])
-            };
-            if let Some(state) = m.step(t, &input).state {
-                entered.get_or_insert(state.state);
-            }
-        }
-        assert_eq!(entered, Some(State::GaveUp), "abort as command {abort_at}");
-    }
-}
-
-#[test]
 fn mission_at_an_origin_reset() {
     let mut m = node();
     for k in 0..300_u32 {
@@ -668,136 +512,4 @@ fn mission_configuration() {
         .unwrap_err()
         .to_string();
     assert!(e.contains("tracking_height_m") && e.contains("40"), "{e}");
-}
-
-fn wild() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        4 => -20.0..20.0_f64,
-        2 => 0.0..1.0_f64,
-        1 => Just(f64::NAN),
-        1 => Just(f64::INFINITY),
-        1 => Just(-1e300),
-    ]
-}
-
-#[derive(Clone, Debug)]
-struct Blow {
-    mask: u8,
-    age_ms: i64,
-    position: [f64; 3],
-    drone: [f64; 3],
-    ages: [f64; 2],
-    sd: f64,
-    armed: bool,
-    mode: AutopilotMode,
-    stop: bool,
-    command: Option<CommandKind>,
-    battery: f64,
-    repeat: u8,
-}
-
-fn blow() -> impl Strategy<Value = Blow> {
-    let mode = prop_oneof![
-        6 => Just(AutopilotMode::Offboard),
-        1 => Just(AutopilotMode::Other),
-        1 => Just(AutopilotMode::Hold),
-    ];
-    let command = prop_oneof![
-        20 => Just(None),
-        4 => Just(Some(CommandKind::Land)),
-        1 => Just(Some(CommandKind::Abort)),
-        1 => Just(Some(CommandKind::Hold)),
-    ];
-    let deck = prop_oneof![4 => Just([0.0, 0.0, -1.3]), 1 => prop::array::uniform3(wild())];
-    let drone = prop_oneof![
-        2 => Just([0.0, 0.0, -16.3]),
-        3 => Just([0.1, 0.0, -8.3]),
-        3 => (0.0..3.0_f64).prop_map(|h| [0.1, 0.1, -1.6 - h]),
-        1 => prop::array::uniform3(wild()),
-    ];
-    let age = prop_oneof![3 => 0.0..0.4_f64, 1 => wild()];
-    (
-        (any::<u8>(), -200..800_i64, deck, drone),
-        (age.clone(), age, wild(), prop::bool::weighted(0.95), mode),
-        (prop::bool::weighted(0.02), command, wild(), 1..80_u8),
-    )
-        .prop_map(
-            |((mask, age_ms, position, drone), (a, b, sd, armed, mode), (stop, command, battery, repeat))| {
-                Blow {
-                    // Most inputs arrive most of the time.
-                    mask: mask | mask.rotate_left(3) | mask.rotate_left(5),
-                    age_ms: if age_ms < 600 { 0 } else { age_ms - 500 },
-                    position,
-                    drone,
-                    ages: [a, b],
-                    sd: if sd > 1.0 { 0.05 } else { sd },
-                    armed,
-                    mode,
-                    stop,
-                    command,
-                    battery,
-                    repeat,
-                }
-            },
-        )
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
-    #[test]
-    fn mission_random_input(blows in prop::collection::vec(blow(), 1..60)) {
-        let mut m = node();
-        let mut now = at(1.0);
-        let mut n = 0_u32;
-        let (mut followed, mut stop_at) = (false, None);
-        for b in &blows {
-            for r in 0..b.repeat {
-                n += 1;
-                now += Span::from_millis(10);
-                let then = now - Span::from_millis(b.age_ms);
-                let mut input = fresh_input(n, then, b.drone);
-                let f = input.forecast.as_mut().unwrap();
-                [f.radio_age_s, f.vision_age_s] = b.ages;
-                for s in f.stages.iter_mut() {
-                    s.position = b.position;
-                    s.position_sd = [b.sd.abs(); 3];
-                }
-                let a = input.autopilot.as_mut().unwrap();
-                (a.armed, a.mode, a.battery) = (b.armed, b.mode, Some(b.battery.abs().min(1.0)));
-                if b.mask & 1 == 0 { input.forecast = None }
-                if b.mask & 2 == 0 { input.drone = None }
-                if b.mask & 4 == 0 { input.autopilot = None }
-                if b.mask & 8 == 0 { input.plan = None }
-                if b.stop && b.mask & 16 != 0 {
-                    input.set_point = Some(SetPoint { header: header(n, then), motors: Motors::Stop, ..SetPoint::default() });
-                    stop_at = stop_at.max(Some(then));
-                }
-                if r == 0 {
-                    input.commands.extend(b.command.map(|kind| command(header(n, then), kind)));
-                }
-                let out = m.step(now, &input);
-                let state = m.phase.state();
-                // After a lapse of the link a drone that stands on the deck with its motors running finishes its
-                // landing.
-                let begins = |code| matches!(code, ReasonCode::Restarted | ReasonCode::GivenBack);
-                let stands = |s: &MissionState| begins(s.entered.code) && s.entered.value.abs() < 0.15;
-                followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);
-                if state == State::Idle { followed = false }
-                prop_assert!(state.phase() != Phase::Landing || followed, "landing without following");
-                if let Some(s) = out.state {
-                    prop_assert!(s.check().is_ok(), "{s:?}");
-                    if s.descent_mps > 0.0 {
-                        prop_assert!(m.forecast.fresh(now, topics::FORECAST.stale_after).is_some());
-                        prop_assert!(m.drone.fresh(now, topics::DRONE_STATE.stale_after).is_some());
-                        prop_assert!(m.autopilot.get().is_some_and(|a| a.armed));
-                        let detected = m.forecast.get().map_or(f64::INFINITY, |f| f.vision_age_s);
-                        prop_assert!(detected <= 13.0, "deck not detected: {detected}");
-                    }
-                    if s.state == State::Landed && s.previous != State::Landed && s.since == now {
-                        prop_assert!(stop_at.is_some_and(|t| now - t <= Span::from_millis(110)));
-                    }
-                }
-            }
-        }
-    }
 }

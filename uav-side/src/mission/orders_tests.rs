@@ -4,10 +4,11 @@ use alight_shared::msg::ReasonCode::{
     CompletesLanding, DuringTakeOff, KnownByBeacon, NotInControl, OnDeck, StillArmed, TakeOffOff,
     VesselTooFar,
 };
-use alight_shared::msg::{AutopilotMode, KeptStation, Station};
+use alight_shared::msg::{AutopilotMode, CommandKind, KeptStation, Station};
 use nalgebra::Vector3;
 
 use super::phase::{HoldCause, Search, climbing_out, gave_up, holding};
+use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
@@ -71,7 +72,7 @@ const ORDERS: [CommandKind; 6] = [
 ];
 
 /// Whether the order is fulfilled, as far as the drone is ours to command.
-fn is_done(order: CommandKind, before: &Progress, d: &Decision, s: &Situation) -> bool {
+fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situation) -> bool {
     let state = d.phase.state();
     match order {
         CommandKind::Land => d.progress.landing || d.waiting.code == CompletesLanding,
@@ -105,7 +106,7 @@ fn every_order_in_every_state() {
                     let idles = matches!(phase, MissionPhase::Idle | MissionPhase::GaveUp { .. });
                     let rests = matches!(phase, MissionPhase::Landed { .. });
                     let progress = if waits || idles || rests {
-                        Progress::default()
+                        MissionProgress::default()
                     } else {
                         wanted()
                     };
@@ -169,7 +170,7 @@ fn orders_that_are_rejected_with_their_reason() {
     ];
     for (phase, flight, order, why) in cases {
         let s = with(|s| s.flight = flight);
-        let d = decide(phase, Progress::default(), Some(order), &s, &config());
+        let d = decide(phase, MissionProgress::default(), Some(order), &s, &config());
         let rejected = d.progress.rejected.and_then(|r| r.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{order:?} in {phase:?}");
     }

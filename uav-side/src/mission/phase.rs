@@ -189,12 +189,12 @@ impl MissionPhase {
         }
     }
     /// Stays in this phase, waiting for `why`.
-    pub(super) fn stay(self, why: impl Into<Reason>) -> Transition {
-        Transition::Stay(self, why.into())
+    pub(super) fn stay(self, why: impl Into<Reason>) -> PhaseTransition {
+        PhaseTransition::Stay(self, why.into())
     }
     /// Goes to this phase for the reason `why`.
-    pub(super) fn enter(self, why: impl Into<Reason>) -> Transition {
-        Transition::Go(self, why.into())
+    pub(super) fn enter(self, why: impl Into<Reason>) -> PhaseTransition {
+        PhaseTransition::Go(self, why.into())
     }
     /// Whether the mission flies the drone.
     pub(super) const fn flies(&self) -> bool {
@@ -269,7 +269,7 @@ impl RejectedOrder {
 
 /// Progress that outlasts a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
+pub struct MissionProgress {
     /// A landing is wanted.
     pub landing: bool,
     /// Descents begun since the command.
@@ -304,7 +304,7 @@ pub struct Progress {
     pub rejected: Option<RejectedOrder>,
 }
 
-impl Progress {
+impl MissionProgress {
     /// Lands on the deck because the battery is low: within wider limits.
     pub(super) fn is_urgent(&self) -> bool {
         self.low_battery == Some(BatteryPlace::Deck)
@@ -312,7 +312,7 @@ impl Progress {
 }
 
 /// Next transition of a state.
-pub(super) enum Transition {
+pub(super) enum PhaseTransition {
     /// Stays, waiting for this.
     Stay(MissionPhase, Reason),
     /// Goes to that phase for this reason.
@@ -358,7 +358,7 @@ pub struct Decision {
     /// The phase from now on.
     pub phase: MissionPhase,
     /// Progress that is kept with it.
-    pub progress: Progress,
+    pub progress: MissionProgress,
     /// Why the state changed; None when it did not.
     pub entered: Option<Reason>,
     /// Why the next state is not entered yet.

@@ -11,7 +11,7 @@ use crate::mission_config::MissionConfig;
 
 /// The place that the mission asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Place {
+pub(super) struct Waypoint {
     /// Drone's NED, m.
     pub(super) at: Vector3<f64>,
     /// Heading, rad.
@@ -24,18 +24,18 @@ pub(super) struct Place {
     pub(super) offset: Option<[f64; 2]>,
 }
 
-impl Place {
+impl Waypoint {
     /// Place of this phase.
-    pub(super) fn of(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Place {
+    pub(super) fn of(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Waypoint {
         let (own, own_yaw) = s.own.map_or((Vector3::zeros(), 0.0), |o| (o.position, o.yaw));
-        let here = Place {
+        let here = Waypoint {
             at: own,
             yaw: own_yaw,
             height_m: s.approach_height_m(c),
             with_deck: false,
             offset: None,
         };
-        let held = |at, yaw, leaves| Place {
+        let held = |at, yaw, leaves| Waypoint {
             at,
             yaw,
             with_deck: moving_place(&at, s, leaves).0,
@@ -47,7 +47,7 @@ impl Place {
                 let z = s.mean_deck_z.map_or(own.z, |m| s.no_lower(m - here.height_m));
                 let at = Vector3::new(x, y, z);
                 let leaves = s.place.is_some() && moving_place(&at, s, false).0;
-                Place {
+                Waypoint {
                     at,
                     yaw: s.deck.filter(|_| !leaves).map_or(own_yaw, |d| d.bearing_rad),
                     with_deck: leaves,
@@ -59,38 +59,26 @@ impl Place {
                 yaw,
                 cause: HoldCause::Station(kept),
                 ..
-            } => Place {
+            } => Waypoint {
                 height_m: f64::from(kept.station.height_m),
                 offset: station::offset(&kept, &at, s, c),
                 ..held(at, yaw, false)
             },
-            MissionPhase::Hold { at, yaw, .. } => Place {
+            MissionPhase::Hold { at, yaw, .. } => Waypoint {
                 height_m: hold_height(s, c),
                 ..held(at, yaw, false)
             },
             MissionPhase::GaveUp { at, yaw } => held(at, yaw, true),
-            MissionPhase::ClimbOut { at, yaw, .. } => Place {
+            MissionPhase::ClimbOut { at, yaw, .. } => Waypoint {
                 offset: None,
                 ..held(at, yaw, true)
             },
-            MissionPhase::Approach { .. } => {
-                let waits = s.waits(c).is_some();
-                let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
-                Place {
-                    height_m: match (s.place, s.mean_deck_z) {
-                        (None, Some(mean)) if waits => mean - own.z,
-                        _ if above && !waits => c.approach_height_m,
-                        _ => here.height_m,
-                    },
-                    offset: s.waiting_offset().filter(|_| waits),
-                    ..here
-                }
-            }
+            MissionPhase::Approach { .. } => here.approaching(s, c),
             MissionPhase::Seek => {
                 let (at, yaw) = seek::place(s, c);
-                Place { at, yaw, ..here }
+                Waypoint { at, yaw, ..here }
             }
-            MissionPhase::Search(looks) => Place {
+            MissionPhase::Search(looks) => Waypoint {
                 height_m: search::height_m(c),
                 offset: s.fresh_deck().and_then(|d| looks.offset(d, c)),
                 ..here
@@ -105,10 +93,25 @@ impl Place {
             | MissionPhase::TrackingStable
             | MissionPhase::Descent { .. }
             | MissionPhase::Flare { .. }
-            | MissionPhase::Landed { .. } => Place {
+            | MissionPhase::Landed { .. } => Waypoint {
                 height_m: c.tracking_height_m,
                 ..here
             },
+        }
+    }
+
+    /// The place of an approach, from where the drone is: over the deck, or where it waits for it.
+    fn approaching(self, s: &Situation, c: &MissionConfig) -> Waypoint {
+        let waits = s.waits(c).is_some();
+        let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
+        Waypoint {
+            height_m: match (s.place, s.mean_deck_z) {
+                (None, Some(mean)) if waits => mean - self.at.z,
+                _ if above && !waits => c.approach_height_m,
+                _ => self.height_m,
+            },
+            offset: s.waiting_offset().filter(|_| waits),
+            ..self
         }
     }
 }

@@ -5,6 +5,7 @@ use alight_shared::msg::{Course, DeckGrant, Header, HelmState, HelmStatus};
 
 use State::{Descent, TrackingStable};
 
+use super::reservation::Promise;
 use super::tests::Does::{Enter, Stay};
 use super::tests::*;
 use super::*;

@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 
 use super::limits::CONTACT_CONFIRM_S;
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Search, Transition, gave_up, holding, lasting, too_far,
+    DroneTime, HoldCause, MissionPhase, PhaseTransition, Search, gave_up, holding, lasting, too_far,
 };
 use super::situation::{Deck, Situation};
 use crate::mission_config::MissionConfig;
@@ -105,7 +105,7 @@ pub(super) fn height_m(c: &MissionConfig) -> f64 {
 
 /// On its way by beacon alone, with the deck not detected: at the beacon's place the search begins; None: not there yet,
 /// or the vessel is received, or there is no beacon.
-pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
     if deck.distance_m > AT_BEACON_M {
         return None;
@@ -123,7 +123,7 @@ pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Tr
 }
 
 /// Search: until the tags are in sight, the vessel is received, or the pattern is at its end.
-pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stays = MissionPhase::Search(search);
     let Some(deck) = s.fresh_deck() else {
         return stays.stay(s.no_deck());
@@ -159,7 +159,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> Transi
 }
 
 /// The deck is in sight: followed once that has lasted, and nothing doubts its height.
-fn found(search: Search, s: &Situation) -> Transition {
+fn found(search: Search, s: &Situation) -> PhaseTransition {
     let (detected, lasted) = lasting(true, search.detected, s.now);
     let goes_on = MissionPhase::Search(Search {
         detected,

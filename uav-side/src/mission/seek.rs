@@ -7,8 +7,8 @@
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
 
-use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, Progress, Transition, old_data};
-use super::situation::{Seeks, Situation};
+use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTransition, old_data};
+use super::situation::{SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
 /// A hold for want of data is no place to wait further away than this, m.
@@ -17,25 +17,29 @@ pub(super) const FAR_M: f64 = 100.0;
 const ARRIVED_M: f64 = 10.0;
 
 /// Whether a drone that has to come back seeks its vessel: on a sortie, by odometry that is fresh, without a forecast.
-pub(super) fn due(progress: &Progress, s: &Situation) -> Option<Seeks> {
+pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
-    let near = |seeks: &Seeks| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
+    let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
     s.seeks.filter(|_| progress.sortie && without).filter(near)
 }
 
 /// Why it is on its way: how far, m, and how long the vessel has been silent, s.
-fn reason(seeks: &Seeks) -> Reason {
+fn reason(seeks: &SilentVessel) -> Reason {
     Reason::new(ReasonCode::SeeksVessel, seeks.offset.norm(), seeks.silent_s)
 }
 
 /// Sets out for it.
-pub(super) fn sets_out(progress: &mut Progress, seeks: &Seeks, s: &Situation) -> Transition {
+pub(super) fn sets_out(
+    progress: &mut MissionProgress,
+    seeks: &SilentVessel,
+    s: &Situation,
+) -> PhaseTransition {
     progress.started = s.now;
     MissionPhase::Seek.enter(reason(seeks))
 }
 
 /// Seek: until the vessel is received.
-pub(super) fn seek(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if s.fresh_deck().is_some() {
         progress.started = s.now;
         let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());

@@ -1,9 +1,10 @@
 //! Settings of the mission by a ground station, and state of an idle mission that outlives its process.
 
-use alight_shared::msg::LandingMode;
+use alight_shared::msg::{CommandKind, LandingMode};
 
 use super::node_tests::{fresh_input, node};
-use super::tests::{DroneTime, at, config};
+use super::phase::DroneTime;
+use super::tests::{at, config};
 use super::*;
 use crate::fixtures::{command, header};
 
@@ -29,7 +30,7 @@ fn disarmed(t: f64) -> MissionIn {
     input
 }
 /// The mission's settings after this input.
-fn after(m: &mut Mission, t: f64, input: &MissionIn) -> MissionState {
+fn after(m: &mut MissionNode, t: f64, input: &MissionIn) -> MissionState {
     m.step(at(t), input).state.unwrap()
 }
 
@@ -123,9 +124,9 @@ fn settings_while_armed_or_ordered_to_land() {
 }
 
 /// The first state of a mission that takes the place of one that left this checkpoint.
-fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (Mission, MissionState) {
+fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (MissionNode, MissionState) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
+    let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
     let input = MissionIn {
         checkpoint: Some(checkpoint),
         ..input

@@ -3,19 +3,18 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Course, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState,
-    HelmState, LandedState, LandingMode, OwnMission, PLACES, Reason, ReasonCode, VesselLevel,
-    WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, Course, DeckForecast, DeckStage, DroneState, LandedState, LandingMode,
+    OwnMission, PLACES, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::topics;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::lift_off::Moments;
 use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
-use crate::contingency::Ends;
+use super::reservation::{Promise, Reservation};
+use crate::contingency::ContactOutcomes;
 use crate::mission_config::MissionConfig;
-use crate::standing::Standing;
+use crate::standing::StandingVerdict;
 use crate::surroundings::ring_m;
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{Odds, Staying};
@@ -59,108 +58,6 @@ impl ControlState {
                 _,
             ) => ControlState::OtherControl(m),
         }
-    }
-}
-
-/// Who has the deck by the vessel's newest grant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Reservation {
-    /// No reservation is made: one drone, one deck.
-    NotNeeded,
-    /// Ours.
-    Ours,
-    /// That drone's; 0: free; [`DECK_CLOSED`]: closed.
-    Others(u32),
-    /// The newest grant is this old, s.
-    Unknown(f64),
-}
-
-impl Reservation {
-    /// From the newest grant; `own` is our number.
-    pub fn of(
-        grant: Option<&DeckGrant<DroneClock>>,
-        own: u32,
-        now: Time<DroneClock>,
-        config: &MissionConfig,
-    ) -> Self {
-        let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
-        let fresh = age_s <= topics::DECK.stale_after.secs();
-        // A deck that is closed is closed to everybody.
-        let closed = grant.is_some_and(|g| fresh && g.owner == DECK_CLOSED);
-        if !config.reservation_required && !closed {
-            return Reservation::NotNeeded;
-        }
-        match grant {
-            Some(g) if fresh => {
-                if g.owner == own && !matches!(own, 0 | DECK_CLOSED) {
-                    Reservation::Ours
-                } else {
-                    Reservation::Others(g.owner)
-                }
-            }
-            Some(_) | None => Reservation::Unknown(age_s),
-        }
-    }
-    /// Why no descent may begin.
-    pub fn rejection(self) -> Option<Reason> {
-        match self {
-            Reservation::NotNeeded | Reservation::Ours => None,
-            Reservation::Others(holder) => {
-                Some(Reason::new(ReasonCode::DeckReserved, f64::from(holder), 0.0))
-            }
-            Reservation::Unknown(age_s) => Some(Reason::new(
-                ReasonCode::DeckGrantStale,
-                age_s,
-                topics::DECK.stale_after.secs(),
-            )),
-        }
-    }
-    /// Why a descent that has begun is broken off. A silent radio is not a reason, since the vessel keeps
-    /// the deck for us for longer than a descent takes.
-    pub fn lost(self) -> Option<Reason> {
-        match self {
-            Reservation::Others(holder) if holder != 0 => self.rejection(),
-            Reservation::Others(_) | Reservation::NotNeeded | Reservation::Ours | Reservation::Unknown(_) => {
-                None
-            }
-        }
-    }
-}
-
-/// Vessel's course as the helm states it at `now`. A promise lasts as long as it was given for, whether or not it is
-/// repeated; a turn that is not repeated is not known any more.
-pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
-    let Some(grant) = grant else {
-        return Course::Unknown;
-    };
-    let age = now - grant.header.at;
-    match grant.course {
-        Course::Turning if age > topics::DECK.stale_after => Course::Unknown,
-        course @ (Course::Unknown | Course::Steady(_) | Course::Turning) => course.after(age.secs()),
-    }
-}
-
-/// A steady course that the vessel's helm turns to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Promise {
-    /// Heading, rad from north.
-    pub heading_rad: f64,
-    /// The vessel is steady on it in so long, s.
-    pub steady_in_s: f64,
-    /// Probability of a landing then, 0 to 1.
-    pub likelihood: f64,
-}
-
-impl Promise {
-    /// The promise of the newest grant at `now`; None when it is not repeated.
-    pub fn of(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Option<Promise> {
-        let grant = grant.filter(|g| now - g.header.at <= topics::DECK.stale_after)?;
-        let (helm, age_s) = (&grant.helm, (now - grant.header.at).secs());
-        (helm.state == HelmState::Agreed).then(|| Promise {
-            heading_rad: helm.heading_rad.into(),
-            steady_in_s: (f64::from(helm.steady_in_s) - age_s).max(0.0),
-            likelihood: helm.likelihood.into(),
-        })
     }
 }
 
@@ -242,7 +139,7 @@ pub struct Deck {
     /// Two witnesses of its place or height contradict each other.
     pub contradicted: Option<Reason>,
     /// Outcomes of the landing, completed, and of a climb from now on; None above the commit clearance.
-    pub ends: Option<Ends>,
+    pub ends: Option<ContactOutcomes>,
 }
 
 /// The rangefinder and the camera may disagree about the height by this many standard deviations of both, root mean square over
@@ -321,7 +218,7 @@ impl Deck {
                 .filter(|_| config.least_vessel <= VesselLevel::Beacon),
             contradicted: contradicted(forecast),
             ends: (clearance_m < config.commit_clearance_m)
-                .then(|| Ends::predict(now, forecast, &own.position, &own.velocity, drone))
+                .then(|| ContactOutcomes::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
         })
     }
@@ -381,7 +278,7 @@ pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
 
 /// A vessel that was received, where its last velocity has brought it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seeks {
+pub struct SilentVessel {
     /// From the drone, north and east, m.
     pub offset: Vector2<f64>,
     /// Not received for so long, s.
@@ -473,7 +370,7 @@ pub struct Situation {
     /// The charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
     /// Expected place of a vessel that was received before.
-    pub seeks: Option<Seeks>,
+    pub seeks: Option<SilentVessel>,
     /// Why a drone on a sortie turns back now.
     pub turns_back: Option<Reason>,
     /// Whether the autopilot flies its own mission, or has flown all of it.
@@ -487,7 +384,7 @@ pub struct Situation {
     /// All of that was measured.
     pub rise_measured: bool,
     /// Whether it stands, while it spins up or stands down.
-    pub(crate) standing: Standing,
+    pub(crate) standing: StandingVerdict,
     /// It has not been witnessed to stand for so long, s.
     pub unwitnessed_s: f64,
     /// Time for which its rotors have turned by the autopilot's report, s.

@@ -14,8 +14,8 @@ use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCod
 use nalgebra::Vector2;
 
 use super::phase::DroneTime;
-use super::situation::{Seeks, Situation};
-use super::{Mission, WIND_SD_MPS};
+use super::situation::{SilentVessel, Situation};
+use super::{MissionNode, WIND_SD_MPS};
 
 /// Longer ways are as good as none, s.
 const MAX_WAY_S: f64 = 3600.0;
@@ -73,28 +73,28 @@ fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
 }
 
 /// From the drone to the place of `vessel` at `now`: where its last velocity has brought it.
-fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> Seeks {
+fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVessel {
     let velocity = Vector2::from(vessel.velocity);
     let silent_s = (now - vessel.at).secs().max(0.0);
     let place: Vector<DroneNed> = drone.datum.to(&vessel.place);
     let there = place.0.xy() + drone.datum_offset().xy() + velocity * silent_s;
-    Seeks {
+    SilentVessel {
         offset: there - drone.position().xy(),
         silent_s,
     }
 }
 
 /// Offset with the margin of a vessel that is not received, and its velocity.
-fn towards(vessel: &LastVessel, seeks: &Seeks) -> (Vector2<f64>, Vector2<f64>) {
+fn towards(vessel: &LastVessel, seeks: &SilentVessel) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
-    let Seeks { offset, silent_s } = *seeks;
+    let SilentVessel { offset, silent_s } = *seeks;
     let away = offset.try_normalize(1e-3).unwrap_or(Vector2::x());
     (offset + away * margin_m(velocity.norm(), silent_s), velocity)
 }
 
 /// The way back to the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Way {
+pub(super) struct ReturnLeg {
     /// From the drone to the deck, m.
     pub(super) offset: Vector2<f64>,
     /// The vessel's velocity, m/s.
@@ -105,7 +105,7 @@ pub(super) struct Way {
     pub(super) air_mps: f64,
 }
 
-impl Way {
+impl ReturnLeg {
     /// Time until the drone meets the vessel if it turns after `stays_s`, s; [`MAX_WAY_S`] where it does not catch up.
     fn time_s(&self, stays_s: f64) -> f64 {
         let r = self.offset + self.vessel * stays_s;
@@ -150,11 +150,11 @@ pub(super) struct Energy {
 
 impl Energy {
     /// The charge at which a drone that stays for `stays_s` more has to turn, 0 to 1.
-    fn needed(&self, way: &Way, stays_s: f64) -> f64 {
+    fn needed(&self, way: &ReturnLeg, stays_s: f64) -> f64 {
         self.reserve + self.power * (way.time_s(stays_s) + self.attempt_s)
     }
     /// Time until it turns, s; 0 where it has to turn now.
-    pub(super) fn turns_in_s(&self, way: &Way) -> f64 {
+    pub(super) fn turns_in_s(&self, way: &ReturnLeg) -> f64 {
         let left = |t: f64| self.charge - self.power * t - self.needed(way, t);
         if !(left(0.0) > 0.0) {
             return 0.0;
@@ -171,13 +171,13 @@ impl Energy {
         low
     }
     /// Why it turns now.
-    pub(super) fn turns_back(&self, way: &Way) -> Option<Reason> {
+    pub(super) fn turns_back(&self, way: &ReturnLeg) -> Option<Reason> {
         let needed = self.needed(way, 0.0);
         (!(self.charge > needed)).then(|| Reason::new(ReasonCode::TurnsBack, self.charge, needed.min(1.0)))
     }
 }
 
-impl Mission {
+impl MissionNode {
     /// Judges how long a drone on a sortie may stay away.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
@@ -192,7 +192,7 @@ impl Mission {
         };
         let (offset, velocity) = towards(last, seeks);
         let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
-        let way = Way {
+        let way = ReturnLeg {
             offset,
             vessel: velocity,
             wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
@@ -211,8 +211,8 @@ mod tests {
     use alight_shared::time::Time;
     use proptest::prelude::*;
 
-    fn way(offset: [f64; 2], vessel: [f64; 2], wind: [f64; 2]) -> Way {
-        Way {
+    fn way(offset: [f64; 2], vessel: [f64; 2], wind: [f64; 2]) -> ReturnLeg {
+        ReturnLeg {
             offset: offset.into(),
             vessel: vessel.into(),
             wind: wind.into(),

@@ -1,39 +1,42 @@
 //! State table: one function per state, with its conditions and transitions.
 
+mod descent;
+
 use alight_shared::landing::Odds;
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, Commanded, CourseEnds, Descending, DescendingTo, Deviated, FlareHeight, Flaring,
-    HeightReached, HelmTurns, InSight, Matched, Matching, Missed, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TiltExcess, TooFar, TooFast, TooNear, VesselTurns, VisionLost,
+    ArmedAgain, Commanded, CourseEnds, HeightReached, HelmTurns, InSight, NoPlace, NoPlan, NoVessel,
+    NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered,
+    Steady, Swings, TagsInSight, TooFar, TooFast, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
 use super::limits::{
-    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, LOST_OUTSIDE_M, ORDER_WAITS_S, RECOVER_S,
-    RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M,
+    STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
 };
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
-    moving_place, old_data, too_far,
+    DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, held_place, holding,
+    lasting, moving_place, old_data, too_far,
 };
+use super::reservation::Reservation;
 use super::search;
 use super::seek;
-use super::situation::{ControlState, Deck, Reservation, Seeks, Situation};
+use super::situation::{ControlState, Deck, SilentVessel, Situation};
 use super::station;
 use super::take_off;
 use super::turnaround;
 use super::waiting::promised;
 use crate::mission_config::MissionConfig;
+use descent::{descent, flare};
 
 /// What the state of `phase` does in this situation.
 pub(super) fn step(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     match phase {
         MissionPhase::Idle => idle(progress, s, c),
         MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
@@ -86,7 +89,7 @@ pub(super) fn step(
 }
 
 /// Why an order to land that has not begun ends: it has waited for too long, or its flight is over.
-fn order_expired(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let over = progress.armed && s.flight == ControlState::Disarmed;
     progress.armed |= !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
     let limit_s = if s.flight == ControlState::Ours {
@@ -102,14 +105,14 @@ fn order_expired(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> O
 pub(super) const FOR_OPERATOR: f64 = 0.25;
 
 /// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
-fn stopped_low(progress: &Progress, s: &Situation) -> Option<Reason> {
+fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
     let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
     Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
 /// Idle: waits for command, flight and the vessel's state by radio.
-fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
         return turnaround::stands(idle, progress, s, c);
@@ -183,7 +186,7 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
 }
 
 /// Get altitude: until the approach height is reached.
-fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition {
+fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
     };
@@ -203,13 +206,13 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition 
 }
 
 /// Straight up to the height of its waiting place, with the deck while it is over it.
-fn leave(s: &Situation, why: Reason) -> Transition {
+fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
     MissionPhase::GetAltitude { from }.enter(why)
 }
 
 /// Approach: to its waiting place until the deck is its own, then until visual contact is confirmed.
-fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(s.no_deck());
     };
@@ -261,7 +264,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
 }
 
 /// The deck is another's, or closed: a drone that has a waiting place leaves for it.
-fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<Transition> {
+fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = s
         .waits(c)
         .filter(|_| matches!(s.reservation, Reservation::Others(_)))?;
@@ -269,7 +272,7 @@ fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<Transition> {
 }
 
 /// Vision lost in a state that follows the vessel by vision: radio or beacon leads back to it, or nothing.
-fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
     let next = if deck.radio_age_s <= c.radio_fresh_s || deck.beacon.is_some() {
         MissionPhase::APPROACH
@@ -280,7 +283,7 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transiti
 }
 
 /// Why a deck is followed no longer at the tracking height: not seen, another's, or of a height in doubt.
-fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let doubted = || s.doubt.map(|why| MissionPhase::APPROACH.enter(why));
     vision_lost(deck, s, c)
         .or_else(|| deck_lost(s, c))
@@ -288,16 +291,16 @@ fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transit
 }
 
 /// What was steady, or feasible, stays so within limits this much wider.
-const WIDER: f64 = 1.5;
+const HYSTERESIS: f64 = 1.5;
 
 /// Factor on the limits of a landing: an empty battery leaves no other place.
-fn widening(progress: &Progress) -> f64 {
-    if progress.is_urgent() { WIDER } else { 1.0 }
+fn widening(progress: &MissionProgress) -> f64 {
+    if progress.is_urgent() { HYSTERESIS } else { 1.0 }
 }
 
 /// Why the landing is not as likely to succeed as is `needed`, or its contact likelier to be unsafe than `max_harm`; an empty
 /// battery leaves no other place.
-fn unlikely(progress: &Progress, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
+fn unlikely(progress: &MissionProgress, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if progress.is_urgent() || s.forced_descent.is_some() {
         return None;
     }
@@ -308,7 +311,12 @@ fn unlikely(progress: &Progress, s: &Situation, needed: f64, max_harm: f64) -> O
 }
 
 /// Tracking: until stably above the deck.
-fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &MissionConfig) -> Transition {
+fn tracking(
+    steady: Option<DroneTime>,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> PhaseTransition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::TRACKING.stay(s.no_deck());
     };
@@ -326,7 +334,7 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
 }
 
 /// Tracking stable: until the descent's conditions hold.
-fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stable = MissionPhase::TrackingStable;
     let Some(deck) = s.fresh_deck() else {
         return stable.stay(s.no_deck());
@@ -335,7 +343,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         return lost;
     }
     let wide = widening(progress);
-    if let Some(why) = unsteady(deck, s, c, WIDER * wide) {
+    if let Some(why) = unsteady(deck, s, c, HYSTERESIS * wide) {
         return MissionPhase::TRACKING.enter(why);
     }
     if s.flight != ControlState::Ours {
@@ -371,7 +379,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     // After a hard contact no further attempt is made.
     let spent = progress.attempts > 0 && s.hard_contact_mps.is_some();
     if spent || progress.attempts >= c.max_attempts {
-        return Transition::BreakOff(Reason::default());
+        return PhaseTransition::BreakOff(Reason::default());
     }
     progress.attempts += 1;
     MissionPhase::DESCENT.enter(Permitted)
@@ -399,180 +407,15 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
     }
 }
 
-/// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
-fn withdrawn(progress: &Progress, s: &Situation) -> Option<Reason> {
-    let turns = s.course == Course::Turning && s.promise.is_none() && !progress.is_urgent();
-    (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
-}
-
 /// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
 /// which a contact is harmful, 5 deg rms.
 const MAX_SWING_RAD: f64 = 0.087;
 
 /// Two witnesses of the deck contradict each other: no landing, unless the battery decides.
-fn contradicted(deck: &Deck, progress: &Progress) -> Option<Reason> {
+fn contradicted(deck: &Deck, progress: &MissionProgress) -> Option<Reason> {
     deck.contradicted.filter(|_| !progress.is_urgent())
 }
 
-/// What forbids the flare at the decision clearance.
-fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
-    first_beyond([
-        (
-            VisionLost,
-            deck.vision_age_s.min(deck.radio_age_s),
-            c.vision_fresh_s,
-        ),
-        (VisionLost, deck.vision_age_s, c.descent_vision_s),
-    ])
-}
-
-/// A descent leaves the cone above the deck that is so wide at no clearance, m, and this much wider per metre.
-const CONE_M: f64 = 1.0;
-const CONE_SLOPE: f64 = 0.3;
-/// Going up and coming down again takes so long, s, and ends in a harmful contact so seldom: a landing goes on that is less
-/// likely than it had to be by what both cost.
-const REPEAT_S: f64 = 30.0;
-const REPEAT_RISK: f64 = 0.02;
-
-/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
-fn violation(
-    deck: &Deck,
-    progress: &Progress,
-    s: &Situation,
-    c: &MissionConfig,
-    blind_s: f64,
-) -> Option<Reason> {
-    let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
-    let needed = c.min_probability - REPEAT_S * c.waiting_cost_per_s() - REPEAT_RISK;
-    exceeds(VisionLost, deck.vision_age_s, blind_s)
-        .or(s.doubt)
-        .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck.infeasible(c, WIDER * widening(progress)))
-        .or_else(|| exceeds(Swings, s.swing_rad, WIDER * MAX_SWING_RAD))
-        .or_else(|| contradicted(deck, progress))
-        .or_else(|| unlikely(progress, s, needed, c.max_harm + REPEAT_RISK))
-        .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
-}
-
-/// An autopilot that keeps the attitude tilts less than this beyond what is commanded, rad: 10 deg; landings reach 2.
-const MAX_TILT_EXCESS_RAD: f64 = 0.175;
-/// Below this clearance the deck may tilt a drone that touches it, m: the forecast's error.
-const MAY_TOUCH_M: f64 = 0.3;
-
-/// The attitude is being lost: more thrust, as a climb takes, gives the rotors their torque back.
-fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
-    exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
-}
-
-/// Descent: until the flare; an unmet condition of the flare pauses it at the decision clearance.
-fn descent(
-    violated: Option<DroneTime>,
-    paused: Option<DroneTime>,
-    progress: &Progress,
-    s: &Situation,
-    c: &MissionConfig,
-) -> Transition {
-    let Some(deck) = s.fresh_deck() else {
-        return Transition::BreakOff(s.no_deck());
-    };
-    if let Some(why) = attitude_lost(deck, s) {
-        return Transition::BreakOff(why);
-    }
-    let violation = violation(deck, progress, s, c, c.descent_vision_s);
-    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
-    let close = deck.clearance_m < c.commit_clearance_m;
-    // Below the commit clearance going on is safer than breaking off, while the deck is below.
-    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
-        return Transition::BreakOff(why);
-    }
-    if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
-        return Transition::BreakOff(why);
-    }
-    if let Some(why) = withdrawn(progress, s).filter(|_| !close) {
-        return Transition::BreakOff(why);
-    }
-    if let Some(lowest_m) = c.lowest_plan_m() {
-        return matching(lowest_m, violated, paused, deck, violation, s, c);
-    }
-    let rejection = not_ready_to_flare(deck, c);
-    if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
-        let flare = MissionPhase::Flare {
-            committed: close,
-            violated: None,
-        };
-        return flare.enter(Reason::new(FlareHeight, deck.clearance_m, c.flare_clearance_m));
-    }
-    let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
-    let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
-    if let Some(why) = stopped.filter(|_| waited > DECISION_TIMEOUT_S) {
-        return Transition::BreakOff(why);
-    }
-    let sinking = Reason::new(Descending, deck.clearance_m, c.flare_clearance_m);
-    MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
-}
-
-/// No further above the lowest plan than this it follows the deck there, m: what is left of the heave.
-const MATCHED_WITHIN_M: f64 = 0.5;
-
-/// The end of a descent that does not land: with the deck at the lowest plan since `matched`, then up.
-fn matching(
-    lowest_m: f64,
-    violated: Option<DroneTime>,
-    matched: Option<DroneTime>,
-    deck: &Deck,
-    violation: Option<Reason>,
-    s: &Situation,
-    c: &MissionConfig,
-) -> Transition {
-    if deck.clearance_m < c.lowest_clearance_m {
-        let why = Reason::new(TooNear, deck.clearance_m, c.lowest_clearance_m);
-        return Transition::BreakOff(why);
-    }
-    let there = deck.clearance_m < lowest_m + MATCHED_WITHIN_M;
-    let (paused, lasted) = lasting(there, matched, s.now);
-    if lasted >= c.match_s {
-        return gave_up(s, c).enter(Reason::new(Matched, c.lowest_clearance_m, c.match_s));
-    }
-    let waits = if there {
-        Reason::new(Matching, lasted, c.match_s)
-    } else {
-        Reason::new(DescendingTo, deck.clearance_m, lowest_m)
-    };
-    MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
-}
-
-/// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
-/// committed.
-fn flare(
-    committed: bool,
-    violated: Option<DroneTime>,
-    progress: &Progress,
-    s: &Situation,
-    c: &MissionConfig,
-) -> Transition {
-    let Some(deck) = s.fresh_deck() else {
-        return Transition::BreakOff(s.no_deck());
-    };
-    // The deck may fall away again: half a metre above the commit clearance there is time to judge.
-    let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
-    let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
-        exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
-    });
-    let hard = hard.or_else(|| attitude_lost(deck, s));
-    if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
-        return Transition::BreakOff(why);
-    }
-    let violation = violation(deck, progress, s, c, blind_limit(deck));
-    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
-    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !committed) {
-        return Transition::BreakOff(why);
-    }
-    let sinking = Reason::new(Flaring, deck.clearance_m, 0.0);
-    MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
-}
-
-/// A condition has to be violated for so long before a landing is broken off, s: several messages.
-const VIOLATION_S: f64 = 0.3;
 /// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still reports
 /// where the vessel is.
 const BLIND_S: f64 = 2.5;
@@ -597,10 +440,10 @@ const AIRBORNE_S: f64 = 1.0;
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     progress.landing = false;
     // The pilot no longer stands by the touchdown that it found.
     if let Some(why) = s
@@ -640,10 +483,10 @@ fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,
     fresh: Option<DroneTime>,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     if let HoldCause::Station(kept) = cause {
         return station::keeps(hold(None), &kept, s, c);
     }
@@ -658,7 +501,7 @@ fn held(
     if s.flight == ControlState::Unknown {
         return hold(None).stay(NotFlying);
     }
-    let far = |seeks: &Seeks| s.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
+    let far = |seeks: &SilentVessel| s.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
     if let Some(seeks) = seek::due(progress, s).filter(far) {
         return seek::sets_out(progress, &seeks, s);
     }

@@ -17,9 +17,11 @@ use nalgebra::Vector3;
 
 use super::limits::exceeds;
 use super::phase::{
-    HoldCause, MissionPhase, Progress, RejectedOrder, Transition, holding, moving_place, old_data, too_far,
+    HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, holding, moving_place,
+    old_data, too_far,
 };
-use super::situation::{ControlState, Reservation, Situation};
+use super::reservation::Reservation;
+use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
 /// Why the place cannot be kept, by the vessel's surroundings and other drones.
@@ -62,7 +64,7 @@ fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
 fn rejected(
     phase: MissionPhase,
     station: &Station,
-    progress: &Progress,
+    progress: &MissionProgress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Reason> {
@@ -91,11 +93,11 @@ fn rejected(
 /// An operator orders a station: to it, or on with what the drone does, and why.
 pub(super) fn commanded(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     station: Station,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     let station = station.of_approach(c.approach_height_m);
     if let Some(why) = rejected(phase, &station, progress, s, c) {
         progress.rejected = Some(RejectedOrder { at: s.now, why });
@@ -132,7 +134,12 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
 
 /// On its station in `phase`: until the time is over or the place impossible. Without the vessel it stays over ground, and goes on
 /// to its station once the vessel is back. What an order, the battery or a mode end is ended before.
-pub(super) fn keeps(phase: MissionPhase, kept: &KeptStation, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn keeps(
+    phase: MissionPhase,
+    kept: &KeptStation,
+    s: &Situation,
+    c: &MissionConfig,
+) -> PhaseTransition {
     let over = (s.now >= kept.until).then(|| StationOver.into());
     let far = || s.fresh_deck().and_then(|deck| too_far(deck, c));
     let ends = over.or_else(|| impossible(&kept.station, s, c)).or_else(far);

@@ -4,10 +4,12 @@ use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
     StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
 };
-use alight_shared::msg::{AutopilotMode, Station};
+use alight_shared::msg::{AutopilotMode, CommandKind, Station};
 use nalgebra::Vector3;
 
 use super::phase::{HoldCause, gave_up, holding};
+use super::reservation::Reservation;
+use super::situation::OwnState;
 use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with};
 use super::*;
 
@@ -67,7 +69,7 @@ fn station_is_taken_in_the_air() {
 fn station_in_the_frame_of_the_heading() {
     let d = on_station();
     // Low over the vessel it climbs first.
-    let place = Place::of(d.phase, &flying(|_| ()), &config());
+    let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
     // To starboard of a vessel that heads east is south, and the way there leads round it from where the drone is.
@@ -76,7 +78,7 @@ fn station_in_the_frame_of_the_heading() {
         let deck = s.deck.as_mut().unwrap();
         (deck.distance_m, deck.bearing_rad) = (20.0, 0.0);
     });
-    let place = Place::of(d.phase, &abeam, &config());
+    let place = Waypoint::of(d.phase, &abeam, &config());
     let [north, east] = place.offset.unwrap();
     assert!((north + 20.0).abs() < 1e-9 && east.abs() < 1e-9, "{place:?}");
     assert!(!place.with_deck && place.height_m == 15.0, "{place:?}");
@@ -133,12 +135,12 @@ fn station_refused_with_its_reason() {
         // The eighth place is at 71 m, the first at 15 m.
         s.others.reverse();
         let order = CommandKind::Station(station);
-        let d = decide(phase, Progress::default(), Some(order), &s, &shared);
+        let d = decide(phase, MissionProgress::default(), Some(order), &s, &shared);
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
         // The link arms, and ends a mission of the autopilot's, by what is waited for: that is as without the order.
-        let without = decide(phase, Progress::default(), None, &s, &shared);
+        let without = decide(phase, MissionProgress::default(), None, &s, &shared);
         assert_eq!(
             (d.phase.state(), d.waiting),
             (without.phase.state(), without.waiting)
@@ -164,7 +166,7 @@ fn station_of_another_drone() {
     for (other_m, height_m, taken) in [(30, 30, true), (34, 30, true), (35, 30, false), (0, 30, false)] {
         let d = decide(
             TRACKING,
-            Progress::default(),
+            MissionProgress::default(),
             Some(order(height_m)),
             &flies(other_m),
             &shared,
@@ -181,7 +183,13 @@ fn station_of_another_drone() {
         }),
         ..flies(other_m)
     };
-    let kept = decide(TRACKING, Progress::default(), Some(order(30)), &high(0), &shared);
+    let kept = decide(
+        TRACKING,
+        MissionProgress::default(),
+        Some(order(30)),
+        &high(0),
+        &shared,
+    );
     for command in [None, Some(CommandKind::Hold), Some(CommandKind::Abort)] {
         let other_m = if command.is_none() { 30 } else { 0 };
         let d = decide(kept.phase, kept.progress, command, &high(other_m), &shared);
@@ -196,7 +204,13 @@ fn station_of_another_drone() {
         place: None,
         ..flies(0)
     };
-    let d = decide(TRACKING, Progress::default(), Some(order(30)), &none, &shared);
+    let d = decide(
+        TRACKING,
+        MissionProgress::default(),
+        Some(order(30)),
+        &none,
+        &shared,
+    );
     assert_eq!(d.progress.rejected.map(|order| order.why.code), Some(NoPlace));
 }
 
@@ -204,7 +218,13 @@ fn station_of_another_drone() {
 fn refusal_is_shown_and_forgotten() {
     let low = CommandKind::Station(Station { height_m: 5, ..ABEAM });
     let hold = holding(HoldCause::Operator, &flying(|_| ()), &config());
-    let d = decide(hold, Progress::default(), Some(low), &flying(|_| ()), &config());
+    let d = decide(
+        hold,
+        MissionProgress::default(),
+        Some(low),
+        &flying(|_| ()),
+        &config(),
+    );
     let shown = |d: &Decision, s: &Situation| d.progress.rejected.and_then(|order| order.shown(s.now));
     assert_eq!(d.phase.station(), None);
     assert_eq!(
@@ -212,7 +232,7 @@ fn refusal_is_shown_and_forgotten() {
         Some(StationTooLow)
     );
     // What it waits for is what others go by.
-    let without = decide(hold, Progress::default(), None, &flying(|_| ()), &config());
+    let without = decide(hold, MissionProgress::default(), None, &flying(|_| ()), &config());
     assert_eq!(d.waiting, without.waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
     assert_eq!(shown(&step(&d, &later), &later), None);
@@ -263,7 +283,7 @@ fn station_after_a_silence() {
         let deck = s.deck.as_mut().unwrap();
         (deck.distance_m, deck.bearing_rad) = (20.0, 0.0);
     };
-    let offset = |d: &Decision, s: &Situation| Place::of(d.phase, s, &config()).offset;
+    let offset = |d: &Decision, s: &Situation| Waypoint::of(d.phase, s, &config()).offset;
     let mut d = step(&on_station(), &flying(high));
     assert!(offset(&d, &flying(high)).is_some());
     let silences: [fn(&mut Situation); 2] = [|s| radio_age(s, 8.0), |s| s.forecast_age_s = 6.0];
@@ -275,7 +295,7 @@ fn station_after_a_silence() {
         d = step(&d, &silent);
         assert!(d.phase.station().is_some() && d.entered.is_none());
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
-        let place = Place::of(d.phase, &silent, &config());
+        let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
         // The radio is back, and the vessel 490 m on.
         let back = flying(|s| {

@@ -19,13 +19,15 @@ use alight_shared::topics;
 
 use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, climbing_out, holding, moving_place, old_data,
+    DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, climbing_out, holding,
+    moving_place, old_data,
 };
-use super::situation::{ControlState, Promise, Situation};
+use super::reservation::Promise;
+use super::situation::{ControlState, Situation};
 use super::turnaround;
 use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
 use crate::mission_config::MissionConfig;
-use crate::standing::{Standing, WITNESSED_WITHIN_S};
+use crate::standing::{StandingVerdict, WITNESSED_WITHIN_S};
 
 /// People aboard see the countdown for so long before the motors start, s.
 const COUNTDOWN_S: f64 = 5.0;
@@ -69,10 +71,10 @@ pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: 
 /// Transition on an order to take off.
 pub(super) fn commanded(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     let rests = matches!(
         phase,
         MissionPhase::Idle | MissionPhase::Landed { disarmed: true, .. }
@@ -89,10 +91,10 @@ pub(super) fn commanded(
     if s.flight != ControlState::Disarmed {
         return Some(phase.enter(NotOnDeck));
     }
-    *progress = Progress {
+    *progress = MissionProgress {
         started: s.now,
         cycles: progress.cycles.begun(c),
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     Some(MissionPhase::Preparing.enter(TakeOffCommanded))
 }
@@ -103,7 +105,7 @@ pub(super) fn stopped(
     s: &Situation,
     c: &MissionConfig,
     why: impl Into<Reason>,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     match phase {
         MissionPhase::Preparing | MissionPhase::Countdown { .. } => Some(stop(s, why)),
         MissionPhase::SpinUp { .. } => Some(cut(s, c, why)),
@@ -143,13 +145,13 @@ fn is_measured(s: &Situation) -> bool {
 }
 
 /// Set-points have ceased in a take-off, and the autopilot holds the drone low over the deck: it climbs out once they are back.
-pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+pub(super) fn lapsed(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let leaves = matches!(phase, MissionPhase::TakeOff { .. });
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
 /// The take-off ends on the deck, before anything was commanded.
-fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
+fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
     } else {
@@ -158,8 +160,10 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> Transition {
 }
 /// Ends it once the motors may have been started: with the thrust cut where the drone stands. Where that is not shown its
 /// autopilot may have lifted it, for lack of set-points, and it climbs.
-fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> Transition {
-    if is_armed(s) && s.standing != Standing::Stands && !(s.standing == Standing::Unknown && stands(false, s))
+fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
+    if is_armed(s)
+        && s.standing != StandingVerdict::Stands
+        && !(s.standing == StandingVerdict::Unknown && stands(false, s))
     {
         climbing_out(s, c).enter(why)
     } else {
@@ -167,7 +171,7 @@ fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> Transition {
     }
 }
 /// With the thrust cut, whatever is known.
-fn down(s: &Situation, why: impl Into<Reason>) -> Transition {
+fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
@@ -225,7 +229,7 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
 }
 
 /// Somebody else has armed it meanwhile.
-fn taken_over(s: &Situation) -> Option<Transition> {
+fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     match s.flight {
         ControlState::OnGround
         | ControlState::Ours
@@ -236,7 +240,7 @@ fn taken_over(s: &Situation) -> Option<Transition> {
 }
 
 /// Preparing: until every check passes and the forecast shows a moment.
-pub(super) fn preparing(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
     }
@@ -256,7 +260,7 @@ pub(super) fn preparing(progress: &mut Progress, s: &Situation, c: &MissionConfi
 }
 
 /// Countdown: whatever speaks against the take-off ends it, and it begins again at its start.
-pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
     }
@@ -280,7 +284,7 @@ pub(super) fn spin_up(
     armed: Option<DroneTime>,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
     let armed = match (s.flight, armed) {
         // By a pilot, or by itself.
@@ -294,7 +298,7 @@ pub(super) fn spin_up(
         return cut(s, c, why);
     }
     // It has risen by itself.
-    if armed.is_some() && s.standing == Standing::Flies {
+    if armed.is_some() && s.standing == StandingVerdict::Flies {
         return climbing_out(s, c).enter(MayFly);
     }
     let Some(at) = armed else {
@@ -337,7 +341,7 @@ fn rising(s: &Situation) -> MissionPhase {
 
 /// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut, where that is
 /// known without a gap.
-pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> Transition {
+pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
     let leaving = MissionPhase::TakeOff { since, left }.stay(Reason::new(Leaving, rose, 0.0));
@@ -370,10 +374,10 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
 /// to as well, and answers each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     let MissionPhase::ClimbOut {
         since,
         at,
@@ -430,10 +434,10 @@ pub(super) fn stand_down(
     unarmed: Option<Reason>,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     let lasted_s = (s.now - since).secs();
     let stays = |unarmed, why| MissionPhase::StandDown { since, unarmed }.stay(why);
-    let unwitnessed = s.standing == Standing::Flies || s.unwitnessed_s > WITNESSED_WITHIN_S;
+    let unwitnessed = s.standing == StandingVerdict::Flies || s.unwitnessed_s > WITNESSED_WITHIN_S;
     match (s.flight, unarmed) {
         (ControlState::Disarmed, None) => MissionPhase::Idle.enter(Disarmed),
         (ControlState::Disarmed, Some(why)) if lasted_s > ARMING_SHOWS_S => MissionPhase::Idle.enter(why),

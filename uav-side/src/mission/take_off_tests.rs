@@ -6,12 +6,14 @@ use alight_shared::msg::ReasonCode::{
     NotOnDeck, Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery,
     TakeOffCommanded, TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
 };
-use alight_shared::msg::{AutopilotMode, Course, DeckGrant, LandingMode};
+use alight_shared::msg::{AutopilotMode, CommandKind, Course, DeckGrant, LandingMode};
 use nalgebra::Vector3;
 
 use super::lift_off::{LiftOff, Moments};
+use super::reservation::{Promise, Reservation};
 use super::tests::{at, config, fair, with};
 use super::*;
+use crate::standing::StandingVerdict;
 
 const SURE: LiftOff = LiftOff {
     along: 1.0,
@@ -49,15 +51,15 @@ fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situ
     };
     let situation = standing(|s| {
         s.flight = ControlState::OnGround;
-        (s.rotors_turn_s, s.standing) = (turn_s, Standing::Stands);
+        (s.rotors_turn_s, s.standing) = (turn_s, StandingVerdict::Stands);
         change(s);
     });
     (phase, situation)
 }
 fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> Decision {
-    let progress = Progress {
+    let progress = MissionProgress {
         started: at(9.0),
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     decide(phase, progress, command, s, &permits())
 }
@@ -85,7 +87,7 @@ fn order_to_take_off() {
                 ..permits()
             },
         ] {
-            let d = decide(phase, Progress::default(), order, &s, &c);
+            let d = decide(phase, MissionProgress::default(), order, &s, &c);
             assert_eq!((d.phase, d.entered), (phase, Some(TakeOffOff.into())));
         }
     }
@@ -302,11 +304,11 @@ fn set_points_that_cease_while_it_stands() {
     };
     assert_eq!(cut(|_| {}), (State::StandDown, ReasonCode::NotFlying));
     assert_eq!(
-        cut(|s| s.standing = Standing::Flies),
+        cut(|s| s.standing = StandingVerdict::Flies),
         (State::ClimbOut, ReasonCode::NotFlying)
     );
     assert_eq!(
-        cut(|s| (s.standing, s.rise_measured) = (Standing::Unknown, false)),
+        cut(|s| (s.standing, s.rise_measured) = (StandingVerdict::Unknown, false)),
         (State::ClimbOut, ReasonCode::NotFlying)
     );
     let down = |change: fn(&mut Situation)| {
@@ -322,8 +324,8 @@ fn set_points_that_cease_while_it_stands() {
     assert_eq!(down(|s| s.unwitnessed_s = 0.6), (State::StandDown, StillArmed));
     for change in [
         (|s: &mut Situation| s.unwitnessed_s = 0.8) as fn(&mut Situation),
-        |s| s.standing = Standing::Flies,
-        |s| (s.standing, s.flight) = (Standing::Flies, ControlState::Lapsed),
+        |s| s.standing = StandingVerdict::Flies,
+        |s| (s.standing, s.flight) = (StandingVerdict::Flies, ControlState::Lapsed),
     ] {
         assert_eq!(down(change), (State::ClimbOut, MayFly));
     }
@@ -537,10 +539,10 @@ fn successor_of_a_mission_that_takes_off() {
 #[test]
 fn end_of_a_sortie_by_the_battery() {
     let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
-    let sortie = |stopped| Progress {
+    let sortie = |stopped| MissionProgress {
         sortie: true,
         stopped,
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     let hold = MissionPhase::Hold {
         cause: phase::HoldCause::Operator,
@@ -554,7 +556,7 @@ fn end_of_a_sortie_by_the_battery() {
     assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
     // Who has stopped it is asked first, and one that is on no sortie stays.
     assert_eq!(step(hold, sortie(true), &s).entered, None);
-    assert_eq!(step(hold, Progress::default(), &s).entered, None);
+    assert_eq!(step(hold, MissionProgress::default(), &s).entered, None);
     let others = with(|s| {
         s.turns_back = Some(due);
         s.flight = ControlState::OtherControl(AutopilotMode::Other);
@@ -568,7 +570,7 @@ fn end_of_a_sortie_by_the_battery() {
         assert!(!d.progress.stopped, "{phase:?}");
     }
     // No pilot is given a drone that could not fly it back, and a reason against a landing does not bar the way back.
-    let with_order = Progress {
+    let with_order = MissionProgress {
         landing: true,
         started: at(9.0),
         ..sortie(false)

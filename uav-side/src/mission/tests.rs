@@ -1,24 +1,27 @@
-//! State table: situation to state and reason.
+//! State table: situation to state and reason, but for a descent and a flare.
 
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckGrantStale,
-    DeckReserved, Descending, Deviated, FlareHeight, Flaring, ForecastStale, Glare, HarmLikely,
-    HeightReached, InSight, Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides,
-    LikelyTilted, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady,
-    OffHeight, OriginMoved, Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight,
-    TiltExcess, TooDark, TooFar, TooFast, TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns,
-    VisionLost,
+    DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached, InSight, Infeasible,
+    KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, NoPlan, NoVessel,
+    NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved, Permitted,
+    Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast, TooSteep,
+    Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CameraLight, Course, DECK_CLOSED};
+use alight_shared::msg::{
+    AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, OwnMission, PLACES,
+};
 use nalgebra::{Vector2, Vector3};
 
 use Does::{Enter, Stay};
 use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, Tracking, TrackingStable};
 
+use super::phase::DroneTime;
+use super::reservation::{Reservation, stated_course};
+use super::situation::{Deck, OwnState};
 use super::*;
+use crate::standing::StandingVerdict;
 use alight_shared::landing::Odds;
-
-pub(super) type DroneTime = Time<DroneClock>;
 
 pub(super) fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
@@ -26,11 +29,39 @@ pub(super) fn at(s: f64) -> DroneTime {
 pub(super) fn config() -> MissionConfig {
     MissionConfig::default()
 }
-pub(super) fn wanted() -> Progress {
-    Progress {
+pub(super) fn wanted() -> MissionProgress {
+    MissionProgress {
         landing: true,
         started: at(0.0),
-        ..Progress::default()
+        ..MissionProgress::default()
+    }
+}
+
+/// A calm deck 6.7 m below the feet, in sight.
+fn fair_deck() -> Deck {
+    Deck {
+        clearance_m: 6.7,
+        distance_m: 0.1,
+        ring_m: 10.0,
+        escapes: false,
+        bearing_rad: 0.0,
+        heading_rad: 0.0,
+        feet: Vector2::zeros(),
+        closing_mps: 0.0,
+        leaving_mps: 0.0,
+        relative_speed_mps: 0.1,
+        radio_age_s: 0.1,
+        identified: true,
+        vision_age_s: 0.05,
+        sinking_mps: 0.3,
+        speed_mps: 0.5,
+        heave_mps: 0.5,
+        turn_radps: 0.0,
+        turn_mps: 0.0,
+        tilt_rad: 0.1,
+        beacon: None,
+        contradicted: None,
+        ends: None,
     }
 }
 
@@ -51,30 +82,7 @@ pub(super) fn fair() -> Situation {
         }),
         odometry_age_s: 0.01,
         odometry_limit_s: 0.2,
-        deck: Some(Deck {
-            clearance_m: 6.7,
-            distance_m: 0.1,
-            ring_m: 10.0,
-            escapes: false,
-            bearing_rad: 0.0,
-            heading_rad: 0.0,
-            feet: Vector2::zeros(),
-            closing_mps: 0.0,
-            leaving_mps: 0.0,
-            relative_speed_mps: 0.1,
-            radio_age_s: 0.1,
-            identified: true,
-            vision_age_s: 0.05,
-            sinking_mps: 0.3,
-            speed_mps: 0.5,
-            heave_mps: 0.5,
-            turn_radps: 0.0,
-            turn_mps: 0.0,
-            tilt_rad: 0.1,
-            beacon: None,
-            contradicted: None,
-            ends: None,
-        }),
+        deck: Some(fair_deck()),
         mean_deck_z: Some(-1.3),
         lowest_z: None,
         doubt: None,
@@ -110,7 +118,7 @@ pub(super) fn fair() -> Situation {
         lift_off: None,
         risen_m: 0.0,
         rise_measured: true,
-        standing: Standing::Unknown,
+        standing: StandingVerdict::Unknown,
         unwitnessed_s: 0.0,
         rotors_turn_s: 10.0,
         lifts_s: None,
@@ -145,37 +153,37 @@ pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
 /// Start of a test: a phase with its usual progress (an attempt under way from the descent on), or what a
 /// decision left.
 #[derive(Clone, Copy)]
-pub(super) struct Start(MissionPhase, Progress);
+pub(super) struct StepStart(MissionPhase, MissionProgress);
 
-impl From<MissionPhase> for Start {
+impl From<MissionPhase> for StepStart {
     fn from(phase: MissionPhase) -> Self {
         let landing = matches!(phase.state(), State::Descent | State::Flare | State::Landed);
-        Start(phase, if landing { attempt() } else { wanted() })
+        StepStart(phase, if landing { attempt() } else { wanted() })
     }
 }
-impl From<&Decision> for Start {
+impl From<&Decision> for StepStart {
     fn from(d: &Decision) -> Self {
-        Start(d.phase, d.progress)
+        StepStart(d.phase, d.progress)
     }
 }
-impl From<(MissionPhase, Progress)> for Start {
-    fn from((phase, progress): (MissionPhase, Progress)) -> Self {
-        Start(phase, progress)
+impl From<(MissionPhase, MissionProgress)> for StepStart {
+    fn from((phase, progress): (MissionPhase, MissionProgress)) -> Self {
+        StepStart(phase, progress)
     }
 }
 
 /// One step without a command.
-pub(super) fn step(from: impl Into<Start>, s: &Situation) -> Decision {
-    let Start(phase, progress) = from.into();
+pub(super) fn step(from: impl Into<StepStart>, s: &Situation) -> Decision {
+    let StepStart(phase, progress) = from.into();
     decide(phase, progress, None, s, &config())
 }
 /// One step with a command.
-pub(super) fn commanded(from: impl Into<Start>, command: CommandKind, s: &Situation) -> Decision {
-    let Start(phase, progress) = from.into();
+pub(super) fn commanded(from: impl Into<StepStart>, command: CommandKind, s: &Situation) -> Decision {
+    let StepStart(phase, progress) = from.into();
     decide(phase, progress, Some(command), s, &config())
 }
 /// Runs in the unchanging situation for `secs`; the last decision that changed the state, or the last one.
-pub(super) fn run(from: impl Into<Start>, s: &Situation, secs: f64) -> Decision {
+pub(super) fn run(from: impl Into<StepStart>, s: &Situation, secs: f64) -> Decision {
     let mut s = *s;
     let mut last = step(from, &s);
     for _ in 0..(secs / 0.01) as usize {
@@ -197,8 +205,8 @@ pub(super) const COMMITTED: MissionPhase = MissionPhase::Flare {
     committed: true,
     violated: None,
 };
-pub(super) fn attempt() -> Progress {
-    Progress {
+pub(super) fn attempt() -> MissionProgress {
+    MissionProgress {
         attempts: 1,
         ..wanted()
     }
@@ -231,7 +239,7 @@ pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
 }
 /// From `start`, rows: an unchanging situation for so long (s), and the decision that changed the state or the last one.
 #[track_caller]
-pub(super) fn table<const N: usize>(start: impl Into<Start>, rows: [(Situation, f64, Does); N]) {
+pub(super) fn table<const N: usize>(start: impl Into<StepStart>, rows: [(Situation, f64, Does); N]) {
     let start = start.into();
     for (k, (s, secs, does)) in rows.into_iter().enumerate() {
         let d = run(start, &s, secs);
@@ -259,7 +267,7 @@ fn idle_conditions() {
     table(MissionPhase::Idle, rows);
     let why = step(MissionPhase::Idle, &far).waiting.to_string();
     assert_eq!(why, "the vessel is 5.1 km away (limit 5)");
-    let unasked = (MissionPhase::Idle, Progress::default());
+    let unasked = (MissionPhase::Idle, MissionProgress::default());
     waits(&step(unasked, &fair()), Idle, NotCommanded);
     let d = commanded(unasked, CommandKind::Land, &fair());
     goes(&d, GetAltitude, Commanded);
@@ -337,7 +345,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let stable = MissionPhase::TrackingStable;
     waits(&step(stable, &unknown, &by_tag), TrackingStable, NotIdentified);
     goes(&step(stable, &silent, &by_tag), Descent, Permitted);
-    let urgent = Progress {
+    let urgent = MissionProgress {
         low_battery: Some(BatteryPlace::Deck),
         ..wanted()
     };
@@ -475,95 +483,6 @@ fn reasons_not_to_descend() {
 }
 
 #[test]
-fn flare_clearance() {
-    // The deck rose to the descending drone: going on is the safer way.
-    let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
-    let low = with_deck(|d| d.clearance_m = 0.85);
-    let rows = [
-        (fair(), 0.0, Stay(Descent, Descending)),
-        (low, 0.0, Enter(Flare, FlareHeight)),
-        (risen, 0.0, Enter(Flare, FlareHeight)),
-    ];
-    table(DESCENT, rows);
-}
-
-#[test]
-fn descent_with_a_lasting_violation() {
-    for (s, why) in [
-        (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
-        (with_deck(|d| d.distance_m = 4.0), Deviated),
-        (with_odds(|p| p.tilted = 0.85), LikelyTilted),
-        (with_odds(|p| p.hard = 0.96), HarmLikely),
-        (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
-        (with(|s| s.plan_age_s = 0.6), NoPlan),
-        (with(|s| s.swing_rad = 0.2), Swings),
-    ] {
-        let rows = [(s, 0.2, Stay(Descent, why)), (s, 1.0, Enter(Tracking, why))];
-        table(DESCENT, rows);
-    }
-}
-
-#[test]
-fn descent_pause_at_the_decision_clearance() {
-    let s = with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8));
-    let d = run(DESCENT, &s, 2.0);
-    waits(&d, Descent, VisionLost);
-    assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
-    goes(&run(DESCENT, &s, 9.0), Tracking, VisionLost);
-}
-
-#[test]
-fn tilt_beyond_the_command_in_the_air() {
-    for (phase, clearance) in [(DESCENT, 4.0), (DESCENT, 1.0), (COMMITTED, 0.5)] {
-        let tilted = |excess_deg: f64, clearance: f64| Situation {
-            tilt_excess_rad: excess_deg.to_radians(),
-            ..with_deck(|d| d.clearance_m = clearance)
-        };
-        goes(&step(phase, &tilted(11.0, clearance)), Tracking, TiltExcess);
-        // The deck tilts what touches it.
-        for s in [tilted(9.0, clearance), tilted(30.0, 0.1)] {
-            assert_ne!(step(phase, &s).phase.state(), Tracking);
-        }
-    }
-}
-
-#[test]
-fn soft_violations_below_the_commit_clearance() {
-    let soft = |clearance: f64| {
-        with_deck(|d| {
-            (d.clearance_m, d.distance_m) = (clearance, 1.6);
-            (d.vision_age_s, d.radio_age_s) = (6.0, 6.0);
-        })
-    };
-    goes(&run(FREE_FLARE, &soft(0.85), 2.0), Tracking, VisionLost);
-    let rows = [
-        (soft(0.5), 2.0, Stay(Flare, VisionLost)),
-        // The deck fell away again: there is time to judge.
-        (soft(1.5), 2.0, Enter(Tracking, VisionLost)),
-    ];
-    table(COMMITTED, rows);
-}
-
-#[test]
-fn flare_without_vision() {
-    for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
-        let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
-        waits(&run(FREE_FLARE, &blind, 1.0), Flare, Flaring);
-    }
-}
-
-#[test]
-fn committed_flare_with_a_missed_deck() {
-    let off_deck = Situation {
-        outside_m: 0.4,
-        ..with_deck(|d| d.clearance_m = 0.3)
-    };
-    let missed = with_deck(|d| d.clearance_m = -0.5);
-    goes(&run(COMMITTED, &missed, 1.0), Tracking, Missed);
-    goes(&run(COMMITTED, &off_deck, 1.0), Tracking, Deviated);
-}
-
-#[test]
 fn landed_with_motors_stopped() {
     let s = Situation {
         motors_stopped: true,
@@ -631,7 +550,7 @@ fn turn_in_a_landing() {
     goes(&step(descent, &low(3.0, turns)), Tracking, TurnTooFast);
     waits(&step(flare(true), &low(0.5, turns)), Flare, TurnTooFast);
     // An empty battery leaves no other place than the deck, turning or not.
-    let urgent = Progress {
+    let urgent = MissionProgress {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()
     };

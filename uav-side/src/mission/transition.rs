@@ -12,9 +12,11 @@ use super::answers::not_done;
 use super::checkpoint::ends_softer;
 use super::limits::{LOST_OUTSIDE_M, RESUME_DISTANCE_M, exceeds};
 use super::phase::{
-    Decision, HoldCause, MissionPhase, Progress, RejectedOrder, Transition, gave_up, holding, old_data,
+    Decision, HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, gave_up, holding,
+    old_data,
 };
-use super::situation::{ControlState, Deck, Reservation, Situation};
+use super::reservation::Reservation;
+use super::situation::{ControlState, Deck, Situation};
 use super::states;
 use super::station;
 use super::take_off;
@@ -24,7 +26,7 @@ use crate::mission_config::MissionConfig;
 /// One step of the mission.
 pub fn decide(
     phase: MissionPhase,
-    progress: Progress,
+    progress: MissionProgress,
     command: Option<CommandKind>,
     s: &Situation,
     c: &MissionConfig,
@@ -36,17 +38,19 @@ pub fn decide(
     let transition = interrupt(phase, &mut progress, command, s, c)
         .unwrap_or_else(|| states::step(phase, &mut progress, s, c));
     let (phase, entered, waiting) = match transition {
-        Transition::Stay(phase, waiting) => (phase, None, waiting),
-        Transition::Go(phase, why) => (phase, Some(why), Reason::default()),
-        Transition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
+        PhaseTransition::Stay(phase, waiting) => (phase, None, waiting),
+        PhaseTransition::Go(phase, why) => (phase, Some(why), Reason::default()),
+        PhaseTransition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
         // What happened once to a drone that may be damaged now is not tried again.
-        Transition::BreakOff(why) if s.hard_contact_mps.is_some() => (gave_up(s, c), hard_contact(s), why),
-        Transition::BreakOff(why) if progress.attempts >= c.max_attempts => {
+        PhaseTransition::BreakOff(why) if s.hard_contact_mps.is_some() => {
+            (gave_up(s, c), hard_contact(s), why)
+        }
+        PhaseTransition::BreakOff(why) if progress.attempts >= c.max_attempts => {
             let (attempts, limit) = (f64::from(progress.attempts), f64::from(c.max_attempts));
             let spent = Reason::new(ReasonCode::OutOfRetries, attempts, limit);
             (gave_up(s, c), Some(spent), why)
         }
-        Transition::BreakOff(why) => (MissionPhase::TRACKING, Some(why), why),
+        PhaseTransition::BreakOff(why) => (MissionPhase::TRACKING, Some(why), why),
     };
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
         (progress.landing, progress.ordered_below) = (false, None);
@@ -95,10 +99,10 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     phase.flies() || waits || stands && s.may_fly()
 }
 
-/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact ([`crate::contingency::Ends`]).
+/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact ([`crate::contingency::ContactOutcomes`]).
 /// A drone that would not stay on the deck climbs at the price of a harder contact, but no harmful one. Once completed it
 /// stays so: each new forecast could change the decision, over a height that shrinks.
-fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &MissionConfig) -> bool {
+fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> bool {
     let stays = s.staying.probability >= c.min_probability;
     let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {
         if stays {
@@ -120,7 +124,7 @@ const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 /// once it is back is the same, and then it is decided by where the drone is, not by where it was.
 fn completes_without_data(
     phase: MissionPhase,
-    progress: &Progress,
+    progress: &MissionProgress,
     s: &Situation,
     c: &MissionConfig,
 ) -> bool {
@@ -133,7 +137,7 @@ fn completes_without_data(
 }
 
 /// Transition on stale data: hold until they are fresh, unless an operator has stopped the landing meanwhile.
-fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> MissionPhase {
+fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> MissionPhase {
     if progress.stopped {
         gave_up(s, c)
     } else {
@@ -146,7 +150,7 @@ const FOR_WAITING: f64 = 0.5;
 
 /// Whether the charge `b` is below what the flight keeps: the reserve, and for a stopped landing what is left of it for its
 /// operator; at once where the order came with less.
-fn is_low(b: f64, progress: &Progress, s: &Situation) -> bool {
+fn is_low(b: f64, progress: &MissionProgress, s: &Situation) -> bool {
     let limit = if progress.stopped {
         (1.0 - states::FOR_OPERATOR) * s.battery_reserve
     } else {
@@ -157,7 +161,7 @@ fn is_low(b: f64, progress: &Progress, s: &Situation) -> bool {
 
 /// Whether there is charge left to wait for the deck: until half of the reserve is left, or of what was left of it at the
 /// order. An order that came with less, or a gauge that was above the reserve a moment before, leaves nothing for another place.
-fn lasts(b: f64, progress: &Progress, s: &Situation) -> bool {
+fn lasts(b: f64, progress: &MissionProgress, s: &Situation) -> bool {
     let half = (1.0 - FOR_WAITING) * s.battery_reserve;
     if progress.low_from.is_some_and(|from| from < half) {
         return true;
@@ -182,10 +186,10 @@ fn drains(deck: &Deck, s: &Situation, c: &MissionConfig) -> bool {
 /// falls.
 fn low_battery(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     let low = s.battery.filter(|b| is_low(*b, progress, s));
     let noticed = low.filter(|_| progress.low_battery.is_none());
     progress.low_from = progress.low_from.or(noticed).filter(|_| low.is_some());
@@ -234,7 +238,7 @@ fn low_battery(
 }
 
 /// The order outlives a lapse of the set-points, and ends where a pilot takes the drone over before they are back.
-fn after_lapse(progress: &mut Progress, s: &Situation) {
+fn after_lapse(progress: &mut MissionProgress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
         ControlState::Lapsed => {
@@ -257,10 +261,10 @@ fn after_lapse(progress: &mut Progress, s: &Situation) {
 /// autopilot its own mission, the order waits for the drone; who stopped a landing is asked first, as for any low battery.
 fn turn_back(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     let waits = phase.waits_for_operator();
     let idles = phase == MissionPhase::Idle;
     let done = (s.own_mission == OwnMission::Done && idles).then(|| ReasonCode::MissionDone.into());
@@ -279,7 +283,7 @@ fn turn_back(
 }
 
 /// A beacon alone has led the drone too far from where that began: one that moves on would lead it anywhere.
-fn led_too_far(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+fn led_too_far(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let deck = s.fresh_deck()?;
     let known = deck.radio_age_s <= c.radio_fresh_s || deck.vision_age_s <= c.vision_fresh_s;
     if known || s.moved.is_some() || deck.beacon.is_none() {
@@ -295,11 +299,11 @@ fn led_too_far(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Opt
 /// Transitions of every state.
 fn interrupt(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     command: Option<CommandKind>,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     progress.overruled &= s.motors_stopped;
     if s.flight == ControlState::Disarmed && progress.sortie {
         progress.sortie = false;
@@ -360,11 +364,11 @@ fn interrupt(
 /// Transition on an operator's command.
 fn commanded(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     command: CommandKind,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
     match command {
         CommandKind::Abort | CommandKind::Hold => {
@@ -433,10 +437,10 @@ fn commanded(
 /// Transition when the drone is not ours, or not known to be.
 fn not_ours(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     match s.flight {
         ControlState::Disarmed | ControlState::OtherControl(_) => {
             progress.landing = false;

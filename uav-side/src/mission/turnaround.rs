@@ -8,7 +8,7 @@ use alight_shared::msg::ReasonCode::{
 };
 
 use super::limits::ORDER_WAITS_S;
-use super::phase::{HoldCause, MissionPhase, Progress, Transition, holding, lasting};
+use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, holding, lasting};
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
@@ -20,10 +20,10 @@ const HAND_OVER_S: f64 = 8.0;
 /// A drone whose cycles go on stands disarmed on the deck in `phase`: until it is ready, and may go.
 pub(super) fn stands(
     phase: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Transition {
+) -> PhaseTransition {
     let cycles = &mut progress.cycles;
     let (begun, most) = (f64::from(cycles.sorties), f64::from(c.sorties_max));
     if cycles.sorties >= c.sorties_max {
@@ -49,10 +49,10 @@ pub(super) fn stands(
         return phase.stay(why);
     }
     let cycles = *cycles;
-    *progress = Progress {
+    *progress = MissionProgress {
         started: s.now,
         cycles,
-        ..Progress::default()
+        ..MissionProgress::default()
     };
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
@@ -76,7 +76,7 @@ const fn passes(why: ReasonCode) -> bool {
 
 /// A drone that stands on the deck and is not cleared any more, or is not fit for a sortie; `why`: what speaks against it now.
 /// What passes by itself is waited for.
-pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) -> Transition {
+pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Reason) -> PhaseTransition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);
     }
@@ -94,10 +94,10 @@ pub(super) fn unprepared(progress: &mut Progress, s: &Situation, why: Reason) ->
 /// not begin that.
 pub(super) fn hands_over(
     hold: MissionPhase,
-    progress: &mut Progress,
+    progress: &mut MissionProgress,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Transition> {
+) -> Option<PhaseTransition> {
     if !progress.cycles.on {
         return None;
     }

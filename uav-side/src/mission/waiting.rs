@@ -9,7 +9,7 @@ use alight_shared::landing::MAX_ODDS;
 use alight_shared::time::{DroneClock, Span, Time};
 
 /// Likelihoods that are known, one a second: a minute of them.
-const MOST: usize = 60;
+const MAX_DRAWS: usize = 60;
 /// Time between two that count as draws, s.
 const DRAW_S: f64 = 1.0;
 
@@ -28,11 +28,11 @@ impl Waiting {
             return;
         }
         self.due = Some(now + Span::from_secs(DRAW_S));
-        if self.draws.len() < MOST {
+        if self.draws.len() < MAX_DRAWS {
             self.draws.push(p);
         } else if let Some(old) = self.draws.get_mut(self.next) {
             *old = p;
-            self.next = (self.next + 1) % MOST;
+            self.next = (self.next + 1) % MAX_DRAWS;
         }
     }
     /// The probability above which waiting on is not worth `cost_per_s`; 0 of no draw.
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn waiting_draws_of_the_last_minute() {
         let mut w = of([0.2; 200]);
-        assert_eq!(w.draws.len(), MOST);
+        assert_eq!(w.draws.len(), MAX_DRAWS);
         (0..100).for_each(|k| w.update(Time::from_secs(200.0 + 0.01 * f64::from(k)), 0.9));
         assert_eq!(w.draws.iter().filter(|d| **d > 0.5).count(), 1);
     }

@@ -2,14 +2,14 @@
 //!
 //! In the air it needs a tilt that the touchdown has to remove or to keep, and gusts push the drone before it has
 //! reacted; on the deck it pushes a drone that friction alone holds. Both are judged in acceleration, which is what the
-//! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`Air`]).
+//! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`WindEstimator`]).
 
 use alight_shared::landing::WindPush;
 use alight_shared::msg::DroneState;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
-use super::air::{Air, INDEPENDENT_S};
+use super::air::{INDEPENDENT_S, WindEstimator};
 
 /// Odometry further apart than this is no continuous flight, s.
 const MAX_GAP_S: f64 = 0.1;
@@ -19,7 +19,7 @@ const MEMORY_S: f64 = 60.0;
 /// Mean and gusts of the wind's acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindMonitor {
-    air: Air,
+    air: WindEstimator,
     /// Velocity of the drone while it follows, NED, m/s.
     way: Vector2<f64>,
     /// Time of the newest odometry.
@@ -88,7 +88,7 @@ impl WindMonitor {
     #[cfg(test)]
     pub(super) fn steady(mean_mps2: f64) -> WindMonitor {
         let mean = Vector2::new(mean_mps2, 0.0);
-        let mut air = Air::default();
+        let mut air = WindEstimator::default();
         (0..60).for_each(|_| air.update(&mean, &Vector2::zeros(), 1.0));
         WindMonitor {
             mean,

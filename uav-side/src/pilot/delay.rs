@@ -43,9 +43,9 @@ pub(crate) type Commanded = Option<(UnitQuaternion<f64>, f64)>;
 
 /// The commands of the last moments.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Sent(VecDeque<(Time<DroneClock>, Commanded)>);
+pub(crate) struct SentCommands(VecDeque<(Time<DroneClock>, Commanded)>);
 
-impl Sent {
+impl SentCommands {
     /// What was commanded at `now`.
     pub(crate) fn push(&mut self, now: Time<DroneClock>, command: Commanded) {
         if self.0.len() >= KEPT {
@@ -96,7 +96,7 @@ struct ThrustCandidate {
 impl ThrustDelay {
     /// From a specific force along the thrust (m/s²) of the time `at`, in free flight, with the thrust's lag (s) and the
     /// odometry's own way (s).
-    fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &Sent, lag_s: f64, one_way_s: f64) {
+    fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
         let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
             return;
@@ -171,7 +171,7 @@ pub(super) fn least(costs: &[f64]) -> Option<f64> {
 pub(crate) struct Delay {
     age_s: Option<f64>,
     /// The commands under way.
-    pub(crate) sent: Sent,
+    pub(crate) sent: SentCommands,
     thrust: ThrustDelay,
 }
 

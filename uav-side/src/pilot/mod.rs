@@ -18,7 +18,7 @@ mod sim_tests;
 mod tests;
 
 pub use config::{Output, PilotConfig};
-pub use touchdown::{Contact, Touchdown};
+pub use touchdown::{Touchdown, TouchdownContact};
 
 use alight_shared::admission::Latest;
 use alight_shared::bus::wiring;
@@ -33,14 +33,16 @@ use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::contingency::{Action, Body, DeckBelow, Ends, GOES_ON_WITHOUT_MISSION_S, Hold, Known};
+use crate::contingency::{
+    Body, ContactOutcomes, ContingencyAction, ContingencyInput, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold,
+};
 use crate::lift_off::Rise;
 use crate::odometry::origin::FrameEpoch;
 use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
 use response::ResponseEstimator;
 use set_points::OLD_PLAN_S;
-use touchdown::{AUTOPILOT_AGE_S, Evidence, TouchdownDetector};
+use touchdown::{AUTOPILOT_AGE_S, TouchdownDetector, TouchdownEvidence};
 
 /// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -317,11 +319,12 @@ impl Pilot {
             return;
         }
         let force = Vector3::from(d.specific_force);
-        if self.detector.contact() == Contact::Clear {
+        if self.detector.contact() == TouchdownContact::Clear {
             self.estimate
                 .learn_lift(&force, &d.attitude(), dt, &self.config.tracking);
         }
-        let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
+        let free =
+            self.detector.contact() == TouchdownContact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
             self.response.interrupt();
             return;
@@ -344,7 +347,7 @@ impl Pilot {
         mission: Option<&MissionState>,
         new: Option<&DroneState>,
         below: Option<&DeckBelow>,
-    ) -> Evidence {
+    ) -> TouchdownEvidence {
         let limit = Span::from_secs(AUTOPILOT_AGE_S);
         let begins = self.config.output == Output::Attitude && self.estimate.in_force().is_none();
         let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
@@ -355,7 +358,7 @@ impl Pilot {
                 let near = committed && matches!(m.state, State::Descent | State::Landed);
                 m.state == State::Flare || near
             });
-        Evidence {
+        TouchdownEvidence {
             permitted,
             descending: mission.is_some_and(|m| m.descent_mps > 0.0 || m.state == State::Landed),
             force: new.map(|d| -d.specific_force[2]),
@@ -405,7 +408,7 @@ impl Pilot {
         let silent = mission.is_none();
         let mission = mission.or_else(|| self.last_mission(now));
         let plan = mission.and_then(|m| self.wanted_plan(now, &m));
-        let known = Known {
+        let known = ContingencyInput {
             autopilot: autopilot.as_ref(),
             mission: mission.as_ref(),
             silent,
@@ -413,7 +416,7 @@ impl Pilot {
             below,
             holds: self.hold.is_some(),
             attitudes: self.config.output == Output::Attitude,
-            touches: matches!(self.detector.contact(), Contact::Suspected { .. }),
+            touches: matches!(self.detector.contact(), TouchdownContact::Suspected { .. }),
             low: self.is_low(now, body),
         };
         if known.waits() && !known.commands() {
@@ -427,28 +430,35 @@ impl Pilot {
         if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
-        let goes_on = matches!(action, Action::Follow | Action::Complete | Action::Press);
+        let goes_on = matches!(
+            action,
+            ContingencyAction::Follow | ContingencyAction::Complete | ContingencyAction::Press
+        );
         self.completes = silent && goes_on;
         let led = self.acted_on(now, body);
         match (action, &plan, &mission, below) {
-            (Action::Stand, ..) => self.stand(now, body),
-            (Action::Idle, ..) => self.idle(now, body, dt, below),
-            (Action::Jump, _, Some(m), _) => self.jump(now, &led, dt, m, below),
-            (Action::Hold, ..) => self.hold(now, body, dt, None),
-            (Action::Leave, ..) => {
+            (ContingencyAction::RemainOnDeck, ..) => self.stand(now, body),
+            (ContingencyAction::Idle, ..) => self.idle(now, body, dt, below),
+            (ContingencyAction::Jump, _, Some(m), _) => self.jump(now, &led, dt, m, below),
+            (ContingencyAction::Hold, ..) => self.hold(now, body, dt, None),
+            (ContingencyAction::Leave, ..) => {
                 let height_m = self.mission.get().map_or(0.0, |m| m.height_m);
                 let near = below.filter(|b| b.is_near(body, height_m, &self.geometry));
                 self.hold(now, &led, dt, near)
             }
-            (Action::Press, ..) => {
+            (ContingencyAction::Press, ..) => {
                 let yaw = plan.map_or(body.yaw(), |(_, s)| s.euler[2]);
                 self.press(now, body, dt, below, yaw)
             }
-            (Action::Follow, Some(plan), Some(m), _) => self.follow(now, plan, m, &led, dt, below),
-            (Action::Complete, _, _, Some(b)) => self.complete(now, &led, dt, b),
-            (Action::Nothing | Action::Jump | Action::Follow | Action::Complete, ..) => {
-                self.no_set_point(now)
-            }
+            (ContingencyAction::Follow, Some(plan), Some(m), _) => self.follow(now, plan, m, &led, dt, below),
+            (ContingencyAction::Complete, _, _, Some(b)) => self.complete(now, &led, dt, b),
+            (
+                ContingencyAction::Nothing
+                | ContingencyAction::Jump
+                | ContingencyAction::Follow
+                | ContingencyAction::Complete,
+                ..,
+            ) => self.no_set_point(now),
         }
     }
 
@@ -469,8 +479,8 @@ impl Pilot {
 
     /// Whether to complete the landing without a plan is softer than to climb away.
     fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
-        let ends = |f| Ends::predict(now, f, &body.position, &body.velocity, &self.geometry);
-        let touched = self.detector.contact() != Contact::Clear;
+        let ends = |f| ContactOutcomes::predict(now, f, &body.position, &body.velocity, &self.geometry);
+        let touched = self.detector.contact() != TouchdownContact::Clear;
         touched
             || self
                 .forecast

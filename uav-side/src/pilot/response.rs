@@ -24,7 +24,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::LagConfig;
-use super::delay::{Sent, least};
+use super::delay::{SentCommands, least};
 
 /// Candidates of the dead time, and the step between them, s.
 const CANDIDATES: usize = 21;
@@ -197,7 +197,7 @@ impl ResponseEstimator {
     }
 
     /// Learns from new odometry in free flight. `one_way_s`: the odometry's own way, which the dead time is expected near.
-    pub(crate) fn learn(&mut self, drone: &DroneState, sent: &Sent, one_way_s: f64, c: &LagConfig) {
+    pub(crate) fn learn(&mut self, drone: &DroneState, sent: &SentCommands, one_way_s: f64, c: &LagConfig) {
         let Some(last) = self.last.replace(*drone) else {
             return;
         };
@@ -256,7 +256,7 @@ impl ResponseEstimator {
 }
 
 /// Goes on with the window from `last` to `drone`, `dt` later (s).
-fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64, sent: &Sent) {
+fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64, sent: &SentCommands) {
     let [before, after] = [last, drone].map(|d| Vector3::from(d.rates));
     let (start, turns) = (last.attitude(), before.lerp(&after, 0.5));
     window.turned += turns.xy() * dt;
@@ -348,7 +348,7 @@ mod tests {
     /// What is identified in 6 s of commands with odometry every `odometry` steps of 10 ms.
     fn identified(dead_s: f64, axes: &mut Axes, odometry: u32) -> AttitudeResponse {
         let c = LagConfig::default();
-        let (mut x, mut sent) = (ResponseEstimator::new(0.2, &c), Sent::default());
+        let (mut x, mut sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
         for k in 0..600 {
             let t = 0.01 * f64::from(k);
             sent.push(Time::from_secs(t), Some((rocking(t), 0.4)));
@@ -396,7 +396,7 @@ mod tests {
     #[test]
     fn response_before_anything_is_learnt() {
         let c = LagConfig::default();
-        let (mut x, sent) = (ResponseEstimator::new(0.2, &c), Sent::default());
+        let (mut x, sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
         let before = x.get();
         let axes = Axes {
             rates: Vector3::new(1.0, f64::NAN, 0.0),
@@ -449,7 +449,7 @@ mod tests {
         let (mut new, mut without, mut sent) = (
             ResponseEstimator::new(0.2, &c),
             WithoutDeadTime::new(),
-            Sent::default(),
+            SentCommands::default(),
         );
         let (mut y, mut v, mut d) = (0.5, 0.0, state(0, 0.0, &axes));
         let mut seen = (y, v);

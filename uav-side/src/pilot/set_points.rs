@@ -8,7 +8,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
 use super::config::Output;
-use super::touchdown::{Contact, press_fraction};
+use super::touchdown::{TouchdownContact, press_fraction};
 use crate::contingency::{Body, Completion, DeckBelow, Hold};
 use crate::flatness::{rates_of, upright};
 use crate::tracking::{AttitudeCommand, Authority};
@@ -180,7 +180,7 @@ impl Pilot {
         below: Option<&DeckBelow>,
         yaw: f64,
     ) -> SetPoint {
-        let Contact::Suspected { since, .. } = self.detector.contact() else {
+        let TouchdownContact::Suspected { since, .. } = self.detector.contact() else {
             return self.no_set_point(now);
         };
         let fraction = press_fraction(since, now);

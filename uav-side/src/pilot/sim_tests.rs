@@ -47,7 +47,7 @@ enum Task {
     /// Stay at this clearance over the moving deck.
     Follow(f64),
     /// Stay at this NED height of the feet.
-    Stand(f64),
+    Stay(f64),
 }
 
 /// What a rangefinder reads where it should read the first at the second, the clearance, m.
@@ -124,7 +124,7 @@ impl World {
         let height = match self.task {
             Task::Land(from, begin) => (from - 0.5 * (t - begin).max(0.0)).max(-0.3),
             Task::Follow(h) => h,
-            Task::Stand(z) => {
+            Task::Stay(z) => {
                 return PlanStage {
                     position: [0.0, 0.0, z - FEET],
                     ..PlanStage::default()
@@ -152,8 +152,8 @@ impl World {
         let c = (self.p - Vector3::from(d.position)).dot(&n) - FEET;
         (c, n, (self.v - Vector3::from(d.velocity)).dot(&n))
     }
-    /// 10 ms: the pilot once, the physics ten times.
-    fn step(&mut self) {
+    /// 10 ms of physics; the mean specific force, m/s².
+    fn move_drone(&mut self) -> Vector3<f64> {
         let mut force = Vector3::zeros();
         for _ in 0..10 {
             let running = self.stopped.is_none();
@@ -191,6 +191,11 @@ impl World {
             self.p += self.v * STEP;
             self.t += STEP;
         }
+        force
+    }
+    /// 10 ms: the pilot once, the physics ten times.
+    fn step(&mut self) {
+        let force = self.move_drone();
         self.tick += 1;
         let now = Time::from_secs(self.t);
         let n = self.tick;
@@ -369,7 +374,11 @@ fn thrust_of_before_is_no_contact() {
         for _ in 0..15 {
             w.thrust = 1.4 * w.hover;
             w.step();
-            assert_eq!(w.pilot.detector.contact(), Contact::Clear, "reports: {reports}");
+            assert_eq!(
+                w.pilot.detector.contact(),
+                TouchdownContact::Clear,
+                "reports: {reports}"
+            );
         }
     }
 }
@@ -378,7 +387,7 @@ fn thrust_of_before_is_no_contact() {
 fn hard_contact_by_speed_and_impact() {
     let met = |speed: f64, clearance: f64, impact: f64| {
         let mut d = TouchdownDetector::new(0.22);
-        let evidence = |force: f64, speed: f64| Evidence {
+        let evidence = |force: f64, speed: f64| TouchdownEvidence {
             permitted: true,
             descending: true,
             begins_within: None,
@@ -413,7 +422,7 @@ fn excess_of_the_air_and_of_a_deck() {
             let t = 0.01 * f64::from(k);
             let now = Time::from_secs(10.0 + t);
             d.range(now, 0.30);
-            let evidence = Evidence {
+            let evidence = TouchdownEvidence {
                 permitted: true,
                 force: Some(GRAVITY + excess(t - 1.0)),
                 own_thrust: Some(GRAVITY),
@@ -421,10 +430,10 @@ fn excess_of_the_air_and_of_a_deck() {
                 hover_thrust: GRAVITY,
                 clearance: Some(0.08),
                 normal_speed: Some(-0.1),
-                ..Evidence::default()
+                ..TouchdownEvidence::default()
             };
             d.step(now, 0.01, &evidence);
-            found |= d.contact() != Contact::Clear;
+            found |= d.contact() != TouchdownContact::Clear;
         }
         found
     };
@@ -467,7 +476,7 @@ fn motors_over_a_deck_heaving_close() {
         ..moderate(0.0)
     };
     // The deck's highest point comes within 12 cm of the feet.
-    let mut w = World::new(sea, Task::Stand(-1.3 - 0.6 - 0.12), 7);
+    let mut w = World::new(sea, Task::Stay(-1.3 - 0.6 - 0.12), 7);
     w.fly(60.0);
     assert_eq!((w.first_contact, w.stopped), (None, None));
 }
@@ -506,7 +515,7 @@ fn motors_in_the_air() {
         let mut w = World::new(sea, Task::Follow(clearance), 400 + k as u64);
         w.fly(300.0);
         assert_eq!((w.first_contact, w.stopped), (None, None), "{clearance}");
-        assert_eq!(w.pilot.detector.contact(), Contact::Clear);
+        assert_eq!(w.pilot.detector.contact(), TouchdownContact::Clear);
     }
 }
 

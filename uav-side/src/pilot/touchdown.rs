@@ -49,7 +49,7 @@ pub struct Touchdown {
 
 /// What the detector sees in one step.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Evidence {
+pub(crate) struct TouchdownEvidence {
     /// The mission permits touching the deck.
     pub(crate) permitted: bool,
     /// A descent is commanded.
@@ -72,7 +72,7 @@ pub(crate) struct Evidence {
     pub(crate) normal_speed: Option<f64>,
 }
 
-impl Evidence {
+impl TouchdownEvidence {
     /// Own command or report, whichever is larger: a thrust that was not cut explains the force.
     fn applied_thrust(&self) -> Option<f64> {
         match (self.own_thrust, self.reported_thrust) {
@@ -84,7 +84,7 @@ impl Evidence {
 
 /// How far the detector has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Contact {
+pub enum TouchdownContact {
     /// In the air.
     #[default]
     Clear,
@@ -174,7 +174,7 @@ const MAX_AIR_MPS2: f64 = 2.0;
 pub(crate) struct TouchdownDetector {
     /// The rangefinder's reading with the feet on the deck, m.
     feet_range: f64,
-    contact: Contact,
+    contact: TouchdownContact,
     readings: [(DroneTime, f64); READINGS],
     /// Where the next reading goes.
     next: usize,
@@ -200,7 +200,7 @@ impl TouchdownDetector {
     pub(crate) fn new(feet_range: f64) -> Self {
         TouchdownDetector {
             feet_range,
-            contact: Contact::Clear,
+            contact: TouchdownContact::Clear,
             readings: [(Time::from_nanos(i64::MIN), f64::INFINITY); READINGS],
             next: 0,
             excess: 0.0,
@@ -224,12 +224,12 @@ impl TouchdownDetector {
         self.hard_mps = None;
     }
     /// How far it has come.
-    pub(crate) fn contact(&self) -> Contact {
+    pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
     /// In the air again, e.g. after a new take-off.
     pub(crate) fn clear(&mut self) {
-        self.contact = Contact::Clear;
+        self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);
     }
     /// Takes a reading of the rangefinder.
@@ -288,7 +288,7 @@ impl TouchdownDetector {
         self.along.is_some_and(|v| v.abs() <= STAYS_MPS)
     }
     /// Takes the speed along the deck's normal.
-    fn watch(&mut self, now: DroneTime, dt: f64, e: &Evidence) {
+    fn watch(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) {
         self.witness.moves(dt, e.normal_speed);
         let gain = low_pass_gain(dt, STAYS_TIME_S);
         self.along = e.normal_speed.map(|v| {
@@ -302,7 +302,7 @@ impl TouchdownDetector {
         }
     }
     /// A contact that is noticed by its impact near the deck, when it is hard.
-    fn notice(&mut self, impact: f64, e: &Evidence) {
+    fn notice(&mut self, impact: f64, e: &TouchdownEvidence) {
         let near = e.clearance.is_some_and(|v| v.abs() <= CLEARANCE_VETO_M);
         let (_, closing) = self.closing;
         if near && impact > IMPACT_MPS2 && closing > HARD_MPS {
@@ -311,7 +311,7 @@ impl TouchdownDetector {
     }
 
     /// Takes what carries the drone; gives this step's excess.
-    fn weigh(&mut self, dt: f64, e: &Evidence) -> f64 {
+    fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
         if let Some(greatest) = e.begins_within {
             // Only what no thrust explains is a contact.
             (self.excess, self.sure_excess, self.air) = (0.0, 0.0, 0.0);
@@ -328,7 +328,7 @@ impl TouchdownDetector {
         let bound = |v: f64| (v - self.air).clamp(-10.0, 10.0);
         self.excess += fraction * (bound(impact) - self.excess);
         self.sure_excess += fraction * (bound(force - sure) - self.sure_excess);
-        if self.contact == Contact::Clear && impact.is_finite() {
+        if self.contact == TouchdownContact::Clear && impact.is_finite() {
             let carries = impact.clamp(0.0, MAX_AIR_MPS2);
             self.air += low_pass_gain(dt, AIR_TIME_S) * (carries - self.air);
         }
@@ -336,8 +336,8 @@ impl TouchdownDetector {
     }
 
     /// One step; gives the evidence at the moment of confirmation.
-    pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &Evidence) -> Option<Touchdown> {
-        if self.contact == Contact::Confirmed {
+    pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) -> Option<Touchdown> {
+        if self.contact == TouchdownContact::Confirmed {
             return None;
         }
         let impact = self.weigh(dt, e);
@@ -352,19 +352,26 @@ impl TouchdownDetector {
         let read = self.median(now);
         let range = read.filter(|r| !apart(r));
         match self.contact {
-            Contact::Clear => {
+            TouchdownContact::Clear => {
                 let contradicted = read.is_some() && range.is_none();
                 let least = SUSPECT_EXCESS_MPS2 * if contradicted { DOUBTED } else { 1.0 };
                 self.suspect(now, impact, least, range, e);
                 None
             }
-            Contact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e),
-            Contact::Confirmed => None,
+            TouchdownContact::Suspected { since, carried } => self.confirm(now, (since, carried), range, e),
+            TouchdownContact::Confirmed => None,
         }
     }
 
     /// An impact, an excess of `least`, or resting at the feet's range makes contact suspected.
-    fn suspect(&mut self, now: DroneTime, impact: f64, least: f64, range: Option<f64>, e: &Evidence) {
+    fn suspect(
+        &mut self,
+        now: DroneTime,
+        impact: f64,
+        least: f64,
+        range: Option<f64>,
+        e: &TouchdownEvidence,
+    ) {
         if now < self.pause_until || !self.near(range, e, RANGE_MARGIN_M) {
             self.loaded = None;
             return;
@@ -373,7 +380,7 @@ impl TouchdownDetector {
         let carried = self.loaded.is_some_and(|t| (now - t).secs() >= SUSPECT_S);
         let rests = e.descending && self.resting(now);
         if carried || impact > IMPACT_MPS2 || rests {
-            self.contact = Contact::Suspected {
+            self.contact = TouchdownContact::Suspected {
                 since: now,
                 carried: None,
             };
@@ -387,7 +394,7 @@ impl TouchdownDetector {
         now: DroneTime,
         (since, carried): (DroneTime, Option<DroneTime>),
         range: Option<f64>,
-        e: &Evidence,
+        e: &TouchdownEvidence,
     ) -> Option<Touchdown> {
         let applied = e.applied_thrust();
         let cut = applied.is_some_and(|t| t <= 0.8 * e.hover_thrust);
@@ -408,11 +415,11 @@ impl TouchdownDetector {
         let holds =
             self.near(range, e, RANGE_MARGIN_M) && slow && cut && self.sure_excess > CONFIRM_EXCESS_MPS2;
         let carried = holds.then(|| carried.unwrap_or(now));
-        self.contact = Contact::Suspected { since, carried };
+        self.contact = TouchdownContact::Suspected { since, carried };
         if !carried.is_some_and(|t| (now - t).secs() >= needed) {
             return None;
         }
-        self.contact = Contact::Confirmed;
+        self.contact = TouchdownContact::Confirmed;
         Some(Touchdown {
             header: Header::new(0, 0, 0, 0, now),
             suspected_at: since,
@@ -425,13 +432,13 @@ impl TouchdownDetector {
     }
 
     /// No faster along the deck's normal than a drone on it.
-    fn is_slow(e: &Evidence) -> bool {
+    fn is_slow(e: &TouchdownEvidence) -> bool {
         e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
     /// The feet are about on the deck: by the rangefinder, or by the forecast when it is silent;
     /// the forecast can veto.
-    fn near(&self, range: Option<f64>, e: &Evidence, margin: f64) -> bool {
+    fn near(&self, range: Option<f64>, e: &TouchdownEvidence, margin: f64) -> bool {
         let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {
             Some(r) => r <= self.feet_range + margin,

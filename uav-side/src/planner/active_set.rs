@@ -9,8 +9,8 @@
 use alight_shared::msg::Solve;
 
 use super::condensed::Condensed;
-use super::model::Discrete;
-use super::qp::{ChainLayout, ChainLimits, Instance, SlackCost, TOLERANCE};
+use super::model::DiscreteModel;
+use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
 
 /// Changes of the working set, at most: a landing's problems need up to 15, of 1500 drawn ones with limits everywhere the
 /// worst 386.
@@ -55,7 +55,7 @@ struct Slack {
 /// The chain's exact solver: all that it needs is laid down once.
 #[derive(Clone, Debug)]
 pub(super) struct ActiveSet<const N: usize> {
-    model: Discrete<N, 1>,
+    model: DiscreteModel<N, 1>,
     limits: ChainLimits<N>,
     stages: usize,
     at: ChainLayout<N>,
@@ -76,7 +76,7 @@ pub(super) struct ActiveSet<const N: usize> {
 }
 
 impl<const N: usize> ActiveSet<N> {
-    pub fn new(model: Discrete<N, 1>, stages: usize, limits: ChainLimits<N>, cost: SlackCost) -> Self {
+    pub fn new(model: DiscreteModel<N, 1>, stages: usize, limits: ChainLimits<N>, cost: SlackCost) -> Self {
         let at = ChainLayout::<N>::of(&limits);
         let slack = |over: f64| Slack {
             linear: 0.5 * over * cost.linear,
@@ -109,7 +109,7 @@ impl<const N: usize> ActiveSet<N> {
     pub fn solve(
         &mut self,
         free: &Condensed<N>,
-        instance: &Instance<'_, N>,
+        instance: &QpInstance<'_, N>,
         inputs: &mut [f64],
     ) -> (Solve, u32) {
         self.rows.clear();
@@ -162,7 +162,7 @@ impl<const N: usize> ActiveSet<N> {
 
     /// The row outside the set that is violated most, and by how much. What an early input does decides what later rows are
     /// violated, so early ones count more: that saves some changes.
-    fn most_violated(&self, instance: &Instance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
+    fn most_violated(&self, instance: &QpInstance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
         let mut look = |row: Row, value: f64, bound: f64| {
             let over = row.sign * value - bound - row.unit * row.slack.map_or(0.0, |i| self.slacks[i].value);
@@ -393,7 +393,7 @@ mod tests {
                 weight: SVector::from([30.0, 5.0, 1.0 + 10f64.powf(near) * f64::from(k) / 20.0, 1.0]),
             }).collect();
             let (floor, ceiling) = ([low; 20], [if bounded { low + room } else { NO_CEILING }; 20]);
-            let instance = Instance {
+            let instance = QpInstance {
                 state: SVector::from([0.0, 0.3 * speed, tilt, 0.0]),
                 previous_input: previous,
                 cost: &cost,

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::law::{Law, View};
 use super::model::clearance;
 use super::mpc_faa::Problem;
-use super::reference::{Reference, ReferenceGenerator};
+use super::reference::{PlanReference, ReferenceGenerator};
 use super::weights::{Faa, FaaDistance};
 
 /// The weights' growth for this drone.
@@ -36,7 +36,7 @@ impl Law for FaaAlignment {
         _view: &View,
         _generator: &ReferenceGenerator,
         problem: &mut Problem,
-        reference: &mut Reference,
+        reference: &mut PlanReference,
     ) -> Option<f64> {
         if !reference.touch {
             return None;

@@ -5,7 +5,7 @@
 
 use nalgebra::SVector;
 
-use super::model::Discrete;
+use super::model::DiscreteModel;
 
 /// Reference and weights of one stage of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub struct StageCost<const N: usize> {
 /// Factorised condensed problem of a chain of `N` states over a run-time number of stages.
 #[derive(Clone, Debug)]
 pub struct Condensed<const N: usize> {
-    model: Discrete<N, 1>,
+    model: DiscreteModel<N, 1>,
     stages: usize,
     increment_weight: f64,
     /// `response[i]`: state `i` steps after a unit input was switched on and held.
@@ -38,7 +38,7 @@ pub struct Condensed<const N: usize> {
 
 impl<const N: usize> Condensed<N> {
     /// Prepares for `stages` steps of `model` with cost `increment_weight` on squared increments.
-    pub fn new(model: Discrete<N, 1>, stages: usize, increment_weight: f64) -> Self {
+    pub fn new(model: DiscreteModel<N, 1>, stages: usize, increment_weight: f64) -> Self {
         let mut response = vec![SVector::zeros(); stages + 1];
         for i in 0..stages {
             response[i + 1] = model.step(&response[i], 1.0);

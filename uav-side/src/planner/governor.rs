@@ -17,24 +17,24 @@ pub struct Pace {
 
 /// A place with its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion<const D: usize> {
+pub struct GovernedMotion<const D: usize> {
     /// The place.
     pub place: SVector<f64, D>,
     /// Rate of the value, 1/s.
     pub velocity: SVector<f64, D>,
 }
 
-impl<const D: usize> Motion<D> {
+impl<const D: usize> GovernedMotion<D> {
     /// From the components of place and velocity.
     pub fn new(place: [f64; D], velocity: [f64; D]) -> Self {
-        Motion {
+        GovernedMotion {
             place: place.into(),
             velocity: velocity.into(),
         }
     }
     /// Relative to another.
     fn relative_to(&self, other: &Self) -> Self {
-        Motion {
+        GovernedMotion {
             place: self.place - other.place,
             velocity: self.velocity - other.velocity,
         }
@@ -73,15 +73,15 @@ impl<const D: usize> Motion<D> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
     /// Position relative to the target.
-    pub gap: Motion<D>,
+    pub gap: GovernedMotion<D>,
     /// Origin from which the gap was last measured: when, which kind of target, the target.
-    from: Option<(Time<DroneClock>, bool, Motion<D>)>,
+    from: Option<(Time<DroneClock>, bool, GovernedMotion<D>)>,
 }
 
 impl<const D: usize> Default for ReferenceGovernor<D> {
     fn default() -> Self {
         ReferenceGovernor {
-            gap: Motion::new([0.0; D], [0.0; D]),
+            gap: GovernedMotion::new([0.0; D], [0.0; D]),
             from: None,
         }
     }
@@ -95,8 +95,8 @@ impl<const D: usize> ReferenceGovernor<D> {
         &mut self,
         now: Time<DroneClock>,
         kind: bool,
-        target: &Motion<D>,
-        start: &Motion<D>,
+        target: &GovernedMotion<D>,
+        start: &GovernedMotion<D>,
         pace: &Pace,
         limits: [f64; 2],
     ) {
@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn reference_governor_within_its_limits() {
-        let mut gap = Motion::new([30.0, -40.0], [0.0, 0.0]);
+        let mut gap = GovernedMotion::new([30.0, -40.0], [0.0, 0.0]);
         let (mut before, mut time) = (gap.velocity, 0.0);
         while gap.place.norm() > 0.1 {
             gap.advance(0.02, &PACE);
@@ -155,7 +155,7 @@ mod tests {
     fn reference_governor_with_a_jumping_target() {
         let mut governor = ReferenceGovernor::<1>::default();
         let mut gap = |ms: i64, target: f64, start: f64| {
-            let at_rest = |x: f64| Motion::new([x], [0.0]);
+            let at_rest = |x: f64| GovernedMotion::new([x], [0.0]);
             let now = Time::from_nanos(ms * 1_000_000);
             governor.update(now, true, &at_rest(target), &at_rest(start), &PACE, [0.5, 50.0]);
             governor.gap.place[0]

@@ -5,9 +5,9 @@ use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
-use super::model::{State, state};
+use super::model::{ModelState, state};
 use super::mpc_faa::Problem;
-use super::reference::{Reference, ReferenceGenerator};
+use super::reference::{PlanReference, ReferenceGenerator};
 pub use super::view::View;
 
 /// Start of the plans of a landing.
@@ -23,7 +23,13 @@ pub struct LandingStart {
 /// The law of a planner. The defaults are those of the paper's planner without attitude alignment.
 pub trait Law: core::fmt::Debug + Send {
     /// Learns from odometry when it is new, from the newest forecast, and from the last plan's reference.
-    fn observe(&mut self, _drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, _last: &Reference) {}
+    fn observe(
+        &mut self,
+        _drone: Option<&DroneState>,
+        _forecast: Option<&DeckForecast>,
+        _last: &PlanReference,
+    ) {
+    }
     /// The wind that plans allow for, as its acceleration, m/s². Where there is one, a state's tilt is the
     /// acceleration that it causes in this wind, else the tilt of the body.
     fn wind(&self) -> Vector2<f64> {
@@ -50,12 +56,12 @@ pub trait Law: core::fmt::Debug + Send {
         _now: Time<DroneClock>,
         _mission: &MissionState,
         _forecast: Option<&DeckForecast>,
-        _start: Option<(State, f64)>,
+        _start: Option<(ModelState, f64)>,
     ) -> Option<Plan> {
         None
     }
     /// Replaces permission and deck by those that the law plans with; the plan begins at `start`.
-    fn limit(&mut self, _now: Time<DroneClock>, _start: &State, _view: &mut View) {}
+    fn limit(&mut self, _now: Time<DroneClock>, _start: &ModelState, _view: &mut View) {}
     /// Replaces references and weights; gives the time to the contact if one is planned, s.
     fn refine(
         &mut self,
@@ -63,13 +69,13 @@ pub trait Law: core::fmt::Debug + Send {
         _view: &View,
         _generator: &ReferenceGenerator,
         _problem: &mut Problem,
-        _reference: &mut Reference,
+        _reference: &mut PlanReference,
     ) -> Option<f64> {
         None
     }
     /// Tilt of the body about north and east for a planned state and vertical acceleration (NED, m/s²), and the
     /// factor by which rates of tilt grow.
-    fn attitude(&self, state: &State, _vertical: f64) -> (f64, f64, f64) {
+    fn attitude(&self, state: &ModelState, _vertical: f64) -> (f64, f64, f64) {
         (state[state::PHI], state[state::THETA], 1.0)
     }
 }

@@ -27,6 +27,8 @@ pub mod view;
 pub mod weights;
 
 #[cfg(test)]
+mod solver_tests;
+#[cfg(test)]
 mod start_tests;
 #[cfg(test)]
 mod tests;
@@ -48,9 +50,9 @@ pub use config::{PlannerConfig, PlannerKind};
 use crate::odometry::origin::FrameEpoch;
 use alignment::FaaAlignment;
 use law::{Law, View};
-use model::{INPUTS, State, clearance, state, tilt_of, up_of};
+use model::{INPUTS, ModelState, clearance, state, tilt_of, up_of};
 use mpc_faa::{Mpc, Problem, Solution};
-use reference::{Reference, ReferenceGenerator};
+use reference::{PlanReference, ReferenceGenerator};
 use rendezvous::Rendezvous;
 use start::SolvedPlan;
 
@@ -98,7 +100,7 @@ pub struct Planner {
     /// Time to the chosen instant of contact in the last plan, s.
     time_to_contact_s: Option<f64>,
     problem: Problem,
-    reference: Reference,
+    reference: PlanReference,
     scratch: Solution,
     solved: Option<SolvedPlan>,
     last_solve: Option<(Time<DroneClock>, Phase)>,
@@ -137,7 +139,7 @@ impl Planner {
             generator: ReferenceGenerator::new(config, drone, deck),
             time_to_contact_s: None,
             problem: Problem::default(),
-            reference: Reference::default(),
+            reference: PlanReference::default(),
             scratch: Solution::default(),
             solved: None,
             last_solve: None,
@@ -195,7 +197,7 @@ impl Planner {
     }
 
     /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
-    fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
+    fn start(&mut self, now: Time<DroneClock>) -> Option<(ModelState, [f64; INPUTS])> {
         let c = &self.config;
         let drone = *self.drone.fresh(now, topics::DRONE_STATE.stale_after)?;
         let law = &self.law;
@@ -296,7 +298,7 @@ impl Planner {
             disturbance: self.law.wind().into(),
             ..Plan::default()
         };
-        let mut keep = |state: &State, input: &[f64; INPUTS]| {
+        let mut keep = |state: &ModelState, input: &[f64; INPUTS]| {
             // Capacity is checked by the configuration: n < PLAN_STAGES.
             let _ = plan.stages.push(self.stage(state, input));
         };
@@ -322,7 +324,7 @@ impl Planner {
     }
 
     /// A state as a stage of the message: tilt turned into the body's heading.
-    fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
+    fn stage(&self, s: &ModelState, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
         let (north, east, growth) = self.law.attitude(s, down);
         let (phi, theta) = tilt_of(&up_of(north, east), s[state::PSI]);

@@ -21,11 +21,11 @@ pub const STATES: usize = 12;
 pub const INPUTS: usize = 4;
 
 /// The full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
-pub type State = [f64; STATES];
+pub type ModelState = [f64; STATES];
 
 /// Components of the state.
 pub mod state {
-    use super::State;
+    use super::ModelState;
     use nalgebra::Vector3;
 
     /// Position, m.
@@ -54,7 +54,7 @@ pub mod state {
     pub const PSI_DOT: usize = 11;
 
     /// Position, m.
-    pub fn position(x: &State) -> Vector3<f64> {
+    pub fn position(x: &ModelState) -> Vector3<f64> {
         Vector3::new(x[NORTH], x[EAST], x[DOWN])
     }
 }
@@ -167,21 +167,21 @@ impl Chain<2> {
 }
 impl<const N: usize> Chain<N> {
     /// Zero-order hold over `step_s`, exact.
-    pub fn discrete(&self, step_s: f64) -> Discrete<N, 1> {
+    pub fn discrete(&self, step_s: f64) -> DiscreteModel<N, 1> {
         discretise(&self.a, &self.b, step_s)
     }
 }
 
 /// `x+ = A x + B u`, input held over the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Discrete<const N: usize, const M: usize> {
+pub struct DiscreteModel<const N: usize, const M: usize> {
     /// Transition matrix.
     pub a: SMatrix<f64, N, N>,
     /// Input matrix.
     pub b: SMatrix<f64, N, M>,
 }
 
-impl<const N: usize> Discrete<N, 1> {
+impl<const N: usize> DiscreteModel<N, 1> {
     /// One step.
     pub fn step(&self, x: &SVector<f64, N>, u: f64) -> SVector<f64, N> {
         self.a * x + self.b * u
@@ -194,7 +194,7 @@ pub fn discretise<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SMatrix<f64, N, M>,
     step_s: f64,
-) -> Discrete<N, M> {
+) -> DiscreteModel<N, M> {
     const NILPOTENCY: usize = 4;
     let mut term = SMatrix::<f64, N, N>::identity();
     let (mut ad, mut integral) = (SMatrix::zeros(), SMatrix::zeros());
@@ -203,7 +203,7 @@ pub fn discretise<const N: usize, const M: usize>(
         integral += term * (step_s / (k as f64 + 1.0));
         term = term * a * (step_s / (k as f64 + 1.0));
     }
-    Discrete {
+    DiscreteModel {
         a: ad,
         b: integral * b,
     }
@@ -235,7 +235,7 @@ pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_bel
 }
 
 /// Odometry as a state of the model: tilt and rates about north and east.
-pub fn measured_state(drone: &DroneState) -> State {
+pub fn measured_state(drone: &DroneState) -> ModelState {
     let q = drone.attitude();
     let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
     let w = q * Vector3::from(drone.rates);

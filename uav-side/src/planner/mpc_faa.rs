@@ -20,20 +20,20 @@ use nalgebra::SVector;
 use super::active_set::ActiveSet;
 use super::condensed::{Condensed, StageCost};
 use super::config::{PlannerConfig, PlannerKind};
-use super::model::{Chain, Discrete, HoverModel, INPUTS, State, state};
-use super::qp::{ChainLimits, ChainSolver, Instance, NO_CEILING, SlackCost, SparseForm};
+use super::model::{Chain, DiscreteModel, HoverModel, INPUTS, ModelState, state};
+use super::qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, SparseForm};
 
 /// One problem: where the drone is, where it should be, how much that matters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
     /// State now, paper's order.
-    pub state: State,
+    pub state: ModelState,
     /// Virtual input applied now: thrust, roll, pitch, yaw, as deviation from hover.
     pub input: [f64; INPUTS],
     /// References of the stages 1..=N.
-    pub reference: Vec<State>,
+    pub reference: Vec<ModelState>,
     /// Q's diagonal at the stages 1..=N.
-    pub weight: Vec<State>,
+    pub weight: Vec<ModelState>,
     /// Soft upper bound of z (NED: the lowest height) at the stages 1..=N, m.
     pub ceiling: Vec<f64>,
     /// Soft bounds of x and y; empty: none.
@@ -57,7 +57,7 @@ impl Side {
         usize::from(self.normal[1].abs() > self.normal[0].abs())
     }
     /// Bounds this axis, given where the other two will be then.
-    fn bound(&self, axis: usize, states: &[State], [low, high]: &mut [Vec<f64>; 2]) {
+    fn bound(&self, axis: usize, states: &[ModelState], [low, high]: &mut [Vec<f64>; 2]) {
         let (n, across) = (self.normal[axis], self.normal[1 - axis]);
         let (Some(state), Some(low), Some(high)) = (
             states.get(self.stage),
@@ -92,7 +92,7 @@ pub struct Solution {
     /// Virtual inputs held over each stage.
     pub inputs: Vec<[f64; INPUTS]>,
     /// States at the ends of the stages.
-    pub states: Vec<State>,
+    pub states: Vec<ModelState>,
 }
 
 /// Position of each chain's states in the paper's state, and of its input.
@@ -233,11 +233,11 @@ impl Mpc {
     }
 
     /// Rolls half a step on, exactly.
-    pub fn half_step(&self, state: &State, input: &[f64; INPUTS]) -> State {
+    pub fn half_step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         self.half.step(state, input)
     }
     /// Rolls any time on, exactly.
-    pub fn roll(&self, state: &State, input: &[f64; INPUTS], time_s: f64) -> State {
+    pub fn roll(&self, state: &ModelState, input: &[f64; INPUTS], time_s: f64) -> ModelState {
         Roller::new(&self.model, time_s).step(state, input)
     }
 }
@@ -257,10 +257,10 @@ pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
 /// All four chains over one length of time.
 #[derive(Clone, Copy, Debug)]
 struct Roller {
-    x: Discrete<4, 1>,
-    y: Discrete<4, 1>,
-    z: Discrete<2, 1>,
-    yaw: Discrete<2, 1>,
+    x: DiscreteModel<4, 1>,
+    y: DiscreteModel<4, 1>,
+    z: DiscreteModel<2, 1>,
+    yaw: DiscreteModel<2, 1>,
 }
 
 impl Roller {
@@ -272,7 +272,7 @@ impl Roller {
             yaw: model.yaw_chain().discrete(time_s),
         }
     }
-    fn step(&self, state: &State, input: &[f64; INPUTS]) -> State {
+    fn step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         let mut next = *state;
         scatter(&X.0, &self.x.step(&gather(&X.0, state), input[X.1]), &mut next);
         scatter(&Y.0, &self.y.step(&gather(&Y.0, state), input[Y.1]), &mut next);
@@ -286,10 +286,10 @@ impl Roller {
     }
 }
 
-fn gather<const N: usize>(index: &[usize; N], full: &State) -> SVector<f64, N> {
+fn gather<const N: usize>(index: &[usize; N], full: &ModelState) -> SVector<f64, N> {
     SVector::from_fn(|i, _| full[index[i]])
 }
-fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mut State) {
+fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mut ModelState) {
     for i in 0..N {
         full[index[i]] = part[i];
     }
@@ -300,7 +300,7 @@ fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mu
 struct ChainMpc<const N: usize> {
     index: [usize; N],
     input: usize,
-    model: Discrete<N, 1>,
+    model: DiscreteModel<N, 1>,
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
@@ -346,7 +346,7 @@ impl<const N: usize> ChainMpc<N> {
     fn solve(&mut self, problem: &Problem, [floor, ceiling]: [&[f64]; 2], solution: &mut Solution) {
         // Positions relative to here, so that a place far from the origin costs no digits.
         let origin = problem.state[self.index[0]];
-        let local = |full: &State| {
+        let local = |full: &ModelState| {
             let mut x = gather(&self.index, full);
             x[0] -= origin;
             x
@@ -380,7 +380,7 @@ impl<const N: usize> ChainMpc<N> {
                 .limits
                 .hold(previous, &self.inputs, &self.states, [&self.floor, &self.ceiling])
         {
-            let instance = Instance {
+            let instance = QpInstance {
                 state: x0,
                 previous_input: previous,
                 cost: &self.cost,

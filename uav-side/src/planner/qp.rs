@@ -17,7 +17,7 @@ use nalgebra::SVector;
 use alight_shared::msg::Solve;
 
 use super::condensed::StageCost;
-use super::model::Discrete;
+use super::model::DiscreteModel;
 
 /// Limits of one chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +108,7 @@ impl<const N: usize> ChainLimits<N> {
 
 /// The numbers of one problem.
 #[derive(Clone, Copy, Debug)]
-pub struct Instance<'a, const N: usize> {
+pub struct QpInstance<'a, const N: usize> {
     /// State now.
     pub state: SVector<f64, N>,
     /// Input applied now.
@@ -227,7 +227,7 @@ impl Constraints {
     }
 
     /// `x_k+1 - A x_k - B u_k = 0`; the first stage's state now is on the right-hand side.
-    fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &Discrete<N, 1>, stages: usize) {
+    fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &DiscreteModel<N, 1>, stages: usize) {
         for k in 0..stages {
             for i in 0..N {
                 let row = k * N + i;
@@ -281,7 +281,7 @@ pub struct SparseForm<const N: usize> {
     limits: ChainLimits<N>,
     increment_weight: f64,
     slack: SlackCost,
-    model: Discrete<N, 1>,
+    model: DiscreteModel<N, 1>,
     /// Quadratic cost, upper triangle.
     pub p: CscMatrix<f64>,
     /// Linear cost.
@@ -301,7 +301,7 @@ pub struct SparseForm<const N: usize> {
 impl<const N: usize> SparseForm<N> {
     /// Lays down the structure.
     pub fn new(
-        model: Discrete<N, 1>,
+        model: DiscreteModel<N, 1>,
         stages: usize,
         increment_weight: f64,
         limits: ChainLimits<N>,
@@ -350,7 +350,7 @@ impl<const N: usize> SparseForm<N> {
     }
 
     /// Replaces the numbers by those of `instance`.
-    pub fn fill(&mut self, instance: &Instance<'_, N>) {
+    pub fn fill(&mut self, instance: &QpInstance<'_, N>) {
         let width = self.limits.width();
         for (k, cost) in instance.cost.iter().take(self.stages).enumerate() {
             for i in 0..N {
@@ -414,7 +414,7 @@ impl<const N: usize> ChainSolver<N> {
 
     /// Solves `instance` and writes the inputs, which keep the hard limits exactly whatever the
     /// solver's tolerance. Also returns the iterations used.
-    pub fn solve(&mut self, instance: &Instance<'_, N>, inputs: &mut [f64]) -> (Solve, u32) {
+    pub fn solve(&mut self, instance: &QpInstance<'_, N>, inputs: &mut [f64]) -> (Solve, u32) {
         self.form.fill(instance);
         let form = &self.form;
         let Some(solver) = &mut self.solver else {

@@ -2,27 +2,26 @@
 //! deck with a height profile of the planner's own, and a reference governor that approaches far
 //! targets at bearable speed.
 
+mod bounds;
+
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Rotation2, Vector2, Vector3};
+use nalgebra::{Rotation2, Vector2};
 
 use super::config::{PlannerConfig, Shaping};
-use super::governor::{Motion, Pace, ReferenceGovernor};
-use super::model::{State, angular_velocity, clearance, state, tilt_of, up_of};
-use super::mpc_faa::{Problem, Side};
-use super::qp::NO_CEILING;
+use super::governor::{GovernedMotion, Pace, ReferenceGovernor};
+use super::model::{ModelState, angular_velocity, clearance, state, tilt_of, up_of};
+use super::mpc_faa::Problem;
 use super::view::View;
 use super::weights::Weights;
 use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::surroundings::{Passage, margin_m, way_round};
+use crate::surroundings::{Passage, way_round};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
-/// The reference rests on the lowest clearance, the bound of the plan lies lower by this, m: they do not pull at each other.
-const UNDERCUT_M: f64 = 0.2;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
@@ -30,8 +29,6 @@ const HEIGHT_JUMP_M: f64 = 3.0;
 const MEAN_HEIGHT_S: f64 = 8.0;
 /// Nearer than this the heading towards the vessel is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
-/// The minimum altitude does not bind inside the deck's outline widened by this, m.
-const OUTLINE_MARGIN_M: f64 = 0.5;
 
 /// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 for other places.
 fn station_turns_radps(view: &View) -> f64 {
@@ -41,7 +38,7 @@ fn station_turns_radps(view: &View) -> f64 {
 
 /// The deck that the references are made for, and what they want of it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reference {
+pub struct PlanReference {
     /// The plan ends in contact with the deck.
     pub touch: bool,
     /// Clearance of the foot plane above the deck now, m; infinite when no deck is known.
@@ -84,8 +81,8 @@ struct Request<'a> {
     /// Position and heading of [`Goal::Hold`], m, rad.
     hold: [f64; 4],
     mean_z: Option<f64>,
-    start: State,
-    reference: &'a Reference,
+    start: ModelState,
+    reference: &'a PlanReference,
 }
 
 impl Request<'_> {
@@ -151,7 +148,7 @@ impl ReferenceGenerator {
         now: Time<DroneClock>,
         view: &View,
         problem: &mut Problem,
-        reference: &mut Reference,
+        reference: &mut PlanReference,
     ) {
         let (stages, step_s, start) = (self.config.stages, self.config.step_s, problem.state);
         let mission = &view.mission;
@@ -201,7 +198,7 @@ impl ReferenceGenerator {
         &mut self,
         mission: &MissionState,
         mean_z: Option<f64>,
-        start: &State,
+        start: &ModelState,
     ) -> (Goal, Weights, [f64; 4]) {
         let c = &self.config;
         let (goal, weights) = match mission.state {
@@ -279,28 +276,31 @@ impl ReferenceGenerator {
         let turns_radps = station_turns_radps(q.view);
         // The target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
-            (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
+            (Goal::Hold, _) | (_, None) => (GovernedMotion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
                 // Where it is over the deck, wherever the deck goes, and out along the escape direction.
                 let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
                 let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
                 let velocity = [0, 1].map(|i| d.velocity[i] + out[i]);
-                (Motion::new(place, velocity), [0.0; 4])
+                (GovernedMotion::new(place, velocity), [0.0; 4])
             }
             (Goal::Above | Goal::Sink, Some(d)) => {
                 let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
                 let aside = Rotation2::new(turns_radps * step_s * k as f64) * aside;
                 let around = turns_radps * Vector2::new(-aside.y, aside.x);
                 let velocity = [vx + around.x, vy + around.y];
-                (Motion::new([x + aside.x, y + aside.y], velocity), [0.0; 4])
+                (
+                    GovernedMotion::new([x + aside.x, y + aside.y], velocity),
+                    [0.0; 4],
+                )
             }
             (Goal::Touch, Some(d)) => {
                 // The full pose: the foot plane's centre over the deck's centre.
                 let (n, w) = (d.normal(), angular_velocity(d));
                 let turn = w.cross(&n) * feet;
                 let (phi, theta) = tilt_of(&n, 0.0);
-                let motion = Motion::new(
+                let motion = GovernedMotion::new(
                     [d.position[0] + feet * n.x, d.position[1] + feet * n.y],
                     [d.velocity[0] + turn.x, d.velocity[1] + turn.y],
                 );
@@ -313,7 +313,7 @@ impl ReferenceGenerator {
             acceleration: s.horizontal_mps2,
             settle_s: s.settle_s,
         };
-        let start = Motion::new(
+        let start = GovernedMotion::new(
             [q.start[state::NORTH], q.start[state::EAST]],
             [q.start[state::V_NORTH], q.start[state::V_EAST]],
         );
@@ -384,8 +384,8 @@ impl ReferenceGenerator {
             settle_s: s.settle_s,
         };
         let (target, start) = (
-            Motion::new([z], [0.0]),
-            Motion::new([q.start[state::DOWN]], [q.start[state::V_DOWN]]),
+            GovernedMotion::new([z], [0.0]),
+            GovernedMotion::new([q.start[state::DOWN]], [q.start[state::V_DOWN]]),
         );
         self.vertical
             .update(q.now, true, &target, &start, &pace, [0.3, 1.5]);
@@ -458,11 +458,11 @@ impl ReferenceGenerator {
         let (psi, rate) = target(0);
         // The target nearest to the plan's own heading: the shortest way round.
         let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
-        let start = Motion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
+        let start = GovernedMotion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(
             q.now,
             true,
-            &Motion::new([first], [rate]),
+            &GovernedMotion::new([first], [rate]),
             &start,
             &pace,
             [0.1, 0.6],
@@ -474,98 +474,6 @@ impl ReferenceGenerator {
             r[5] = first + wrap_angle(psi_k - psi) + governor.place[0];
             r[11] = rate + governor.velocity[0];
         }
-    }
-
-    /// Decides where the plan passes the volumes.
-    fn pass(&self, view: &View, here: &Vector3<f64>, reference: &mut Reference, problem: &Problem) {
-        reference.passages.clear();
-        let (deck, last) = (&reference.deck, problem.reference.last());
-        if let (Some(f), Some(now), Some(then), Some(r)) = (&view.forecast, deck.first(), deck.last(), last) {
-            let there = Vector3::new(r[0], r[1], r[2]);
-            let margin = margin_m(&self.drone);
-            let passage = |v| Passage::of(v, margin, (now, here), (then, &there));
-            let volumes = f.surroundings.keep_out.iter();
-            reference.passages.extend(volumes.map(passage));
-        }
-    }
-
-    /// No reference below the minimum altitude where it is not over the deck, nor below the top of a volume there.
-    pub(super) fn keep_above(&self, reference: &Reference, problem: &mut Problem) {
-        for (k, r) in problem.reference.iter_mut().enumerate() {
-            let ceiling = self.ceiling(reference, k, r[0], r[1]);
-            if r[2] > ceiling {
-                r[2] = ceiling;
-                r[8] = r[8].min(0.0);
-            }
-        }
-    }
-
-    /// Keeps references clear of the volumes that the plan passes on a side, and the plan's places.
-    pub(super) fn keep_out(&self, reference: &Reference, problem: &mut Problem) {
-        problem.sides.clear();
-        if reference.passages.is_empty() {
-            return;
-        }
-        let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
-        for (stage, (r, deck)) in stages.enumerate() {
-            // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
-            let passages = reference.passages.iter();
-            let from = problem.sides.len();
-            let sides = passages.filter_map(|p| p.side(deck));
-            problem.sides.extend(sides.map(|(n, offset)| Side {
-                stage,
-                normal: n.into(),
-                offset,
-            }));
-            let sides = &problem.sides[from..];
-            for Side {
-                normal: [nx, ny, nz],
-                offset,
-                ..
-            } in sides.iter().chain(sides)
-            {
-                let push = (offset - nx * r[0] - ny * r[1] - nz * r[2]).max(0.0) / (nx * nx + ny * ny);
-                (r[0], r[1]) = (r[0] + push * nx, r[1] + push * ny);
-            }
-        }
-        self.keep_above(reference, problem);
-    }
-
-    /// Soft upper bound of z at a place: over volumes that the plan passes above, over the water outside the deck.
-    pub fn ceiling(&self, reference: &Reference, stage: usize, x: f64, y: f64) -> f64 {
-        let water_z = self.water_ceiling(reference, stage, x, y);
-        let Some(deck) = reference.deck.get(stage + 1) else {
-            return water_z;
-        };
-        let tops = reference.passages.iter().filter_map(|p| p.top_z(deck, x, y));
-        tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
-    }
-
-    /// The lowest clearance over the deck's plane near the deck, nothing where a plan may touch: `n (p - c) - l = h` solved
-    /// for the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
-    fn deck_ceiling(&self, reference: &Reference, deck: &DeckStage, x: f64, y: f64) -> f64 {
-        let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
-        let near = dx.hypot(dy) < NEAR_DECK_M;
-        let Some(lowest) = reference.lowest_clearance_m.filter(|_| near) else {
-            return NO_CEILING;
-        };
-        let n = deck.normal();
-        let height = lowest - UNDERCUT_M + self.drone.feet_below_m - n.x * dx - n.y * dy;
-        deck.position[2] + height / n.z.min(-0.3)
-    }
-
-    /// The minimum altitude over the water, nothing over the deck.
-    fn water_ceiling(&self, reference: &Reference, stage: usize, x: f64, y: f64) -> f64 {
-        if let Some(d) = reference.deck.get(stage + 1) {
-            let (s, c) = d.euler[2].sin_cos();
-            let (dx, dy) = (x - d.position[0], y - d.position[1]);
-            let (along, across) = (c * dx + s * dy, -s * dx + c * dy);
-            let m = OUTLINE_MARGIN_M;
-            if along.abs() <= 0.5 * self.deck.length_m + m && across.abs() <= 0.5 * self.deck.width_m + m {
-                return NO_CEILING;
-            }
-        }
-        -reference.minimum_altitude_m
     }
 }
 

@@ -9,21 +9,21 @@ use nalgebra::Vector2;
 
 use super::config::Reset;
 use super::law::LandingStart;
-use super::model::{INPUTS, State, measured_state, state};
+use super::model::{INPUTS, ModelState, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 
 /// A plan as the solver left it: exact at any time, not only at its stages.
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {
     pub at: Time<DroneClock>,
-    pub start: State,
+    pub start: ModelState,
     pub solution: Solution,
 }
 
 impl SolvedPlan {
     /// State and input at a time, exactly: whole stages from the solver's states, the rest rolled. Before its start
     /// the start, after its end constant velocity and level.
-    pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (State, [f64; INPUTS]) {
+    pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (ModelState, [f64; INPUTS]) {
         let step = mpc.step_s();
         let x = (t - self.at).secs().max(0.0) / step;
         let k = (x + 1e-6).floor() as usize;
@@ -57,8 +57,8 @@ impl SolvedPlan {
 }
 
 /// Where a plan begins.
-pub(super) struct Start {
-    pub state: State,
+pub(super) struct PlanStart {
+    pub state: ModelState,
     pub input: [f64; INPUTS],
     /// At the measured state: nothing of the previous plan goes on.
     pub measured: bool,
@@ -74,14 +74,14 @@ pub(super) fn start(
     wind: Vector2<f64>,
     landing: Option<LandingStart>,
     reset: &Reset,
-) -> Start {
+) -> PlanStart {
     let mut measured = measured_state(drone);
     let wind = wind / GRAVITY;
     measured[state::PHI] += wind.y;
     measured[state::THETA] -= wind.x;
     if let Some(previous) = previous.filter(|p| (now - p.at).secs() <= reset.age_s) {
         let (then, _) = previous.sample(drone.header.at, mpc); // compared at the odometry's time
-        let gap: State = core::array::from_fn(|i| measured[i] - then[i]);
+        let gap: ModelState = core::array::from_fn(|i| measured[i] - then[i]);
         let near = gap[state::NORTH].hypot(gap[state::EAST]) <= reset.horizontal_m
             && gap[state::V_NORTH].hypot(gap[state::V_EAST]) <= reset.horizontal_mps
             && gap[state::DOWN].abs() <= reset.vertical_m
@@ -104,7 +104,7 @@ pub(super) fn start(
                     state[i] += yields * gap[i];
                 }
             }
-            return Start {
+            return PlanStart {
                 state,
                 input,
                 measured: false,
@@ -112,7 +112,7 @@ pub(super) fn start(
         }
     }
     // Limits are soft except those of the inputs, and hover is inside these.
-    Start {
+    PlanStart {
         state: measured,
         input: [0.0; INPUTS],
         measured: true,

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 
-use super::model::{STATES, State, state};
+use super::model::{ModelState, STATES, state};
 
 config! {
     /// Diagonal of Q far from the deck, by the paper's groups of states.
@@ -35,7 +35,7 @@ config! {
 
 impl Weights {
     /// Q's diagonal in the paper's order of states.
-    pub const fn diagonal(&self) -> State {
+    pub const fn diagonal(&self) -> ModelState {
         let (p, v, w) = (self.horizontal, self.horizontal_velocity, self.rates);
         [
             p,
@@ -123,7 +123,7 @@ config! {
 impl Faa {
     /// Q's diagonal at clearance `d` of the foot plane above the deck, m; below the deck counts
     /// as contact.
-    pub fn apply(&self, far: &State, clearance_m: f64) -> State {
+    pub fn apply(&self, far: &ModelState, clearance_m: f64) -> ModelState {
         let d = clearance_m.max(0.0);
         let mut q = *far;
         q[state::DOWN] += self.vertical.at(d);

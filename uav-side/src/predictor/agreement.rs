@@ -12,7 +12,7 @@ const MEMORY_S: f64 = 3.0;
 /// A contradiction is forgotten within this time, s: longer than a lull between two groups of waves.
 const RELEASE_S: f64 = 30.0;
 /// One reading counts no more than this, in variances: a gull below the drone is no contradiction.
-const MOST: f64 = 100.0;
+const MAX_SQUARE: f64 = 100.0;
 /// The place by vision is the radio's within so many standard deviations of their slow errors; Rayleigh: one sound
 /// landing in 3000 is refused.
 pub(super) const PLACE_SD: f64 = 4.0;
@@ -35,7 +35,7 @@ struct Averaged {
 impl HeightAgreement {
     /// A reading that differs by so many standard deviations of both.
     pub(super) fn take(&mut self, at: Time<DroneClock>, innovation_sd: f64) {
-        let squared = innovation_sd.powi(2).min(MOST);
+        let squared = innovation_sd.powi(2).min(MAX_SQUARE);
         let since = |then: Time<DroneClock>| (at - then).secs().max(0.0);
         let (mean, peak, dt) = self.newest.map_or((1.0, 1.0, 0.0), |n| {
             let dt = since(n.at);

@@ -110,43 +110,43 @@ impl AxisNoise {
 
 /// Transition of all oscillators over one time, shared by the six filters.
 #[derive(Clone, Debug)]
-pub struct Step {
+pub struct OscillatorStep {
     /// s.
     pub dt: f64,
     /// Number of oscillators.
     pub count: usize,
     /// Per degree of freedom.
-    transitions: [Transition; AXES],
+    transitions: [OscillatorTransition; AXES],
 }
 
 /// Blocks per oscillator.
 #[derive(Clone, Copy, Debug)]
-pub struct Transition {
+pub struct OscillatorTransition {
     /// Row-major 2 x 2 blocks.
     pub a: [[f64; 4]; MAX_OSCILLATORS],
     /// `I - A diag(1, omega²) A'` in units of the stationary variance: q11, q12, q22.
     pub q: [[f64; 3]; MAX_OSCILLATORS],
 }
 
-impl Step {
+impl OscillatorStep {
     /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its
     /// stationary covariance `diag(1, omega²) sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
-        Step {
+        OscillatorStep {
             dt,
             count: oscillators.len().min(MAX_OSCILLATORS),
-            transitions: core::array::from_fn(|axis| Transition::new(oscillators, axis, dt)),
+            transitions: core::array::from_fn(|axis| OscillatorTransition::new(oscillators, axis, dt)),
         }
     }
     /// Transition of one degree of freedom.
-    pub fn of(&self, axis: usize) -> &Transition {
+    pub fn of(&self, axis: usize) -> &OscillatorTransition {
         &self.transitions[axis]
     }
 }
 
-impl Transition {
+impl OscillatorTransition {
     fn new(oscillators: &[Oscillator], axis: usize, dt: f64) -> Self {
-        let mut s = Transition {
+        let mut s = OscillatorTransition {
             a: [[0.0; 4]; MAX_OSCILLATORS],
             q: [[0.0; 3]; MAX_OSCILLATORS],
         };
@@ -259,7 +259,13 @@ impl Axis {
         self.n = self.n.min(HEAD + 2);
     }
     /// `x <- A x`, `P <- A P A' + Q` over `step`.
-    pub fn propagate(&mut self, noise: &AxisNoise, oscillators: &[Oscillator], axis: usize, step: &Step) {
+    pub fn propagate(
+        &mut self,
+        noise: &AxisNoise,
+        oscillators: &[Oscillator],
+        axis: usize,
+        step: &OscillatorStep,
+    ) {
         let dt = step.dt;
         let n = self.n.min(HEAD + 2 * step.count);
         let h = Head::new(noise, dt);

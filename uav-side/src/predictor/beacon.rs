@@ -17,8 +17,8 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix2, Vector2};
 
 use super::agreement::PLACE_SD;
-use super::observation::Observation;
-use super::track::Jump;
+use super::observation::DeckObservation;
+use super::track::FrameJump;
 
 /// Correlation time of a receiver's slow error, s: as that of the vessel's own.
 const BIAS_TIME_S: f64 = 300.0;
@@ -87,7 +87,7 @@ fn noise(m: &DeckBeacon) -> Vector2<f64> {
 
 /// Knowledge by the beacon now.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
+pub(super) struct BeaconEstimate {
     /// The deck's centre, north and east in the drone's NED, m.
     pub(super) place: Vector2<f64>,
     /// Standard deviation of the place, each axis, m.
@@ -209,7 +209,7 @@ impl BeaconTrack {
         }
     }
     /// The autopilot's estimate has jumped: what was detected has moved with the drone, the beacon's place with the datum.
-    pub(super) fn shift(&mut self, jump: &Jump) {
+    pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some((_, offset)) = &mut self.offset {
             *offset += jump.moved.xy() - jump.datum.xy();
         }
@@ -226,7 +226,7 @@ impl BeaconTrack {
         (place.norm() < MAX_POSITION_M).then_some(place)
     }
     /// The beacon's present state; None once it has ended.
-    pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Known> {
+    pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<BeaconEstimate> {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
@@ -236,7 +236,7 @@ impl BeaconTrack {
             (offset * keeps, slow * (1.0 - keeps * keeps))
         });
         let most = |k: usize| axes.iter().map(|a| a.p[(k, k)]).fold(0.0, f64::max);
-        Some(Known {
+        Some(BeaconEstimate {
             place: place + offset,
             sd_m: (most(0) + slow).sqrt(),
             velocity: Vector2::new(axes[0].x[1], axes[1].x[1]),
@@ -246,9 +246,9 @@ impl BeaconTrack {
     }
 }
 
-impl Known {
+impl BeaconEstimate {
     /// Distance of `o` from the beacon's place, and its maximum, m.
-    pub(super) fn apart(&self, o: &Observation) -> Option<[f64; 2]> {
+    pub(super) fn apart(&self, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
         };

@@ -8,11 +8,11 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector2};
 
 use super::agreement;
-use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
+use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
-use super::observation::{Kind, Observation};
+use super::observation::{DeckObservation, ObservationKind};
 use super::shift;
-use super::track::Jump;
+use super::track::FrameJump;
 use super::waves::{AXES, TILT, Waves};
 
 /// Observations that can be put in order.
@@ -45,14 +45,14 @@ pub enum Fused {
 }
 
 /// The six degrees of freedom.
-pub type State = [Axis; AXES];
+pub type FilterState = [Axis; AXES];
 
 #[derive(Clone, Debug)]
 struct Entry {
     at: Time<DroneClock>,
-    observation: Option<Observation>,
+    observation: Option<DeckObservation>,
     /// State after it.
-    after: Box<State>,
+    after: Box<FilterState>,
 }
 
 /// The filters and their recent past.
@@ -63,7 +63,7 @@ pub struct Filter {
     /// Error of the vessel's own tilt that all its estimates share, rad.
     common_tilt: f64,
     entries: VecDeque<Entry>,
-    spare: Vec<Box<State>>,
+    spare: Vec<Box<FilterState>>,
     /// Consecutive rejections: radio, vision.
     rejected: [u32; 2],
     /// The radio is received.
@@ -77,13 +77,13 @@ pub struct Filter {
 
 impl Filter {
     /// Filters that begin with `first`, whose missing degrees of freedom are level.
-    pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
+    pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &DeckObservation) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
         let oscillators = waves.oscillators(first.at);
         let first = first.about(&waves.motion(first.at));
-        let axes: State = core::array::from_fn(|i| {
+        let axes: FilterState = core::array::from_fn(|i| {
             let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
             let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
             let mut axis = Axis::new(&noise[i], &oscillators, i, level, 0.0, rate_sd[i]);
@@ -112,7 +112,7 @@ impl Filter {
     }
 
     /// The state at `t`: predicted from what was known then.
-    pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> State {
+    pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> FilterState {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);
         let Some(before) = self.entries.get(i - 1) else {
             // Never empty; a level deck stands in.
@@ -127,7 +127,7 @@ impl Filter {
         self.started
     }
     /// The state after the newest observation.
-    pub fn last(&self) -> Option<&State> {
+    pub fn last(&self) -> Option<&FilterState> {
         self.entries.back().map(|e| &*e.after)
     }
     /// Time of the newest observation.
@@ -141,7 +141,7 @@ impl Filter {
     /// Noise parameters in state `s`: under way a helmsman and the waves change the mean velocity, in
     /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
     /// course is taken to go on: vision cannot distinguish a new mean velocity from waves.
-    pub fn noise(&self, s: &State) -> [AxisNoise; AXES] {
+    pub fn noise(&self, s: &FilterState) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
         if let Some(t) = turning(s).filter(|_| self.radio_available) {
             let across = (t.rate * t.speed).abs().min(MAX_TURN_MPS2);
@@ -161,13 +161,13 @@ impl Filter {
 
     /// Takes a state on from one time to another, from the modes that were the newest then to those of the later time:
     /// the difference of a newer message from the one before is no motion of the deck, so the residual takes it.
-    fn advance(&self, s: &mut State, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
+    fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
             return;
         }
         let oscillators = waves.oscillators(to);
-        let step = Step::new(&oscillators, dt.secs());
+        let step = OscillatorStep::new(&oscillators, dt.secs());
         let noise = self.noise(s);
         for (i, a) in s.iter_mut().enumerate() {
             a.propagate(&noise[i], &oscillators, i, &step);
@@ -236,7 +236,7 @@ impl Filter {
     }
 
     /// Fuses `o` where it belongs in time and everything later again after it.
-    pub fn fuse(&mut self, waves: &Waves, o: &Observation) -> Fused {
+    pub fn fuse(&mut self, waves: &Waves, o: &DeckObservation) -> Fused {
         let i = self.entries.partition_point(|e| e.at <= o.at);
         let late = self
             .newest()
@@ -266,7 +266,7 @@ impl Filter {
         self.advance(&mut state, waves, since, o.at);
         let about = o.about(&waves.motion(o.at));
         let gated = apply(&mut state, &about, self.gate, self.common_tilt);
-        if o.kind != Kind::Estimate {
+        if o.kind != ObservationKind::Estimate {
             for (k, group) in GROUPS.iter().enumerate() {
                 let used = gated & (1 << k) == 0;
                 group
@@ -323,7 +323,7 @@ impl Filter {
     }
 
     /// The autopilot's estimate has jumped.
-    pub fn shift(&mut self, jump: &Jump) {
+    pub fn shift(&mut self, jump: &FrameJump) {
         let before = self.offsets();
         let mut known = self.observed;
         for e in &mut self.entries {
@@ -358,7 +358,7 @@ impl Filter {
     }
     /// Distance of the present detection from the radio's place, about the modes, by the state `s` of its time, where it
     /// is further apart than it may be. None, too, of a deck that is `followed` and detected where it was before.
-    pub fn elsewhere(&self, s: &State, o: &Observation, followed: bool) -> Option<[f64; 2]> {
+    pub fn elsewhere(&self, s: &FilterState, o: &DeckObservation, followed: bool) -> Option<[f64; 2]> {
         let [Some(north), Some(east), ..] = o.value else {
             return None;
         };
@@ -374,7 +374,7 @@ impl Filter {
     }
     /// Distance of the present detection, about the modes, from the radio's place, by the state `s` of its time, and its
     /// maximum, m.
-    pub fn apart(&self, s: &State, o: &Observation) -> Option<[f64; 2]> {
+    pub fn apart(&self, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some(north), Some(east), ..] = o.value else {
             return None;
         };
@@ -393,11 +393,11 @@ impl Filter {
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be
     /// wrong become uncertain.
-    fn reset_after_rejections(&mut self, kind: Kind, gated: u32) {
+    fn reset_after_rejections(&mut self, kind: ObservationKind, gated: u32) {
         let (channel, slow) = match kind {
-            Kind::Estimate => (0, super::axis::RADIO),
-            Kind::Tag | Kind::Uvdar => (1, VISION),
-            Kind::Range => return,
+            ObservationKind::Estimate => (0, super::axis::RADIO),
+            ObservationKind::Tag | ObservationKind::Uvdar => (1, VISION),
+            ObservationKind::Range => return,
         };
         let Some(count) = self.rejected.get_mut(channel) else {
             return;
@@ -428,7 +428,7 @@ struct Turning {
 }
 
 /// The turn, when there is enough speed for one.
-fn turning(s: &State) -> Option<Turning> {
+fn turning(s: &FilterState) -> Option<Turning> {
     let speed = s[0].x[RATE].hypot(s[1].x[RATE]);
     (speed > STEERAGE_MPS).then_some(Turning {
         rate: s[5].x[RATE],
@@ -438,7 +438,7 @@ fn turning(s: &State) -> Option<Turning> {
 
 /// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
 /// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only; and so have heel and trim.
-fn propagate_turn(s: &mut State, dt: f64) {
+fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
     };
@@ -446,7 +446,7 @@ fn propagate_turn(s: &mut State, dt: f64) {
     if !(angle.abs() < MAX_BEND_RAD) {
         return;
     }
-    let turned = |s: &State, slot: usize, [i, j]: [usize; 2]| {
+    let turned = |s: &FilterState, slot: usize, [i, j]: [usize; 2]| {
         Rotation2::new(angle) * Vector2::new(s[i].x[slot], s[j].x[slot])
     };
     let heel = turned(s, MEAN, TILT);
@@ -460,7 +460,7 @@ fn propagate_turn(s: &mut State, dt: f64) {
 
 /// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
 /// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
-fn update_camera_rotation(s: &mut State, o: &Observation, common: f64) {
+fn update_camera_rotation(s: &mut FilterState, o: &DeckObservation, common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some((measured, r)) = o.value[j] else { continue };
         let (level, var) = s[j].project(MeasurementRow::Level);
@@ -470,10 +470,10 @@ fn update_camera_rotation(s: &mut State, o: &Observation, common: f64) {
 }
 
 /// Fuses an observation into a state of the same time; the groups rejected, a bit each.
-fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
+fn apply(s: &mut FilterState, o: &DeckObservation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
-        Kind::Estimate => MeasurementRow::Radio,
-        Kind::Tag | Kind::Uvdar | Kind::Range => MeasurementRow::Vision,
+        ObservationKind::Estimate => MeasurementRow::Radio,
+        ObservationKind::Tag | ObservationKind::Uvdar | ObservationKind::Range => MeasurementRow::Vision,
     };
     let row = |i: usize| match o.lever.get(i) {
         Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),
@@ -500,7 +500,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             gated |= 1 << k;
             continue;
         }
-        if o.kind == Kind::Tag && group == GROUPS[1] {
+        if o.kind == ObservationKind::Tag && group == GROUPS[1] {
             update_camera_rotation(s, o, common);
         }
         for &i in group {

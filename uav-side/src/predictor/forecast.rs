@@ -7,7 +7,9 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
 
-use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
+use super::axis::{
+    Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, OscillatorStep, RATE, VISION, compass,
+};
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
@@ -25,8 +27,8 @@ pub(super) const STEERAGE_MPS: f64 = 0.3;
 pub struct Horizon {
     oscillators: Vec<Oscillator>,
     stage_s: f64,
-    stage: Step,
-    knots: Vec<Step>,
+    stage: OscillatorStep,
+    knots: Vec<OscillatorStep>,
 }
 
 impl Horizon {
@@ -35,10 +37,10 @@ impl Horizon {
         Horizon {
             oscillators: oscillators.to_vec(),
             stage_s,
-            stage: Step::new(oscillators, stage_s),
+            stage: OscillatorStep::new(oscillators, stage_s),
             knots: KNOTS
                 .iter()
-                .map(|&k| Step::new(oscillators, k as f64 * stage_s))
+                .map(|&k| OscillatorStep::new(oscillators, k as f64 * stage_s))
                 .collect(),
         }
     }

@@ -29,8 +29,8 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Vector2, Vector3, Vector4};
 
 use super::agreement::PLACE_SD;
-use super::observation::Observation;
-use super::track::Jump;
+use super::observation::DeckObservation;
+use super::track::FrameJump;
 
 /// Maximum number of decks that are distinguished.
 const MAX_DECKS: usize = 4;
@@ -232,7 +232,7 @@ pub(super) struct Decks {
 
 impl Decks {
     /// The radio's estimate of the vessel; `height`: of the deck's centre, down, m, and its rate, m/s.
-    pub(super) fn report(&mut self, o: &Observation, height: [f64; 2]) {
+    pub(super) fn report(&mut self, o: &DeckObservation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
         };
@@ -261,7 +261,7 @@ impl Decks {
     /// has the vessel, and how far that may be, m. Returns the deck that they belong to.
     pub(super) fn see(
         &mut self,
-        o: &Observation,
+        o: &DeckObservation,
         range_m: f64,
         velocity: Vector2<f64>,
         apart: Option<[f64; 2]>,
@@ -316,7 +316,7 @@ impl Decks {
         Some(k)
     }
     /// Tilt and height of a deck that was detected against the radio's of the same time.
-    fn compare(&mut self, k: usize, o: &Observation) {
+    fn compare(&mut self, k: usize, o: &DeckObservation) {
         let [
             ..,
             Some((down, vd)),
@@ -352,7 +352,7 @@ impl Decks {
         }
     }
     /// Whether tags that were detected of the deck `k` are the vessel's own; `radio`: that is received.
-    pub(super) fn verdict(&mut self, k: usize, o: &Observation, radio: bool) -> Verdict {
+    pub(super) fn verdict(&mut self, k: usize, o: &DeckObservation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
             self.own = self.own.filter(|own| *own != k);
@@ -413,7 +413,7 @@ impl Decks {
         });
     }
     /// The frame has jumped.
-    pub(super) fn shift(&mut self, jump: &Jump) {
+    pub(super) fn shift(&mut self, jump: &FrameJump) {
         for d in &mut self.decks {
             let place = Vector3::new(d.place.x, d.place.y, jump.about.z);
             d.place = jump.of(&place).xy();
@@ -429,14 +429,14 @@ impl Decks {
 
 #[cfg(test)]
 mod tests {
-    use super::super::observation::Kind;
+    use super::super::observation::ObservationKind;
     use super::*;
 
-    fn observation(kind: Kind, at_s: f64, place: [f64; 2], attitude: [f64; 3]) -> Observation {
+    fn observation(kind: ObservationKind, at_s: f64, place: [f64; 2], attitude: [f64; 3]) -> DeckObservation {
         let tilt_variance = 0.02_f64.powi(2);
         let [n, e] = place.map(|v| Some((v, 1e-4)));
         let [a, b, c] = attitude.map(|v| Some((v, tilt_variance)));
-        Observation {
+        DeckObservation {
             at: Time::from_secs(at_s),
             kind,
             value: [n, e, Some((0.0, 1e-4)), a, b, c],
@@ -463,7 +463,7 @@ mod tests {
         for k in 0..(seconds * 30.0) as u32 {
             let t = f64::from(k) / 30.0;
             if radio {
-                let estimate = observation(Kind::Estimate, t, [0.0; 2], [roll(t, 0.0), 0.0, 0.1]);
+                let estimate = observation(ObservationKind::Estimate, t, [0.0; 2], [roll(t, 0.0), 0.0, 0.1]);
                 decks.report(&estimate, [heave(t, 0.0), 0.0]);
             }
             // Errors of the tags' tilt, and of the camera's mount.
@@ -476,7 +476,7 @@ mod tests {
             let places = [[1.0, 0.0], [-2.0, 0.0]];
             let both: Vec<_> = (detected.iter().zip(places))
                 .map(|((attitude, down), place)| {
-                    let mut o = observation(Kind::Tag, t, place, *attitude);
+                    let mut o = observation(ObservationKind::Tag, t, place, *attitude);
                     o.value[2] = Some((*down, 0.1 * 0.1));
                     o.value[3] = o.value[3].map(|(v, _)| (v, tilt_sd * tilt_sd));
                     o.value[4] = o.value[4].map(|(v, _)| (v, tilt_sd * tilt_sd));
@@ -522,10 +522,15 @@ mod tests {
                 let t = f64::from(n) / 30.0;
                 let roll = |t: f64| 0.12 * (1.3 * t).sin();
                 decks.report(
-                    &observation(Kind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]),
+                    &observation(ObservationKind::Estimate, t, [0.0; 2], [roll(t), 0.0, 0.0]),
                     [0.0; 2],
                 );
-                let o = observation(Kind::Tag, t, [0.5, 0.0], [roll(t - later_s) + 0.03, 0.02, 0.0]);
+                let o = observation(
+                    ObservationKind::Tag,
+                    t,
+                    [0.5, 0.0],
+                    [roll(t - later_s) + 0.03, 0.02, 0.0],
+                );
                 let k = decks.see(&o, 7.0, Vector2::zeros(), Some([0.5, 5.7])).unwrap();
                 verdict = decks.verdict(k, &o, true);
             }
@@ -542,7 +547,7 @@ mod tests {
         // One alone is, and stays the one when another comes into view, and while it is out of view itself.
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
-            let o = observation(Kind::Tag, t, [north, 0.0], [0.0; 3]);
+            let o = observation(ObservationKind::Tag, t, [north, 0.0], [0.0; 3]);
             let k = decks.see(&o, 5.0, Vector2::zeros(), None).unwrap();
             decks.verdict(k, &o, false)
         };

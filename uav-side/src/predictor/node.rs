@@ -13,26 +13,26 @@ use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use alight_shared::vessel_model::{YAW, turn_tilt};
+use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 mod by_beacon;
+mod radio;
 mod sight;
 
 use super::agreement::HeightAgreement;
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
-use super::beacon::{BeaconTrack, Known, Level};
+use super::beacon::{BeaconEstimate, BeaconTrack, Level};
 use super::checkpoint;
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::identity::{Decks, Verdict};
 use super::lever_arm_heave::lever_arm_heave;
-use super::observation::{self, MountRotation, Observation, Plane};
+use super::observation::{self, DeckObservation, MountRotation, Plane};
 use super::own::OwnModel;
-use super::placement::placed;
-use super::track::Track;
+use super::track::DroneTrack;
 use super::waves::{AXES, Waves};
 use alight_shared::checkpoint::Recovery;
 
@@ -112,7 +112,7 @@ pub struct Predictor {
     horizon: Horizon,
     /// Horizon further ahead, in longer steps.
     far: Horizon,
-    track: Track,
+    track: DroneTrack,
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
@@ -155,7 +155,7 @@ impl Predictor {
             sequence: 0,
             waves,
             filter: None,
-            track: Track::default(),
+            track: DroneTrack::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
             radio_at: None,
@@ -204,11 +204,11 @@ impl Predictor {
         Ok(())
     }
 
-    fn fuse(&mut self, o: &Observation) -> Result<(), RejectionReason> {
+    fn fuse(&mut self, o: &DeckObservation) -> Result<(), RejectionReason> {
         if let Some(own) = self
             .own
             .as_mut()
-            .filter(|_| o.kind != observation::Kind::Estimate)
+            .filter(|_| o.kind != observation::ObservationKind::Estimate)
         {
             own.fuse(&self.config, o);
         }
@@ -220,7 +220,7 @@ impl Predictor {
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
-            Fused::Gated(n) if n < 3 && o.kind != observation::Kind::Range => {
+            Fused::Gated(n) if n < 3 && o.kind != observation::ObservationKind::Range => {
                 self.rejections.count(RejectionReason::Outlier);
                 Ok(())
             }
@@ -254,53 +254,12 @@ impl Predictor {
 
     /// The drone's origin is another: what was known of the deck's place was about the one before.
     fn forget_frame(&mut self) {
-        self.track = Track::default();
+        self.track = DroneTrack::default();
         (self.filter, self.own) = (None, None);
         (self.radio_at, self.radio_sequence) = (None, None);
         (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
         self.height = HeightAgreement::default();
         self.decks = Decks::default();
-    }
-
-    fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
-        Self::admit(now, m)?;
-        self.slopes = Some((m.header.at, m.slopes));
-        let identified = self.waves.receive(m);
-        self.follow_modes(m.header.at, identified);
-        Ok(())
-    }
-
-    /// The filter follows newer modes, valid at `at`; `identified`: a bank of oscillators has gone for them.
-    fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
-        match &mut self.filter {
-            Some(f) if identified => f.adopt_modes(&self.waves),
-            Some(f) => f.rebase(&self.waves, at),
-            None => {}
-        }
-    }
-
-    fn estimate(
-        &mut self,
-        now: Time<DroneClock>,
-        e: &VesselEstimate<DroneClock>,
-    ) -> Result<(), RejectionReason> {
-        Self::admit(now, e)?;
-        let drone = self.track.newest().ok_or(RejectionReason::NoDroneState)?;
-        let e = &placed(e, &drone.datum, &drone.datum_offset()).ok_or(RejectionReason::OutOfRange)?;
-        let known = (e.header.boot, e.header.sequence);
-        if self.radio_sequence == Some(known) {
-            return Err(RejectionReason::Duplicate);
-        }
-        let o = observation::estimate(e, self.clock_sd_s);
-        self.decks.report(&o, observation::deck_height(e));
-        self.fuse(&o)?;
-        if self.radio_at.is_none_or(|t| e.header.at > t) {
-            self.radio_at = Some(e.header.at);
-            self.radio_sequence = Some(known);
-            self.waves.set_lever_arm(e.deck_centre(), e.eta[YAW]);
-            self.stated = observation::stated(e);
-        }
-        Ok(())
     }
 
     fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), RejectionReason> {

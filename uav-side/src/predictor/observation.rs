@@ -7,7 +7,7 @@ use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::config::PredictorConfig;
-use super::track::{Jump, Pose};
+use super::track::{FrameJump, Pose};
 use super::waves::{AXES, DeckMotion};
 
 /// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
@@ -20,7 +20,7 @@ const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
 /// Source of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ObservationKind {
     /// The vessel's estimate.
     Estimate,
     /// The tag.
@@ -35,13 +35,13 @@ pub enum Kind {
 pub type Measured = Option<(f64, f64)>;
 
 /// Values and rates of the deck at one instant, in the filter's degrees of freedom. Height is that
-/// of the deck on a level vessel, once [`Observation::levelled`].
+/// of the deck on a level vessel, once [`DeckObservation::levelled`].
 #[derive(Clone, Copy, Debug)]
-pub struct Observation {
+pub struct DeckObservation {
     /// Time of validity.
     pub at: Time<DroneClock>,
     /// Source of the observation.
-    pub kind: Kind,
+    pub kind: ObservationKind,
     /// Position of the deck's centre, tilt as heading north, heading.
     pub value: [Measured; AXES],
     /// Their rates.
@@ -51,10 +51,10 @@ pub struct Observation {
     pub lever: [f64; 2],
 }
 
-impl Observation {
+impl DeckObservation {
     /// Observation of what `motion` leaves of the deck: that is what the filters hold.
     #[must_use]
-    pub fn about(&self, motion: &DeckMotion) -> Observation {
+    pub fn about(&self, motion: &DeckMotion) -> DeckObservation {
         let mut rest = *self;
         for i in 0..AXES {
             if let Some((v, _)) = &mut rest.value[i] {
@@ -76,10 +76,10 @@ impl Observation {
     }
     /// The autopilot's estimate has jumped since: detections are where the drone made them, what came by radio where the
     /// datum lies now.
-    pub fn shift(&mut self, jump: &Jump) {
+    pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
-            Kind::Estimate => (jump.datum, 0.0),
-            Kind::Tag | Kind::Uvdar | Kind::Range => match self.value {
+            ObservationKind::Estimate => (jump.datum, 0.0),
+            ObservationKind::Tag | ObservationKind::Uvdar | ObservationKind::Range => match self.value {
                 [Some((n, _)), Some((e, _)), Some((d, _)), ..] => {
                     let place = Vector3::new(n, e, d);
                     (jump.of(&place) - place, jump.yaw)
@@ -130,7 +130,7 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
 
 /// The vessel's estimate in the drone's frame; `clock_sd` is the clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
 /// estimate err alike, and the filter holds their difference.
-pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> Observation {
+pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservation {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     let dot = e.eta_dot.map(f64::from);
@@ -165,9 +165,9 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> Observation {
     let acc = [ddot[0], ddot[1], ddot[2], tilt_acc, tilt_acc, ddot[5]];
     let noise =
         |i: usize, variance: f64, change: f64| variance.max(WANDER[i].powi(2)) + (change * clock_sd).powi(2);
-    Observation {
+    DeckObservation {
         at: e.header.at,
-        kind: Kind::Estimate,
+        kind: ObservationKind::Estimate,
         value: core::array::from_fn(|i| Some((values[i], noise(i, stated[i].0, rates[i])))),
         rate: core::array::from_fn(|i| Some((rates[i], noise(i, stated[i].1, acc[i])))),
         lever: [0.0; 2],
@@ -212,7 +212,7 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// A detection of the deck by its tags: position of its centre, tilt and heading.
-pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
+pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
     let tag = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -238,9 +238,9 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
         angle.z,
     ];
     let value = [centre.x, centre.y, centre.z, tilt.0, tilt.1, yaw];
-    Observation {
+    DeckObservation {
         at: m.header.at,
-        kind: Kind::Tag,
+        kind: ObservationKind::Tag,
         value: core::array::from_fn(|i| Some((value[i], var[i]))),
         rate: [None; AXES],
         lever: lever(&lever_arm),
@@ -248,7 +248,7 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
 }
 
 /// A detection of the UV markers: position of the deck's centre.
-pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
+pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
     let centre = drone.position + corrected(&lever_arm, mount);
@@ -259,9 +259,9 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorCon
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
     }
-    Observation {
+    DeckObservation {
         at: m.header.at,
-        kind: Kind::Uvdar,
+        kind: ObservationKind::Uvdar,
         value,
         rate: [None; AXES],
         lever: lever(&lever_arm),
@@ -283,7 +283,7 @@ pub struct Plane {
 
 /// A rangefinder's reading of the deck: height of its centre. None when the spot is not safely
 /// inside the deck's edges.
-pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<Observation> {
+pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<DeckObservation> {
     let beam = drone.attitude * Vector3::new(0.0, 0.0, 1.0);
     let spot = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m) + beam * m.range_m;
     let local = deck.rotation.inverse_transform_vector(&(spot - deck.centre));
@@ -302,9 +302,9 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
     let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z * c.drone_variance_fraction;
     let mut value = [None; AXES];
     value[2] = Some((spot.z + slope, r));
-    Some(Observation {
+    Some(DeckObservation {
         at: m.header.at,
-        kind: Kind::Range,
+        kind: ObservationKind::Range,
         value,
         rate: [None; AXES],
         lever: [0.0; 2],
@@ -319,9 +319,9 @@ mod tests {
     fn tag_tilt_by_the_vessels_compass() {
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
         let turned = turn_tilt(roll, pitch, -yaw);
-        let tag = Observation {
+        let tag = DeckObservation {
             at: Time::EPOCH,
-            kind: Kind::Tag,
+            kind: ObservationKind::Tag,
             value: [0.0, 0.0, 0.0, turned.0, turned.1, yaw].map(|v| Some((v, 1.0))),
             rate: [None; AXES],
             lever: [0.0; 2],

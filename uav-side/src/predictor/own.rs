@@ -14,9 +14,9 @@ use nalgebra::{Rotation2, UnitQuaternion, Vector3};
 
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, VISION};
 use super::config::PredictorConfig;
-use super::filter::{Filter, Fused, State};
-use super::observation::Observation;
-use super::track::Jump;
+use super::filter::{Filter, FilterState, Fused};
+use super::observation::DeckObservation;
+use super::track::FrameJump;
 use super::waves::{AXES, Oscillator, Spread, Waves};
 
 /// A sample is the state so long ago, s: images have come by then.
@@ -52,7 +52,7 @@ impl OwnModel {
         }
     }
     /// Takes an observation.
-    pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &Observation) {
+    pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation) {
         let waves = &self.waves;
         let filter = self
             .filter
@@ -62,7 +62,7 @@ impl OwnModel {
         }
     }
     /// The autopilot's estimate has jumped.
-    pub(super) fn shift(&mut self, jump: &Jump) {
+    pub(super) fn shift(&mut self, jump: &FrameJump) {
         if let Some(f) = &mut self.filter {
             f.shift(jump);
         }
@@ -118,7 +118,7 @@ impl OwnModel {
 /// `lever_arm` (m) in the vessel's axes.
 fn sample(
     at: Time<DroneClock>,
-    axes: &State,
+    axes: &FilterState,
     oscillators: &[Oscillator],
     lever_arm: &Vector3<f64>,
 ) -> MotionSample<DroneClock> {
@@ -167,7 +167,8 @@ mod tests {
         }];
         let lever_arm = Vector3::new(-4.0, 0.0, -1.3);
         let noise = AxisNoise::all(&c);
-        let mut axes: State = core::array::from_fn(|i| Axis::new(&noise[i], &oscillators, i, 0.0, 0.1, 0.1));
+        let mut axes: FilterState =
+            core::array::from_fn(|i| Axis::new(&noise[i], &oscillators, i, 0.0, 0.1, 0.1));
         axes[5].x[MEAN] = FRAC_PI_2;
         let (about_north, about_east, yaw) = ([0.02, -0.05], [0.1, 0.07], [0.03, 0.04]);
         for (axis, motion) in [(3, about_north), (4, about_east), (5, yaw)] {

@@ -10,14 +10,14 @@
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
-use super::track::Jump;
+use super::track::FrameJump;
 use super::waves::AXES;
 
 /// A state of the filters after `jump`; `measured`: degrees of freedom that were ever measured in the drone's frame.
 /// Gives those of which that is still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
-    jump: &Jump,
+    jump: &FrameJump,
     measured: &[bool; AXES],
     noise: &[AxisNoise; AXES],
     gate: f64,

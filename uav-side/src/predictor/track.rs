@@ -21,7 +21,7 @@ const JUMP_STEP_S: f64 = 0.2;
 
 /// A jump of the autopilot's estimate, as the odometry has detected it, in the frame that goes on through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jump {
+pub struct FrameJump {
     /// Jump of the frame itself, m: 0 except where a restarted link lost it.
     pub moved: Vector3<f64>,
     /// Jump of the datum, by which the radio's place is known, m.
@@ -32,15 +32,15 @@ pub struct Jump {
     pub about: Vector3<f64>,
 }
 
-impl Jump {
+impl FrameJump {
     /// Present place of what the drone saw at `place` (m) before.
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
         self.about + turn * (place + self.moved - self.about)
     }
-    fn between(last: &DroneState, s: &DroneState) -> Option<Jump> {
+    fn between(last: &DroneState, s: &DroneState) -> Option<FrameJump> {
         let dt = (s.header.at - last.header.at).secs();
-        let mut jump = Jump {
+        let mut jump = FrameJump {
             moved: Vector3::zeros(),
             datum: s.datum_offset() - last.datum_offset(),
             yaw: wrap_angle(s.heading_jumps - last.heading_jumps),
@@ -75,22 +75,22 @@ pub struct Pose {
 
 /// The last states, in order.
 #[derive(Clone, Debug)]
-pub struct Track {
+pub struct DroneTrack {
     states: VecDeque<DroneState>,
 }
 
-impl Default for Track {
+impl Default for DroneTrack {
     fn default() -> Self {
-        Track {
+        DroneTrack {
             states: VecDeque::with_capacity(MAX_STATES),
         }
     }
 }
 
-impl Track {
+impl DroneTrack {
     /// Takes a newer state. `Some` when the autopilot's estimate has jumped: the earlier states are moved and turned along.
-    pub fn push(&mut self, s: &DroneState) -> Option<Jump> {
-        let jump = self.states.back().and_then(|last| Jump::between(last, s));
+    pub fn push(&mut self, s: &DroneState) -> Option<FrameJump> {
+        let jump = self.states.back().and_then(|last| FrameJump::between(last, s));
         if let Some(jump) = jump {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
             for old in &mut self.states {
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn track_interpolation_and_extrapolation() {
-        let mut t = Track::default();
+        let mut t = DroneTrack::default();
         t.push(&state(1.0, 1.0));
         t.push(&state(1.1, 1.1));
         let at = |s: f64| t.at(Time::from_secs(s)).map(|p| p.position.x);
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn track_at_a_jump_of_the_datum() {
-        let mut t = Track::default();
+        let mut t = DroneTrack::default();
         t.push(&state(1.0, 1.0));
         let jump = t
             .push(&DroneState {
@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn track_with_a_restarted_link() {
-        let mut t = Track::default();
+        let mut t = DroneTrack::default();
         t.push(&DroneState {
             datum_offset: [-5.0, 0.0, 0.0],
             ..state(1.0, 1.0)
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn track_with_a_yaw_reset() {
-        let mut t = Track::default();
+        let mut t = DroneTrack::default();
         t.push(&state(1.0, 1.0));
         let q = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.3);
         let jump = t

@@ -24,8 +24,8 @@ use alight_shared::motion_model::{MeasuredErrors, MotionModel};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
-    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Step, Term,
-    VesselModel, YAW,
+    Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
+    Term, VesselModel, YAW,
 };
 use nalgebra::{Rotation2, Vector2, Vector3};
 
@@ -104,7 +104,7 @@ pub(crate) struct VesselFilter {
     course_errors: MeasuredErrors<3, VesselClock>,
     /// Slow motion that the waves are relative to.
     pub(crate) slow: SlowMotion,
-    step: Step,
+    step: BeliefStep,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
     /// The first of them.

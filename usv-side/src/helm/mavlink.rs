@@ -5,7 +5,7 @@
 //! `COM_OF_LOSS_T`: that is the dead man of this end. PX4 wants set-points for a second before it takes the mode.
 
 use alight_shared::mavlink::{
-    self, Fields, FrameReader, MAX_WAITING, Outgoing, Sender, Signing, dialect as m,
+    self, Fields, FrameReader, MAX_WAITING, MavlinkSender, Outgoing, Signing, dialect as m,
 };
 use alight_shared::time::{Span, Time, VesselClock};
 
@@ -185,7 +185,7 @@ impl MavlinkHelm {
         bytes
     }
     fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
-        let from = Sender {
+        let from = MavlinkSender {
             system: self.systems.own().unwrap_or(1),
             component: COMPANION,
             sequence: self.sequence,

@@ -1,5 +1,5 @@
 use alight_shared::frames::wrap_angle;
-use alight_shared::mavlink::{self, FrameReader, Outgoing, Sender};
+use alight_shared::mavlink::{self, FrameReader, MavlinkSender, Outgoing};
 use alight_shared::msg::AskedCourse;
 
 use super::*;
@@ -96,7 +96,7 @@ impl Bench {
     fn boat(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.frames.push(bytes);
         let mut out = core::mem::take(&mut self.answers);
-        let from = Sender {
+        let from = MavlinkSender {
             system: 1,
             component: 1,
             sequence: 0,
@@ -377,7 +377,7 @@ fn acknowledgement_of_another_stations_request() {
         let mut b = Bench::new();
         b.takes_after_s = 2.0;
         b.agreed(1.7);
-        let from = Sender {
+        let from = MavlinkSender {
             system: 1,
             component: 1,
             sequence: 0,

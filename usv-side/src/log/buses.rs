@@ -163,7 +163,7 @@ fn packets(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::mavlink::{self, Sender, dialect as m};
+    use alight_shared::mavlink::{self, MavlinkSender, dialect as m};
 
     #[test]
     fn n2k_recording_of_a_gateway() {
@@ -247,7 +247,7 @@ mod tests {
     /// A boat's autopilot: attitudes and heartbeats of 20 s at 10 Hz, a packet each.
     fn autopilot() -> Vec<Vec<u8>> {
         let encoded = |k: u32, message: &m::MavMessage| {
-            let from = Sender {
+            let from = MavlinkSender {
                 system: 1,
                 component: 1,
                 sequence: k as u8,

@@ -6,7 +6,7 @@
 
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{
-    self, EKF_STATUS_REPORT, Fields, FrameReader, MAX_WAITING, Sender, Signing, dialect as m,
+    self, EKF_STATUS_REPORT, Fields, FrameReader, MAX_WAITING, MavlinkSender, Signing, dialect as m,
 };
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -332,7 +332,7 @@ impl MavlinkDecoder {
     }
 
     fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
-        let from = Sender {
+        let from = MavlinkSender {
             system: self.systems.own().unwrap_or(1),
             component: COMPANION,
             sequence: self.sequence,

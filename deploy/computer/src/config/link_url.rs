@@ -114,6 +114,21 @@ fn is_own(at: &str) -> bool {
     address.map_or(host == "localhost", |a| a.is_loopback())
 }
 
+/// Serial port of an address without its kind: path of the device and baud rate.
+fn serial(rest: &str) -> Result<LinkUrl, &'static str> {
+    let (path, baud) = match rest.rsplit_once(':') {
+        Some((path, baud)) => (path, baud.parse().map_err(|_| "not a baud rate")?),
+        None => (rest, BAUD),
+    };
+    if !path.starts_with('/') {
+        return Err("not the absolute path of a device");
+    }
+    if !BAUDS.contains(&baud) {
+        return Err("not a rate of serial ports");
+    }
+    Ok(LinkUrl::Serial(path.into(), baud))
+}
+
 impl FromStr for LinkUrl {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
@@ -170,19 +185,7 @@ impl FromStr for LinkUrl {
             "udpout" => Ok(LinkUrl::UdpOut(host(UDP_PORT)?)),
             "tcpin" => Ok(LinkUrl::TcpIn(host(TCP_PORT)?, from)),
             "tcpout" => Ok(LinkUrl::TcpOut(host(TCP_PORT)?)),
-            "serial" => {
-                let (path, baud) = match rest.rsplit_once(':') {
-                    Some((path, baud)) => (path, baud.parse().map_err(|_| wrong("not a baud rate"))?),
-                    None => (rest, BAUD),
-                };
-                if !path.starts_with('/') {
-                    return Err(wrong("not the absolute path of a device"));
-                }
-                if !BAUDS.contains(&baud) {
-                    return Err(wrong("not a rate of serial ports"));
-                }
-                Ok(LinkUrl::Serial(path.into(), baud))
-            }
+            "serial" => serial(rest).map_err(wrong),
             "can" => {
                 let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-' | '_');
                 let sound = (1..=MAX_INTERFACE).contains(&rest.len()) && rest.chars().all(allowed);

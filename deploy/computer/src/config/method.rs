@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use toml::de::DeTable;
 use toml::{Table, Value};
 
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::{DroneComputerConfig, VesselComputerConfig};
 
 /// Clocks of the simulated computers: those of a vessel and of a drone are the system's.
 const BENCH: &str = "clock";
@@ -246,8 +246,8 @@ impl Tuning {
     fn parse(text: &str, origin: &str) -> Result<Tuning, ConfigError> {
         let table = config::read(text, origin)?;
         let mut known = BTreeMap::new();
-        VesselComputer::describe(&Keys::ROOT, &mut known);
-        DroneComputer::describe(&Keys::ROOT, &mut known);
+        VesselComputerConfig::describe(&Keys::ROOT, &mut known);
+        DroneComputerConfig::describe(&Keys::ROOT, &mut known);
         reject(text, origin, |key| {
             let is_known = known.contains_key(key);
             match KeyOwner::of(key) {
@@ -302,8 +302,8 @@ mod tests {
 
     #[test]
     fn file_with_every_key_of_a_former_version() {
-        let text = config::commented(&DroneComputer::default()).unwrap();
-        let e = parse::<DroneComputer>(&text, "drone.toml")
+        let text = config::commented(&DroneComputerConfig::default()).unwrap();
+        let e = parse::<DroneComputerConfig>(&text, "drone.toml")
             .unwrap_err()
             .to_string();
         let rejected = [KeyOwner::Method, KeyOwner::Bench].map(|owner| of(owner, &text));
@@ -312,17 +312,17 @@ mod tests {
         }
         assert_eq!(e.lines().count(), rejected.concat().len());
 
-        let [flight, tuned] = divided(&DroneComputer::default()).unwrap();
+        let [flight, tuned] = divided(&DroneComputerConfig::default()).unwrap();
         assert!(tuned.is_empty(), "{tuned}");
-        let read: DroneComputer = parse(&flight.to_string(), "drone.toml").unwrap();
-        assert_eq!(read, DroneComputer::default());
+        let read: DroneComputerConfig = parse(&flight.to_string(), "drone.toml").unwrap();
+        assert_eq!(read, DroneComputerConfig::default());
     }
 
     #[test]
     fn method_key_in_a_file_of_a_flight() {
         let text =
             "[drone.planner]\nkind = \"alight\"\n\n[drone.planner.rendezvous.touchdown_time]\nwindow_s = 0\n";
-        let e = parse::<DroneComputer>(text, "drone.toml")
+        let e = parse::<DroneComputerConfig>(text, "drone.toml")
             .unwrap_err()
             .to_string();
         let expected = "parsing configuration drone.toml: line 5: \
@@ -331,7 +331,7 @@ mod tests {
         assert_eq!(e, expected);
         let inline =
             "drone.pilot = { output = \"attitude\", lag = { design_s = 0.1 } }\nclock.offset_s = 1.0\n";
-        let e = parse::<DroneComputer>(inline, "drone.toml")
+        let e = parse::<DroneComputerConfig>(inline, "drone.toml")
             .unwrap_err()
             .to_string();
         assert!(
@@ -343,7 +343,7 @@ mod tests {
             "{e}"
         );
         // A fault of the text is its reader's.
-        let e = parse::<DroneComputer>("[drone", "drone.toml")
+        let e = parse::<DroneComputerConfig>("[drone", "drone.toml")
             .unwrap_err()
             .to_string();
         assert!(e.contains("line 1"), "{e}");
@@ -353,14 +353,14 @@ mod tests {
     fn tuning_of_both_computers() {
         let text = "[drone.planner]\npress_m = 0.2\n[vessel.broadcast]\nwave_hz = 4.0\n";
         let tuning = Tuning::parse(text, "tuning.toml").unwrap();
-        let drone = tuning.over(DroneComputer::default()).unwrap();
+        let drone = tuning.over(DroneComputerConfig::default()).unwrap();
         assert_eq!(drone.drone.planner.press_m, 0.2);
-        let vessel = tuning.over(VesselComputer::default()).unwrap();
+        let vessel = tuning.over(VesselComputerConfig::default()).unwrap();
         assert_eq!(vessel.vessel.broadcast.wave_hz, 4.0);
         let [flight, tuned] = divided(&drone).unwrap();
         assert!(tuned.to_string().ends_with("press_m = 0.2\n") && !flight.to_string().contains("press_m"));
         let again = Tuning::parse(&tuned.to_string(), "again").unwrap();
-        let plain: DroneComputer = parse(&flight.to_string(), "flight").unwrap();
+        let plain: DroneComputerConfig = parse(&flight.to_string(), "flight").unwrap();
         assert_eq!(again.over(plain).unwrap(), drone);
     }
 
@@ -377,15 +377,18 @@ mod tests {
             assert!(e.contains(line), "{line}: {e}");
         }
         let tuning = Tuning::parse("[drone.planner]\npress_m = 1e9\n", "tuning.toml").unwrap();
-        let e = tuning.over(DroneComputer::default()).unwrap_err().to_string();
+        let e = tuning
+            .over(DroneComputerConfig::default())
+            .unwrap_err()
+            .to_string();
         assert!(e.contains("drone.planner.press_m"), "{e}");
     }
 
     #[test]
     fn owners_name_keys_that_exist() {
         let mut known = BTreeMap::new();
-        VesselComputer::describe(&Keys::ROOT, &mut known);
-        DroneComputer::describe(&Keys::ROOT, &mut known);
+        VesselComputerConfig::describe(&Keys::ROOT, &mut known);
+        DroneComputerConfig::describe(&Keys::ROOT, &mut known);
         for key in METHOD.iter().chain(OF_FLIGHT) {
             assert!(known.contains_key(*key), "{key}");
         }

@@ -28,7 +28,7 @@ use crate::config::view::ViewConfig;
 
 config! {
     /// The vessel's computer.
-    pub struct VesselComputer {
+    pub struct VesselComputerConfig {
         /// Number of this vessel.
         pub vessel_id: u32 = 1;
         /// Name of the set of processes that share memory.
@@ -69,7 +69,7 @@ config! {
     }
 }
 
-impl VesselComputer {
+impl VesselComputerConfig {
     /// The processes, in the order of its rows: its sensors' where some are configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
@@ -98,7 +98,7 @@ config! {
 
 config! {
     /// The drone's computer. Its own number and its vessel's are the bridge's.
-    pub struct DroneComputer {
+    pub struct DroneComputerConfig {
         /// Name of the set of processes that share memory.
         pub instance: String = "drone".into();
         /// The clock.
@@ -145,7 +145,7 @@ config! {
     }
 }
 
-impl DroneComputer {
+impl DroneComputerConfig {
     /// Configuration of the nodes.
     pub fn nodes(&self) -> DroneNodes {
         DroneNodes {
@@ -178,15 +178,15 @@ mod tests {
 
     #[test]
     fn computer_configuration_toml_round_trip() {
-        let text = commented(&VesselComputer::default()).unwrap();
+        let text = commented(&VesselComputerConfig::default()).unwrap();
         assert_eq!(
-            config::parse::<VesselComputer>(&text, "vessel").unwrap(),
-            VesselComputer::default()
+            config::parse::<VesselComputerConfig>(&text, "vessel").unwrap(),
+            VesselComputerConfig::default()
         );
-        let text = commented(&DroneComputer::default()).unwrap();
+        let text = commented(&DroneComputerConfig::default()).unwrap();
         assert_eq!(
-            config::parse::<DroneComputer>(&text, "drone").unwrap(),
-            DroneComputer::default()
+            config::parse::<DroneComputerConfig>(&text, "drone").unwrap(),
+            DroneComputerConfig::default()
         );
     }
 
@@ -195,7 +195,7 @@ mod tests {
         let source = "[[sensor.sources]]\nname = \"pixhawk\"\nconnect = \"serial:///dev/ttyACM0:57600\"\nformat = \"mavlink\"\n";
         let helm = |connect: &str| {
             let text = format!("{source}[vessel.helm]\noutput = \"mavlink\"\nconnect = \"{connect}\"\n");
-            config::parse::<VesselComputer>(&text, "vessel")
+            config::parse::<VesselComputerConfig>(&text, "vessel")
                 .map(drop)
                 .map_err(|e| e.to_string())
         };
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn exposure_beyond_motion_blur_limit() {
         let check = |exposure_s: f64, focal: f64| {
-            let mut config = DroneComputer::default();
+            let mut config = DroneComputerConfig::default();
             config.camera.source = "/dev/video0".into();
             config.camera.exposure_s = exposure_s;
             config.drone.camera.lens.focal_px = [focal; 2];
@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn autopilot_address_of_a_former_version() {
         let check = |connect: &str, autopilot| {
-            let mut config = DroneComputer::default();
+            let mut config = DroneComputerConfig::default();
             config.autopilot.connect = connect.into();
             config.supervision.autopilot = autopilot;
             config.check(&Keys::ROOT).map_err(|e| e.to_string())
@@ -250,9 +250,9 @@ mod tests {
 
     #[test]
     fn radio_without_endpoints() {
-        let config = DroneComputer {
+        let config = DroneComputerConfig {
             radio: RadioConfig::default(),
-            ..DroneComputer::default()
+            ..DroneComputerConfig::default()
         };
         let e = config.check(&Keys::ROOT).unwrap_err().to_string();
         assert!(e.contains("radio.listen, connect"), "{e}");

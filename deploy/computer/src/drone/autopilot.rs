@@ -12,19 +12,19 @@ use std::time::Duration;
 use alight_shared::bus::{Ports as _, Wired};
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::metrics::MetricName;
+use alight_shared::metrics::{MetricName, Metrics};
 use alight_shared::msg::{LinkCheckpoint, Seq};
 use alight_shared::process::ProcessKind;
 use alight_transport::memory::{Instance, Memory};
 use alight_uav::autopilot::ais::AisDecoder;
-use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, Frame, Message};
+use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, MavlinkFrame, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotLink, MAX_FRAMES};
+use alight_uav::autopilot::{AutopilotLink, LinkMetrics, MAX_FRAMES};
 use alight_uav::computer::Installed as _;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
 use crate::io::byte_link::ByteLink;
@@ -108,10 +108,10 @@ impl AisReceiver {
         }
     }
     /// The next report, from no system of the autopilot's link.
-    fn next_frame(&mut self) -> Option<Frame> {
-        let message = Message::Ais(self.decoder.next_report()?);
+    fn next_frame(&mut self) -> Option<MavlinkFrame> {
+        let message = MavlinkMessage::Ais(self.decoder.next_report()?);
         let from = Address::new(0, 0);
-        Some(Frame { from, message })
+        Some(MavlinkFrame { from, message })
     }
     fn last_error(&mut self) -> Option<String> {
         self.link.as_mut()?.last_error()
@@ -124,7 +124,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
 }
 
 async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.process.config)?;
+    let computer: DroneComputerConfig = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
     let url = LinkUrl::of_autopilot(name).map_err(CliError)?;
     let signing = mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
@@ -195,23 +195,27 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         for text in out.texts.iter().chain(errors.iter().flatten()) {
             info!("autopilot: {text}");
         }
-        let f = process.node().metrics(now);
-        let own = [
-            MetricName::ClockUncertainty.seconds(f.clock_uncertainty_s),
-            MetricName::SamplesRejected.count(f.rejected),
-            MetricName::ClockRestarts.count(f.restarts),
-            MetricName::HoverThrust.fraction(f.hover_thrust),
-            MetricName::SetPointsSent.count(f.set_points),
-            MetricName::LinkReopened.count(link.opened()),
-            // Datagrams of others than the autopilot.
-            MetricName::PacketsDropped.count(link.foreign()),
-        ];
-        let signatures = mavlink_key::metrics(decoder.signatures().plus(speakers.rejected()));
-        process.life.metrics = Seq::filled(own.into_iter().chain(signatures));
+        let signatures = decoder.signatures().plus(speakers.rejected());
+        process.life.metrics = metrics(&process.node().metrics(now), &link, signatures);
         let report = process.state(|| ports.states(now.nanos()), link.unsent() + ports.unsent());
         reports.send_any(report.as_ref());
     }
     Ok(Exit::Success)
+}
+
+/// Metrics of the node, of its link, and of the frames by their signatures.
+fn metrics(of_node: &LinkMetrics, link: &ByteLink, signatures: Signatures) -> Metrics {
+    let own = [
+        MetricName::ClockUncertainty.seconds(of_node.clock_uncertainty_s),
+        MetricName::SamplesRejected.count(of_node.rejected),
+        MetricName::ClockRestarts.count(of_node.restarts),
+        MetricName::HoverThrust.fraction(of_node.hover_thrust),
+        MetricName::SetPointsSent.count(of_node.set_points),
+        MetricName::LinkReopened.count(link.opened()),
+        // Datagrams of others than the autopilot.
+        MetricName::PacketsDropped.count(link.foreign()),
+    ];
+    Seq::filled(own.into_iter().chain(mavlink_key::metrics(signatures)))
 }
 
 #[cfg(test)]
@@ -225,7 +229,7 @@ mod tests {
             let address = Address::new(system, component);
             let mut encoder = Encoder::signed(signing.cloned());
             encoder
-                .frame(address, &Message::Origin(Default::default()))
+                .frame(address, &MavlinkMessage::Origin(Default::default()))
                 .unwrap()
         };
         let from = |system, component| of(None, system, component);

@@ -11,6 +11,7 @@ use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Stamped;
 use alight_shared::topics::{self, Topic};
 use alight_shared::{config, wire};
+use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::radio::{Publication, Radio, Subscription, Urgency};
@@ -18,7 +19,7 @@ use alight_uav::computer::Installed as _;
 use tokio::time::timeout;
 use tracing::{info, warn};
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::process::args::ProcessArgs;
@@ -45,8 +46,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 }
 
 async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config)?;
-    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let computer: DroneComputerConfig = config::load(&args.config)?;
+    let vessel = computer.bridge.vessel_id;
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
         Bridge::installed(&computer.nodes(), boot)
     })?;
@@ -57,26 +58,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut age_s = f64::INFINITY;
     let (mut received_bytes, mut rejected) = (0_u64, 0_u64);
 
-    let publication =
-        |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
-    let publications = vec![
-        publication(&topics::TIME_REQUEST, Urgency::State),
-        publication(&topics::DRONE_STATUS, Urgency::Status),
-    ];
-    let subscription = |(kind, topic): &(PacketKind, &Topic)| {
-        let key = vessel_key(vessel, topic.name);
-        if *kind == PacketKind::Command {
-            Subscription::order(key)
-        } else if ASKED.contains(kind) {
-            Subscription::asked(key)
-        } else {
-            key.into()
-        }
-    };
-    let mut keys: Vec<Subscription> = SUBSCRIPTIONS.iter().map(subscription).collect();
-    keys.push(vessel_key(vessel, topics::VESSEL_PROCESS.name).into());
-    let mut radio = Radio::open(&computer.radio, publications, keys)?;
-
+    let mut radio = open_radio(&computer)?;
     let mut flows = RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]);
     let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
     while !process.ended() {
@@ -85,17 +67,16 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         let mut received = radio.receive(Duration::ZERO);
         while let Some(packet) = received {
             received_bytes += packet.bytes.len() as u64;
-            let bytes = packet.bytes;
             match SUBSCRIPTIONS.get(packet.subscription) {
                 Some((kind, _)) => {
                     let packet_in = Packet {
                         kind: *kind,
                         sender: packet.sender,
-                        bytes,
+                        bytes: packet.bytes,
                     };
                     packets.push((packet.at_ns, packet_in));
                 }
-                None => rejected += u64::from(!show_vessel(&mut state, &bytes)),
+                None => rejected += u64::from(!show_vessel(&mut state, &packet.bytes)),
             }
             received = radio.receive(Duration::ZERO);
         }
@@ -117,13 +98,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         age_s = out.link.map_or(age_s, |l| l.age_s);
         if let Some(link) = out.link.filter(|l| l.second_sender != second_sender) {
             second_sender = link.second_sender;
-            match second_sender {
-                Some(boot) => warn!(
-                    "a second computer speaks as vessel {vessel} with her certificate (boot {boot:08x}), and nothing of it \
-                     is used: switch one of the two off"
-                ),
-                None => info!("one computer speaks as vessel {vessel} again"),
-            }
+            log_second_sender(vessel, second_sender);
         }
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
@@ -149,6 +124,41 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
     }
     Ok(Exit::Success)
+}
+
+/// Opens the radio: the drone's publications, and the vessel's topics in the order of [`SUBSCRIPTIONS`].
+fn open_radio(computer: &DroneComputerConfig) -> Result<Radio, TransportError> {
+    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let publication =
+        |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
+    let publications = vec![
+        publication(&topics::TIME_REQUEST, Urgency::State),
+        publication(&topics::DRONE_STATUS, Urgency::Status),
+    ];
+    let subscription = |(kind, topic): &(PacketKind, &Topic)| {
+        let key = vessel_key(vessel, topic.name);
+        if *kind == PacketKind::Command {
+            Subscription::order(key)
+        } else if ASKED.contains(kind) {
+            Subscription::asked(key)
+        } else {
+            key.into()
+        }
+    };
+    let mut keys: Vec<Subscription> = SUBSCRIPTIONS.iter().map(subscription).collect();
+    keys.push(vessel_key(vessel, topics::VESSEL_PROCESS.name).into());
+    Radio::open(&computer.radio, publications, keys)
+}
+
+/// Logs that a second computer speaks as the vessel, by its boot, or no longer does.
+fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
+    match second_sender {
+        Some(boot) => warn!(
+            "a second computer speaks as vessel {vessel} with her certificate (boot {boot:08x}), and nothing of it \
+             is used: switch one of the two off"
+        ),
+        None => info!("one computer speaks as vessel {vessel} again"),
+    }
 }
 
 /// The bridge's own metrics, and why it rejected what.

@@ -23,12 +23,12 @@ use alight_transport::statistics::Quantiles;
 use alight_uav::camera::marked::MAX_BYTES;
 use alight_uav::camera::metering::{Exposed, Light};
 use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage, TagLight};
+use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, GreyImage, TagLight};
 use alight_uav::computer::Installed as _;
 use serde_json::{Value, json};
 use tracing::warn;
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::config::camera::CameraSource;
 use crate::drone::camera_source::Images;
 use crate::exit::{CliError, Exit};
@@ -88,7 +88,7 @@ impl Shown {
         }))
     }
     /// Shows an image that `node` has processed, where one is due.
-    fn show(&mut self, frame: &Frame, node: &CameraNode) {
+    fn show(&mut self, frame: &CameraFrame, node: &CameraNode) {
         let early = self.next - frame.at;
         if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
             return;
@@ -114,7 +114,7 @@ struct Detection {
 impl Detector {
     fn new(
         kind: ProcessKind,
-        computer: &DroneComputer,
+        computer: &DroneComputerConfig,
         boot: u32,
         memory: Option<&Memory>,
     ) -> Result<Detector, CliError> {
@@ -233,10 +233,57 @@ enum Source {
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
+impl Source {
+    /// Images that have come, the number of the newest, and whether there are no more; sets what exposed it, and counts
+    /// how often the source broke. `names` are the process's and the source's.
+    fn poll(
+        &mut self,
+        [process, source]: [&str; 2],
+        exposed: &mut Option<Exposed>,
+        opened: &mut u32,
+    ) -> (CameraIn, u64, bool) {
+        let mut input = CameraIn::default();
+        let (mut over, mut number) = (false, 0);
+        match self {
+            Source::Simulation(images) => {
+                while input.frames.len() < QUEUE_LENGTH
+                    && let Some(image) = images.next_image()
+                {
+                    let [width, height] = image.header().size.map(|s| s as usize);
+                    // The one copy: the node's input outlives the place in shared memory. Our publisher sends no image of
+                    // another size than its header has.
+                    if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
+                        let at = Time::from_nanos(image.header().at_ns);
+                        input.frames.push(CameraFrame { at, image: grey });
+                    }
+                }
+            }
+            Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
+                Ok(SourceEvent::Image(frame, of_source, setting)) => {
+                    (number, *exposed) = (of_source, setting);
+                    input.frames.push(frame);
+                }
+                Ok(SourceEvent::Automatic(why)) => warn!(
+                    "{process}: {source} {why}: its own automatic exposes, perhaps for longer than motion permits; alight \
+                     check prints the remedy"
+                ),
+                Ok(SourceEvent::Failed(why)) => {
+                    *opened = opened.saturating_add(1);
+                    warn!("{process}: {why}; trying again");
+                }
+                Ok(SourceEvent::Finished) => over = true,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => over = true,
+            },
+        }
+        (input, number, over)
+    }
+}
+
 /// Report of that thread.
 enum SourceEvent {
     /// An image, its number, and what exposed it where that is known.
-    Image(Frame, u64, Option<Exposed>),
+    Image(CameraFrame, u64, Option<Exposed>),
     /// The device's own automatic exposes its images.
     Automatic(String),
     /// It broke; it is tried again.
@@ -258,7 +305,7 @@ impl LightRecord {
     /// The detector has looked at an image; `metered` takes what is metered of number `number`.
     fn looked(
         &mut self,
-        frame: &Frame,
+        frame: &CameraFrame,
         light: Option<Light>,
         metered: Option<(u64, &SyncSender<(u64, Light)>)>,
     ) {
@@ -300,9 +347,9 @@ impl LightRecord {
     }
 }
 
-/// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
-pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
-    let mut computer: DroneComputer = config::load(&args.process.config)?;
+/// The drone's configuration with the named source, and that of the camera.
+fn configured(args: &CameraArgs, kind: ProcessKind) -> Result<(DroneComputerConfig, CameraSource), CliError> {
+    let mut computer: DroneComputerConfig = config::load(&args.process.config)?;
     let markers = kind == ProcessKind::Uvdar;
     if let Some(source) = &args.source {
         let named = if markers {
@@ -327,6 +374,12 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
             kind.name()
         )));
     }
+    Ok((computer, config))
+}
+
+/// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
+pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
+    let (computer, config) = configured(args, kind)?;
     let boot = draw_boot();
     let shared = if args.print && !config.is_simulation() {
         None
@@ -353,42 +406,8 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut ages = Quantiles::default();
     let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
     while !life.ended() {
-        let mut input = CameraIn::default();
-        let (mut over, mut number) = (false, 0);
-        match &mut source {
-            Source::Simulation(images) => {
-                while input.frames.len() < QUEUE_LENGTH
-                    && let Some(image) = images.next_image()
-                {
-                    let [width, height] = image.header().size.map(|s| s as usize);
-                    // The one copy: the node's input outlives the place in shared memory. Our publisher sends no image of
-                    // another size than its header has.
-                    if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
-                        let at = Time::from_nanos(image.header().at_ns);
-                        input.frames.push(Frame { at, image: grey });
-                    }
-                }
-            }
-            Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
-                Ok(SourceEvent::Image(frame, of_source, setting)) => {
-                    (number, exposed.exposed) = (of_source, setting);
-                    input.frames.push(frame);
-                }
-                Ok(SourceEvent::Automatic(why)) => warn!(
-                    "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check \
-                     prints the remedy",
-                    kind.name(),
-                    config.source
-                ),
-                Ok(SourceEvent::Failed(why)) => {
-                    opened = opened.saturating_add(1);
-                    warn!("{}: {why}; trying again", kind.name());
-                }
-                Ok(SourceEvent::Finished) => over = true,
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => over = true,
-            },
-        }
+        let names = [kind.name(), config.source.as_str()];
+        let (mut input, number, over) = source.poll(names, &mut exposed.exposed, &mut opened);
         if !input.frames.is_empty() {
             last = last.max(computer.clock.now());
             let before = steady_ns();
@@ -445,7 +464,7 @@ type SourceChannels = (Receiver<SourceEvent>, SyncSender<(u64, Light)>);
 fn spawn_source(
     kind: ProcessKind,
     config: &CameraSource,
-    computer: &DroneComputer,
+    computer: &DroneComputerConfig,
 ) -> Result<SourceChannels, CliError> {
     let settings = &computer.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
@@ -561,7 +580,7 @@ mod tests {
         let memory = Memory::join(owned.instance(), "test").unwrap();
         let services = Services::create(&memory).unwrap();
         let is_shown = || {
-            let computer = DroneComputer::default();
+            let computer = DroneComputerConfig::default();
             let detector = Detector::new(ProcessKind::Camera, &computer, 1, Some(&memory)).unwrap();
             matches!(detector, Detector::Tag(_, Some(_), Some(_)))
         };

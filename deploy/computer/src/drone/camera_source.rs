@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::metering::{Light, Setting};
-use alight_uav::camera::{Frame, GreyImage};
+use alight_uav::camera::{CameraFrame, GreyImage};
 
 use crate::config::camera::CameraSource;
 use crate::drone::exposure::ExposureControl;
@@ -65,7 +65,7 @@ impl Images {
         Ok(Images::Device(Device::open(config, size)?))
     }
     /// The next image; waits for it. None: there are no more.
-    pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
+    pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<CameraFrame>, CliError> {
         match self {
             Images::Device(device) => device.next_frame(clock).map(Some),
             Images::Files(files) => files.next_frame(clock),
@@ -138,7 +138,7 @@ impl Files {
             next_ns: steady_ns(),
         })
     }
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<CameraFrame>, CliError> {
         let Some(path) = self.paths.next() else {
             return Ok(None);
         };
@@ -150,7 +150,7 @@ impl Files {
         // Images come at the rate's instants also when this computer is late for one: markers blink by them.
         let at = clock.read(self.next_ns);
         self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - MAX_LATENESS_NS);
-        Ok(Some(Frame { at, image }))
+        Ok(Some(CameraFrame { at, image }))
     }
 }
 
@@ -172,7 +172,7 @@ pub struct Pipe {
 }
 
 impl Pipe {
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<CameraFrame>, CliError> {
         let [width, height] = self.size;
         let mut pixels = vec![0; width * height];
         match self.file.read_exact(&mut pixels) {
@@ -181,7 +181,7 @@ impl Pipe {
         }
         let now: Time<DroneClock> = clock.now();
         let image = GreyImage::new(width, height, pixels).doing("reading a pipe")?;
-        Ok(Some(Frame {
+        Ok(Some(CameraFrame {
             at: now - self.delay,
             image,
         }))
@@ -232,7 +232,7 @@ impl Device {
             delay: Span::from_secs(config.delay_s),
         })
     }
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Frame, CliError> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<CameraFrame, CliError> {
         let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
         let frame = self.camera.capture().doing(doing)?;
@@ -251,7 +251,7 @@ impl Device {
             .copied()
             .collect();
         let image = GreyImage::new(width, height, pixels).doing(doing)?;
-        Ok(Frame {
+        Ok(CameraFrame {
             at: at - self.delay,
             image,
         })

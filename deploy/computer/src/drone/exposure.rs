@@ -2,7 +2,7 @@
 
 use std::io::{Error, ErrorKind};
 
-use alight_uav::camera::metering::{Light, Metering, Range, Setting};
+use alight_uav::camera::metering::{Light, Metering, Setting, SettingRange};
 use rscam::CtrlData;
 
 use crate::config::camera::CameraSource;
@@ -41,7 +41,7 @@ impl ExposureControl {
     pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
             .map_err(|e| format!("has no control exposure_time_absolute ({e})"))?;
-        let exposure_s = Range {
+        let exposure_s = SettingRange {
             low: range.low * UNIT_S,
             most: (range.most * UNIT_S).min(config.exposure_s),
             step: range.step * UNIT_S,
@@ -68,7 +68,7 @@ impl ExposureControl {
             || {
                 (
                     None,
-                    Range {
+                    SettingRange {
                         low: 0.0,
                         most: 0.0,
                         step: 1.0,
@@ -131,7 +131,7 @@ impl ExposureControl {
 }
 
 /// Range and value of a control that is a whole number.
-fn integer(device: &impl Controls, id: u32) -> Result<(Range, f64), Error> {
+fn integer(device: &impl Controls, id: u32) -> Result<(SettingRange, f64), Error> {
     match device.query(id)? {
         CtrlData::Integer {
             value,
@@ -140,7 +140,7 @@ fn integer(device: &impl Controls, id: u32) -> Result<(Range, f64), Error> {
             step,
             ..
         } => Ok((
-            Range {
+            SettingRange {
                 low: minimum.into(),
                 most: maximum.into(),
                 step: step.max(1).into(),

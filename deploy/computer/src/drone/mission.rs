@@ -2,15 +2,15 @@
 
 use alight_shared::metrics::Metric;
 use alight_shared::time::{DroneClock, Time};
-use alight_uav::mission::{Mission, MissionIn, MissionOut};
+use alight_uav::mission::{MissionIn, MissionNode, MissionOut};
 use tracing::warn;
 
 use crate::process::shell::AfterStep;
 
 /// Reports why a checkpoint does not count.
-pub struct Rejections;
+pub struct RejectionMetrics;
 
-impl AfterStep<Mission> for Rejections {
+impl AfterStep<MissionNode> for RejectionMetrics {
     fn after_step(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
         if let Some(why) = out.rejected {
             warn!(

@@ -10,14 +10,14 @@ pub mod pilot;
 
 use alight_shared::process::ProcessKind;
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::io::mavlink_key;
 use crate::process::args::{Scheduling, ServiceArgs};
 use crate::process::facts::Facts;
 use crate::process::sealed::SealedConfig;
-use crate::process::service::{self, Service};
+use crate::process::service::{self, ComputerService};
 
 impl Supervision {
     /// The scheduling of `kind`.
@@ -39,7 +39,7 @@ impl Supervision {
 
 /// Runs the drone's processes until it is asked to end.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
-    let (computer, sealed) = SealedConfig::begin::<DroneComputer>(&args.process.config)?;
+    let (computer, sealed) = SealedConfig::begin::<DroneComputerConfig>(&args.process.config)?;
     let supervision = &computer.supervision;
     if supervision.autopilot {
         // Rejected here, not in a process that is started again and again.
@@ -47,7 +47,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     }
     computer.radio.check_zenoh()?;
     let kinds = computer.processes().into_iter();
-    let service = Service {
+    let service = ComputerService {
         instance: &computer.instance,
         facts: Facts::drone(&computer),
         computer: format!("drone-{}", computer.bridge.drone_id),

@@ -12,7 +12,7 @@ use tokio::time::{Instant, sleep_until};
 
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Doing};
-use crate::io::link_end::{BOTH, Open, Received, open, resolve};
+use crate::io::link_end::{BOTH, LinkReceived, Open, open, resolve};
 use crate::io::peer::Speaks;
 
 /// First pause before a link is opened again; doubles with each failure.
@@ -45,7 +45,7 @@ pub struct ByteLink {
 
 /// Cause of the end of a wait.
 enum Event {
-    Received(io::Result<Received>),
+    Received(io::Result<LinkReceived>),
     Drained(io::Result<usize>),
 }
 
@@ -167,12 +167,12 @@ impl ByteLink {
     /// Takes what came; false when the open end has changed.
     fn received(
         &mut self,
-        received: io::Result<Received>,
+        received: io::Result<LinkReceived>,
         buffer: &[u8],
         take: &mut impl FnMut(&[u8]),
     ) -> bool {
         match received {
-            Ok(Received::Bytes(n, from)) => {
+            Ok(LinkReceived::Bytes(n, from)) => {
                 // One that opens and breaks at once is no more there than one that does not open.
                 self.backoff = INITIAL_BACKOFF;
                 let bytes = buffer.get(..n).unwrap_or_default();
@@ -181,7 +181,7 @@ impl ByteLink {
                 }
                 true
             }
-            Ok(Received::Peer(stream)) => {
+            Ok(LinkReceived::Peer(stream)) => {
                 let ready = stream
                     .set_nonblocking(true)
                     .and_then(|()| stream.set_nodelay(true))
@@ -192,7 +192,7 @@ impl ByteLink {
                 }
                 false
             }
-            Ok(Received::Foreign(by)) => {
+            Ok(LinkReceived::Foreign(by)) => {
                 self.last_error = Some(format!("{}: a connection of {by} is rejected", self.url));
                 false
             }

@@ -13,7 +13,7 @@ const MAX_WAITING: usize = 16;
 const MAX_UNSENT: usize = 16;
 
 /// Event of a link.
-pub struct Arrival {
+pub struct ByteArrival {
     /// Number of the link.
     pub link: usize,
     /// Bytes, at most what a link reads at once.
@@ -28,7 +28,7 @@ pub struct Arrival {
 
 /// Links, by their numbers.
 pub struct ByteLinks {
-    arrivals: mpsc::Receiver<Arrival>,
+    arrivals: mpsc::Receiver<ByteArrival>,
     out: BTreeMap<usize, mpsc::Sender<Vec<u8>>>,
 }
 
@@ -45,14 +45,14 @@ impl ByteLinks {
         ByteLinks { arrivals, out }
     }
     /// Waits for what comes next; for ever where there is no link.
-    pub async fn next(&mut self) -> Arrival {
+    pub async fn next(&mut self) -> ByteArrival {
         match self.arrivals.recv().await {
             Some(arrival) => arrival,
             None => core::future::pending().await,
         }
     }
     /// Data that has arrived already.
-    pub fn arrived(&mut self) -> Option<Arrival> {
+    pub fn arrived(&mut self) -> Option<ByteArrival> {
         self.arrivals.try_recv().ok()
     }
     /// Sends a message on a link; one for which there is no room is lost.
@@ -64,7 +64,7 @@ impl ByteLinks {
 async fn run(
     number: usize,
     mut link: ByteLink,
-    to: mpsc::Sender<Arrival>,
+    to: mpsc::Sender<ByteArrival>,
     mut messages: mpsc::Receiver<Vec<u8>>,
 ) {
     let (mut foreign, mut open) = (None, false);
@@ -72,7 +72,7 @@ async fn run(
     loop {
         let news = (link.foreign_senders(), link.is_open()) != (foreign, open);
         (foreign, open) = (link.foreign_senders(), link.is_open());
-        let arrival = Arrival {
+        let arrival = ByteArrival {
             link: number,
             bytes: core::mem::take(&mut bytes),
             open,

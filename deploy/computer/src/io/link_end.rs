@@ -20,8 +20,8 @@ use tokio::time::timeout;
 
 use crate::config::link_url::LinkUrl;
 use crate::io::can;
-use crate::io::peer::{Peer, Speaks};
-use crate::io::web_socket::{self, Ending};
+use crate::io::peer::{LinkPeer, Speaks};
+use crate::io::web_socket::{self, SocketEnding};
 
 /// A TCP connection has this long to come about, its name included.
 const CONNECT: Duration = Duration::from_millis(300);
@@ -35,29 +35,29 @@ pub enum Open {
         /// Bound.
         socket: AsyncFd<UdpSocket>,
         /// With whom.
-        peer: Peer,
+        peer: LinkPeer,
     },
     /// TCP, without a connection yet.
-    Listening(Listener),
+    Listening(LinkListener),
     /// TCP, and the listener that accepted it.
-    Tcp(AsyncFd<TcpStream>, Option<Listener>),
+    Tcp(AsyncFd<TcpStream>, Option<LinkListener>),
     /// A serial port.
     Serial(AsyncFd<File>),
     /// A CAN interface and its name: a line a frame. Nothing is sent.
     Can(AsyncFd<File>, String),
     /// A Signal K server: a line a message, and why it ended. Nothing is sent.
-    Lines(AsyncFd<File>, Ending),
+    Lines(AsyncFd<File>, SocketEnding),
 }
 
 /// Accepts one connection, where an address is named from there only.
-pub struct Listener {
+pub struct LinkListener {
     /// It waits here.
     pub socket: AsyncFd<TcpListener>,
     from: Option<IpAddr>,
 }
 
 /// Event of an open end.
-pub enum Received {
+pub enum LinkReceived {
     /// Bytes in the buffer, and who sent a datagram.
     Bytes(usize, Option<SocketAddr>),
     /// A connection.
@@ -80,27 +80,27 @@ async fn when_ready<T: AsRawFd, R>(
 
 impl Open {
     /// Waits for what comes next.
-    pub async fn receive(&self, buffer: &mut [u8]) -> io::Result<Received> {
+    pub async fn receive(&self, buffer: &mut [u8]) -> io::Result<LinkReceived> {
         match self {
             Open::Udp { socket, .. } => when_ready(socket, Interest::READABLE, |s| s.recv_from(buffer))
                 .await
-                .map(|(n, from)| Received::Bytes(n, Some(from))),
+                .map(|(n, from)| LinkReceived::Bytes(n, Some(from))),
             Open::Listening(l) => when_ready(&l.socket, Interest::READABLE, TcpListener::accept)
                 .await
                 .map(|(stream, by)| {
                     let foreign = l.from.is_some_and(|from| from != by.ip().to_canonical());
                     if foreign {
-                        Received::Foreign(by)
+                        LinkReceived::Foreign(by)
                     } else {
-                        Received::Peer(stream)
+                        LinkReceived::Peer(stream)
                     }
                 }),
             Open::Tcp(stream, _) => when_ready(stream, Interest::READABLE, |mut s| ended(s.read(buffer)))
                 .await
-                .map(|n| Received::Bytes(n, None)),
+                .map(|n| LinkReceived::Bytes(n, None)),
             Open::Serial(port) => when_ready(port, Interest::READABLE, |mut s| ended(s.read(buffer)))
                 .await
-                .map(|n| Received::Bytes(n, None)),
+                .map(|n| LinkReceived::Bytes(n, None)),
             Open::Can(socket, interface) => {
                 let mut frame = [0; can::FRAME];
                 let read = when_ready(socket, Interest::READABLE, |mut s| ended(s.read(&mut frame))).await;
@@ -108,18 +108,18 @@ impl Open {
                 let line = can::line(interface, &frame);
                 let room = buffer.get_mut(..line.len()).unwrap_or_default();
                 room.copy_from_slice(line.as_bytes().get(..room.len()).unwrap_or_default());
-                Ok(Received::Bytes(room.len(), None))
+                Ok(LinkReceived::Bytes(room.len(), None))
             }
             Open::Lines(lines, ending) => {
                 when_ready(lines, Interest::READABLE, |mut s| ended(s.read(buffer)))
                     .await
-                    .map(|n| Received::Bytes(n, None))
+                    .map(|n| LinkReceived::Bytes(n, None))
                     .map_err(|e| ending.reason(e))
             }
         }
     }
     /// Data that has arrived already.
-    pub fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<Received>> {
+    pub fn received_already(&self, buffer: &mut [u8]) -> Option<io::Result<LinkReceived>> {
         let mut context = Context::from_waker(Waker::noop());
         match core::pin::pin!(self.receive(buffer)).poll(&mut context) {
             Poll::Ready(received) => Some(received),
@@ -148,7 +148,7 @@ impl Open {
 /// Opens one end.
 pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
     match &url {
-        LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, Peer::listening(*from, speaks)),
+        LinkUrl::UdpIn(host, from) => udp(resolve(host).await?, LinkPeer::listening(*from, speaks)),
         LinkUrl::UdpOut(host) => {
             let to = resolve(host).await?;
             let any: SocketAddr = if to.is_ipv4() {
@@ -156,12 +156,12 @@ pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
             } else {
                 ([0_u16; 8], 0).into()
             };
-            udp(any, Peer::fixed(to))
+            udp(any, LinkPeer::fixed(to))
         }
         LinkUrl::TcpIn(host, from) => {
             let listener = TcpListener::bind(resolve(host).await?)?;
             listener.set_nonblocking(true)?;
-            Ok(Open::Listening(Listener {
+            Ok(Open::Listening(LinkListener {
                 socket: watched(listener, Interest::READABLE)?,
                 from: *from,
             }))
@@ -186,7 +186,7 @@ pub async fn open(url: LinkUrl, speaks: Option<Speaks>) -> io::Result<Open> {
     }
 }
 
-fn udp(at: SocketAddr, peer: Peer) -> io::Result<Open> {
+fn udp(at: SocketAddr, peer: LinkPeer) -> io::Result<Open> {
     let socket = UdpSocket::bind(at)?;
     socket.set_nonblocking(true)?;
     Ok(Open::Udp {

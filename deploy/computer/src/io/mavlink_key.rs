@@ -95,7 +95,7 @@ fn digits(line: &str) -> Option<[u8; 32]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::autopilot::message::{Address, Message};
+    use alight_uav::autopilot::message::{Address, MavlinkMessage};
     use alight_uav::autopilot::wire::{Decoder, Encoder};
 
     /// SHA-256 of "abc", as FIPS 180-2 has it.
@@ -114,7 +114,8 @@ mod tests {
     #[test]
     fn passphrase_and_its_key() {
         let [phrase, hexadecimal] = ["abc\n", OF_ABC].map(|text| read_from(text).unwrap());
-        let bytes = Encoder::signed(phrase).frame(Address::new(1, 1), &Message::Origin(Default::default()));
+        let bytes =
+            Encoder::signed(phrase).frame(Address::new(1, 1), &MavlinkMessage::Origin(Default::default()));
         let mut decoder = Decoder::signed(hexadecimal);
         decoder.push(&bytes.unwrap());
         assert!(decoder.next_frame().is_some());

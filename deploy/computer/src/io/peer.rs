@@ -23,7 +23,7 @@ const MAX_PORTS: usize = 8;
 pub type Speaks = Arc<dyn Fn(&[u8]) -> bool + Send + Sync>;
 
 /// The peer of a UDP link.
-pub struct Peer {
+pub struct LinkPeer {
     /// And when it was received last.
     now: Option<(SocketAddr, Instant)>,
     /// Whom we send to.
@@ -70,18 +70,18 @@ impl Ports {
     }
 }
 
-impl Peer {
+impl LinkPeer {
     /// The one that we send to, and no other.
-    pub fn fixed(to: SocketAddr) -> Peer {
-        Peer {
+    pub fn fixed(to: SocketAddr) -> LinkPeer {
+        LinkPeer {
             now: Some((to, Instant::now())),
             fixed: true,
-            ..Peer::listening(None, None)
+            ..LinkPeer::listening(None, None)
         }
     }
     /// No peer yet: the first at the address `from` that `speaks`.
-    pub fn listening(from: Option<IpAddr>, speaks: Option<Speaks>) -> Peer {
-        Peer {
+    pub fn listening(from: Option<IpAddr>, speaks: Option<Speaks>) -> LinkPeer {
+        LinkPeer {
             now: None,
             fixed: false,
             from,
@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn first_datagram_of_another_sender() {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"autopilot"));
-        let mut peer = Peer::listening(Some([10, 0, 0, 7].into()), Some(speaks));
+        let mut peer = LinkPeer::listening(Some([10, 0, 0, 7].into()), Some(speaks));
         let now = Instant::now();
         let (own, other) = (at("10.0.0.7:14580"), at("10.0.0.8:14580"));
         assert!(!peer.takes(now, other, b"autopilot"), "of another computer");
@@ -194,16 +194,16 @@ mod tests {
 
     #[test]
     fn peer_that_we_send_to() {
-        let mut peer = Peer::fixed(at("10.0.0.7:14580"));
+        let mut peer = LinkPeer::fixed(at("10.0.0.7:14580"));
         let later = Instant::now() + 10 * PEER_TIMEOUT;
         assert!(!peer.takes(later, at("10.0.0.8:14580"), b"autopilot"));
         assert!(peer.takes(later, at("10.0.0.7:14580"), b"autopilot"));
     }
 
     /// Whether each datagram of these ports of one address counts, 100 ms apart, and the peer then.
-    fn taken(ports: impl IntoIterator<Item = u16>) -> (Vec<bool>, Peer) {
+    fn taken(ports: impl IntoIterator<Item = u16>) -> (Vec<bool>, LinkPeer) {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"$GP"));
-        let mut peer = Peer::listening(None, Some(speaks));
+        let mut peer = LinkPeer::listening(None, Some(speaks));
         let mut now = Instant::now();
         let mut takes = |port: u16| {
             now += Duration::from_millis(100);

@@ -130,9 +130,9 @@ impl SignalKSocket {
 
 /// Why a stream of lines ended, once it has.
 #[derive(Clone, Debug, Default)]
-pub struct Ending(Arc<OnceLock<io::Error>>);
+pub struct SocketEnding(Arc<OnceLock<io::Error>>);
 
-impl Ending {
+impl SocketEnding {
     /// The reason over what its reader saw.
     pub fn reason(&self, error: io::Error) -> io::Error {
         let known = self.0.get();
@@ -141,10 +141,10 @@ impl Ending {
 }
 
 /// The messages of a server's own vessel as lines of a stream, which ends with the connection.
-pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, Ending)> {
+pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, SocketEnding)> {
     let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
     let (ours, theirs) = UnixStream::pair()?;
-    let ending = Ending::default();
+    let ending = SocketEnding::default();
     let end = ending.clone();
     tokio::spawn(async move {
         let why = loop {

@@ -9,7 +9,7 @@ use alight_transport::clock::ProcessClock;
 use alight_transport::memory::{Memory, Publisher};
 
 use crate::certificates::read_certificate;
-use crate::config::{DroneComputer, VesselComputer};
+use crate::config::{DroneComputerConfig, VesselComputerConfig};
 use crate::exit::CliError;
 use crate::process::life::draw_boot;
 
@@ -31,7 +31,7 @@ pub struct Facts {
 
 impl Facts {
     /// Facts of a drone's computer.
-    pub fn drone(computer: &DroneComputer) -> Facts {
+    pub fn drone(computer: &DroneComputerConfig) -> Facts {
         let (bridge, deck) = (&computer.bridge, &computer.drone.deck);
         let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
         Facts {
@@ -50,7 +50,7 @@ impl Facts {
         }
     }
     /// Facts of a vessel's computer.
-    pub fn vessel(computer: &VesselComputer) -> Facts {
+    pub fn vessel(computer: &VesselComputerConfig) -> Facts {
         let (radio, sources) = (&computer.radio, &computer.sensor.sources);
         let vessel = VesselReport {
             listen: Names::of(&radio.listen),

@@ -9,7 +9,7 @@ use crate::config::recorder::RecorderConfig;
 use crate::process::args::ProcessArgs;
 use crate::process::snapshot::Snapshot;
 use crate::record::flight::keeper::{FlightKeeper, SUMMARY_PERIOD_NS};
-use crate::record::flight::summary::Summary;
+use crate::record::flight::summary::FlightSummary;
 
 /// Figures of the attitude's response: the time constant of the slower axis, and the dead time before it, s.
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
@@ -19,15 +19,20 @@ pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
 const MAX_DRONES: usize = 16;
 
 /// The flight that a computer's first process begins and sums up.
-pub struct Flight {
+pub struct CurrentFlight {
     log: FlightLog,
     keeper: FlightKeeper,
 }
 
-impl Flight {
+impl CurrentFlight {
     /// Begins one, where the configuration names a directory, and no other process has begun one for this.
-    pub fn begin(config: &RecorderConfig, args: &ProcessArgs, computer: &str, now_ns: i64) -> Option<Flight> {
-        (args.flight.is_none() && !config.directory.is_empty()).then(|| Flight {
+    pub fn begin(
+        config: &RecorderConfig,
+        args: &ProcessArgs,
+        computer: &str,
+        now_ns: i64,
+    ) -> Option<CurrentFlight> {
+        (args.flight.is_none() && !config.directory.is_empty()).then(|| CurrentFlight {
             log: FlightLog::of(computer, now_ns),
             keeper: FlightKeeper::begin(config.directory.as_ref(), config.max_bytes()),
         })
@@ -58,7 +63,7 @@ type DroneNumber = Option<u32>;
 
 /// States, outcome and figures as they come.
 pub struct FlightLog {
-    summary: Summary,
+    summary: FlightSummary,
     begun_ns: i64,
     /// The state of each, since when, and since when it has been on its way to the deck.
     states: BTreeMap<DroneNumber, (State, i64, Option<i64>)>,
@@ -70,9 +75,9 @@ impl FlightLog {
     /// A flight of this computer that begins at `now_ns` of the steady clock.
     pub fn of(computer: &str, now_ns: i64) -> FlightLog {
         FlightLog {
-            summary: Summary {
+            summary: FlightSummary {
                 outcome: "not commanded".into(),
-                ..Summary::of(computer)
+                ..FlightSummary::of(computer)
             },
             begun_ns: now_ns,
             states: BTreeMap::new(),
@@ -210,7 +215,7 @@ impl FlightLog {
         (self.changed, self.due_ns) = (false, now_ns + SUMMARY_PERIOD_NS);
     }
     /// The summary now.
-    fn summary(&mut self, now_ns: i64, ended: bool) -> &Summary {
+    fn summary(&mut self, now_ns: i64, ended: bool) -> &FlightSummary {
         for who in self.states.keys().copied().collect::<Vec<_>>() {
             self.count_time(now_ns, who);
         }

@@ -4,7 +4,7 @@ use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span, SteadyClock, Time};
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::process::life::draw_boot;
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz.
@@ -21,7 +21,7 @@ pub struct LocalCommand {
 
 impl LocalCommand {
     /// Given now, at `steady_ns` of the steady clock.
-    pub fn new(computer: &DroneComputer, kind: Option<CommandKind>, steady_ns: i64) -> LocalCommand {
+    pub fn new(computer: &DroneComputerConfig, kind: Option<CommandKind>, steady_ns: i64) -> LocalCommand {
         let now = computer.clock.read::<DroneClock>(steady_ns);
         let (vessel, drone) = (computer.bridge.vessel_id, computer.bridge.drone_id);
         LocalCommand {
@@ -83,7 +83,7 @@ mod tests {
     #[test]
     fn local_abort_repetition_and_receipt() {
         let mut abort = LocalCommand::new(
-            &DroneComputer::default(),
+            &DroneComputerConfig::default(),
             Some(CommandKind::Abort),
             10_000_000_000,
         );
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn local_order_that_the_mission_rejects() {
         let mut station = LocalCommand::new(
-            &DroneComputer::default(),
+            &DroneComputerConfig::default(),
             Some(CommandKind::Station(Station::USUAL)),
             10_000_000_000,
         );

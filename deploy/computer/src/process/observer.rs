@@ -134,16 +134,16 @@ impl<T> Rejoined<T> {
 }
 
 /// Observes an instance whenever it runs.
-pub struct Follower {
+pub struct InstanceFollower {
     joined: Rejoined<(Memory, Observer)>,
     name: &'static str,
 }
 
-impl Follower {
+impl InstanceFollower {
     /// An observer of the instance of this name, as the process `name`.
-    pub fn of(instance: &str, name: &'static str) -> Result<Follower, CliError> {
+    pub fn of(instance: &str, name: &'static str) -> Result<InstanceFollower, CliError> {
         let joined = Rejoined::of(instance)?;
-        Ok(Follower { joined, name })
+        Ok(InstanceFollower { joined, name })
     }
     /// Looks on no longer, before the memory is removed.
     pub fn leave(&mut self) {

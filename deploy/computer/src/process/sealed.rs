@@ -194,10 +194,10 @@ fn write(copy: &Path, text: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::DroneComputer;
+    use crate::config::DroneComputerConfig;
 
     fn number(path: &Path) -> u32 {
-        let computer: DroneComputer = config::load(path).unwrap();
+        let computer: DroneComputerConfig = config::load(path).unwrap();
         computer.bridge.drone_id
     }
 
@@ -207,7 +207,7 @@ mod tests {
         fs::create_dir_all(&directory).unwrap();
         let origin = directory.join("drone.toml");
         let edit = |text: &str| fs::write(&origin, text).unwrap();
-        let begin = || SealedConfig::begin_in::<DroneComputer>(&directory, &origin).unwrap();
+        let begin = || SealedConfig::begin_in::<DroneComputerConfig>(&directory, &origin).unwrap();
         edit("[bridge]\ndrone_id = 2\n");
         let (computer, mut sealed) = begin();
         assert_eq!((computer.bridge.drone_id, number(sealed.path())), (2, 2));
@@ -252,13 +252,13 @@ mod tests {
             zenoh.display().to_string()
         );
         fs::write(&origin, &text).unwrap();
-        let begin = || SealedConfig::begin_in::<DroneComputer>(&directory, &origin);
+        let begin = || SealedConfig::begin_in::<DroneComputerConfig>(&directory, &origin);
         assert!(begin().err().unwrap().to_string().contains("zenoh.json5"));
         let original = "{\n  metadata: { boat: \"Ida\" }, // a comment\n}\n";
         fs::write(&zenoh, original).unwrap();
         let (_, mut sealed) = begin().unwrap();
         let flown = |sealed: &SealedConfig| {
-            let computer: DroneComputer = config::load(sealed.path()).unwrap();
+            let computer: DroneComputerConfig = config::load(sealed.path()).unwrap();
             computer.radio.check_zenoh().unwrap();
             computer.radio.zenoh
         };

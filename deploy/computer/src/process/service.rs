@@ -21,7 +21,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::store::state_directory;
 use crate::process::args::{ProcessArgs, Scheduling};
 use crate::process::facts::{Facts, Reporter};
-use crate::process::flight::Flight;
+use crate::process::flight::CurrentFlight;
 use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
 use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
@@ -29,14 +29,14 @@ use crate::process::notify::Notify;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::sealed::SealedConfig;
-use crate::process::supervision::Limits;
-use crate::process::supervisor::{self, Event, Supervisor};
+use crate::process::supervision::SupervisorLimits;
+use crate::process::supervisor::{self, Supervisor, SupervisorEvent};
 
 /// Time between two looks of the supervisor.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Processes of a computer.
-pub struct Service<'a> {
+pub struct ComputerService<'a> {
     /// Name of the set of processes.
     pub instance: &'a str,
     /// The facts that it publishes.
@@ -56,7 +56,11 @@ pub struct Service<'a> {
 }
 
 /// Runs it until it is asked to end.
-pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -> Result<Exit, CliError> {
+pub fn run(
+    args: &ProcessArgs,
+    service: ComputerService<'_>,
+    mut sealed: SealedConfig,
+) -> Result<Exit, CliError> {
     // Everything is checked before anything starts. The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
@@ -76,8 +80,8 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
         }
         None => None,
     };
-    let mut flight = Flight::begin(service.recorder, args, &service.computer, steady_ns());
-    let recorded = args.flight.clone().or(flight.as_ref().map(Flight::path));
+    let mut flight = CurrentFlight::begin(service.recorder, args, &service.computer, steady_ns());
+    let recorded = args.flight.clone().or(flight.as_ref().map(CurrentFlight::path));
     let mut supervisor = start(&service, &owned, recorded, &sealed)?;
     let mut notify = Notify::default();
     while memory.wait(POLL_PERIOD) && !stop_requested.load(Ordering::Relaxed) {
@@ -93,7 +97,7 @@ pub fn run(args: &ProcessArgs, service: Service<'_>, mut sealed: SealedConfig) -
         }
         let reports = &observer.snapshot.processes;
         for event in supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
-            if matches!(event, Event::Ended(..)) {
+            if matches!(event, SupervisorEvent::Ended(..)) {
                 memory.reap();
             }
             warn!("{event}");
@@ -132,12 +136,12 @@ fn lasting_path(instance: &str) -> Option<PathBuf> {
 
 /// Starts its processes, which record into this flight.
 fn start(
-    service: &Service<'_>,
+    service: &ComputerService<'_>,
     owned: &OwnedInstance,
     flight: Option<std::path::PathBuf>,
     sealed: &SealedConfig,
 ) -> Result<Supervisor, CliError> {
-    let limits = Limits {
+    let limits = SupervisorLimits {
         silence_timeout_s: Some(service.silence_timeout_s),
         max_failures: None,
     };

@@ -14,7 +14,7 @@ use alight_transport::memory::{Instance, Memory};
 use alight_transport::wake;
 use alight_uav::computer::Installed;
 
-use crate::config::DroneComputer;
+use crate::config::DroneComputerConfig;
 use crate::exit::{CliError, Exit};
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
@@ -50,13 +50,13 @@ where
 /// Runs a process with the node that `make` makes for a boot id.
 pub fn run_node<N>(
     args: &ProcessArgs,
-    make: impl FnOnce(&DroneComputer, u32) -> N,
+    make: impl FnOnce(&DroneComputerConfig, u32) -> N,
     mut observer: impl AfterStep<N>,
 ) -> Result<Exit, CliError>
 where
     N: Installed<Clock = DroneClock, In: Recorded, Out: Recorded>,
 {
-    let computer: DroneComputer = config::load(&args.config)?;
+    let computer: DroneComputerConfig = config::load(&args.config)?;
     let mut process = Process::start(N::KIND, args, computer.clock, |boot| make(&computer, boot))?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, N::KIND.name())?;
     let mut ports = InMemory::<N>::join(&memory)?;

@@ -14,7 +14,7 @@ use crate::process::notify::SOCKET_VARIABLE;
 
 /// Surroundings of a process.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Surroundings<'a> {
+pub struct ProcessSurroundings<'a> {
     /// File to which its standard error is appended; None: it goes where this process writes its own.
     pub errors: Option<&'a Path>,
     /// Directory of the state that outlives it; None: that of the service manager.
@@ -26,7 +26,7 @@ pub struct Surroundings<'a> {
 /// Starts what stands before the program, the program and its arguments, `arguments`; its standard output comes by `lines`.
 pub fn start<W: AsRef<OsStr>>(
     arguments: impl IntoIterator<Item = W>,
-    around: Surroundings<'_>,
+    around: ProcessSurroundings<'_>,
     lines: Sender<String>,
 ) -> io::Result<Child> {
     let mut arguments = arguments.into_iter();

@@ -23,7 +23,7 @@ const MAX_DOUBLINGS: u32 = 3;
 
 /// Tolerances of a supervisor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Limits {
+pub struct SupervisorLimits {
     /// A process that has reported and then reports nothing for this long is killed, s; None: silence is tolerated.
     pub silence_timeout_s: Option<f64>,
     /// A process that failed so often in a row is given up; None: never, as in flight.
@@ -43,7 +43,7 @@ pub struct Observed {
 
 /// Action on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Action {
+pub enum SupervisorAction {
     /// Start it.
     Start(ProcessKind),
     /// Kill it: it has been silent for this long, s.
@@ -98,7 +98,12 @@ impl Child {
         };
         self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, longest);
     }
-    fn step(&mut self, now: Time<SteadyClock>, observation: &Observed, limits: &Limits) -> Option<Action> {
+    fn step(
+        &mut self,
+        now: Time<SteadyClock>,
+        observation: &Observed,
+        limits: &SupervisorLimits,
+    ) -> Option<SupervisorAction> {
         if !observation.running {
             if self.was_running {
                 // What it left in shared memory is cleaned up before the next begins.
@@ -112,11 +117,11 @@ impl Child {
             // Nothing needs the viewers' server: it ends no flight.
             let needed = self.kind != ProcessKind::View;
             if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
-                return Some(Action::GiveUp(self.kind));
+                return Some(SupervisorAction::GiveUp(self.kind));
             }
             (self.started, self.was_running, self.ready) = (now, true, None);
             self.starts = self.starts.saturating_add(1);
-            return Some(Action::Start(self.kind));
+            return Some(SupervisorAction::Start(self.kind));
         }
         self.was_running = true;
         let reports = !matches!(self.kind, ProcessKind::World | ProcessKind::Link);
@@ -136,7 +141,7 @@ impl Child {
         (silence_s > self.allowed_s(timeout_s)).then(|| {
             self.killed = Some(now);
             self.silences = self.silences.saturating_add(1);
-            Action::Kill(self.kind, silence_s)
+            SupervisorAction::Kill(self.kind, silence_s)
         })
     }
     /// So long it may report nothing, s.
@@ -149,13 +154,13 @@ impl Child {
 /// The decisions as a node.
 #[derive(Clone, Debug)]
 pub struct SupervisorNode {
-    limits: Limits,
+    limits: SupervisorLimits,
     children: Vec<Child>,
 }
 
 impl SupervisorNode {
     /// Has started nothing yet.
-    pub fn new(limits: Limits) -> SupervisorNode {
+    pub fn new(limits: SupervisorLimits) -> SupervisorNode {
         SupervisorNode {
             limits,
             children: Vec::new(),
@@ -171,9 +176,9 @@ impl Node for SupervisorNode {
     type Clock = SteadyClock;
     /// Every process under supervision, in the order in which they start.
     type In = Vec<Observed>;
-    type Out = Vec<Action>;
+    type Out = Vec<SupervisorAction>;
 
-    fn step(&mut self, now: Time<SteadyClock>, input: &Vec<Observed>) -> Vec<Action> {
+    fn step(&mut self, now: Time<SteadyClock>, input: &Vec<Observed>) -> Vec<SupervisorAction> {
         let mut actions = Vec::new();
         for observation in input {
             let known = self.children.iter().position(|c| c.kind == observation.kind);
@@ -208,7 +213,7 @@ mod tests {
 
     #[test]
     fn failing_viewers_server() {
-        let limits = Limits {
+        let limits = SupervisorLimits {
             silence_timeout_s: Some(5.0),
             max_failures: Some(3),
         };
@@ -217,7 +222,7 @@ mod tests {
         for ms in (0..600_000).step_by(20) {
             // It ends at once.
             for action in node.step(at(ms), &observed(ProcessKind::View, false, None)) {
-                assert_eq!(action, Action::Start(ProcessKind::View));
+                assert_eq!(action, SupervisorAction::Start(ProcessKind::View));
                 starts.push(ms);
             }
         }
@@ -231,7 +236,7 @@ mod tests {
 
     #[test]
     fn restart_delays_and_a_stable_run() {
-        let mut node = SupervisorNode::new(Limits::default());
+        let mut node = SupervisorNode::new(SupervisorLimits::default());
         let mut starts = Vec::new();
         for ms in (0..8000).step_by(10) {
             // It ends at once.
@@ -249,14 +254,14 @@ mod tests {
         // Without a delay after a run that was long, and then with the first.
         let starts = (20_000..20_200).step_by(10).filter(|&ms| {
             let actions = node.step(at(ms), &observed(PILOT, false, None));
-            actions == [Action::Start(PILOT)]
+            actions == [SupervisorAction::Start(PILOT)]
         });
         assert_eq!(starts.collect::<Vec<_>>(), [20_010, 20_120]);
     }
 
     #[test]
     fn silent_process_and_viewer_never_received() {
-        let limits = Limits {
+        let limits = SupervisorLimits {
             silence_timeout_s: Some(3.0),
             max_failures: None,
         };
@@ -272,7 +277,7 @@ mod tests {
             let mut killed = Vec::new();
             for ms in (0..50_000).step_by(10) {
                 for action in node.step(at(ms), &observed(kind, ms > 0, reported.filter(|at| *at <= ms))) {
-                    if matches!(action, Action::Kill(..)) {
+                    if matches!(action, SupervisorAction::Kill(..)) {
                         killed.push(ms);
                     }
                 }
@@ -299,8 +304,8 @@ mod tests {
         start_ms: i64,
         hang: impl Fn(i64) -> bool,
         for_ms: i64,
-    ) -> Vec<(i64, Action)> {
-        let mut node = SupervisorNode::new(Limits {
+    ) -> Vec<(i64, SupervisorAction)> {
+        let mut node = SupervisorNode::new(SupervisorLimits {
             silence_timeout_s: Some(3.0),
             max_failures: None,
         });
@@ -321,9 +326,11 @@ mod tests {
                 });
             }
             for action in node.step(at(ms), &observations) {
-                let (Action::Start(kind) | Action::Kill(kind, _) | Action::GiveUp(kind)) = action;
+                let (SupervisorAction::Start(kind)
+                | SupervisorAction::Kill(kind, _)
+                | SupervisorAction::GiveUp(kind)) = action;
                 if let Some(k) = kinds.iter().position(|known| *known == kind) {
-                    started[k] = matches!(action, Action::Start(_)).then_some(ms);
+                    started[k] = matches!(action, SupervisorAction::Start(_)).then_some(ms);
                 }
                 actions.push((ms, action));
             }
@@ -344,7 +351,7 @@ mod tests {
         for start_ms in [500, 5000, 20_000, 45_000] {
             let actions = on_a_busy_computer(&six, start_ms, |_| false, 200_000);
             let last_start = |kind| {
-                let started = |a: &&(i64, Action)| a.1 == Action::Start(kind);
+                let started = |a: &&(i64, SupervisorAction)| a.1 == SupervisorAction::Start(kind);
                 actions.iter().rfind(started).map(|(ms, _)| *ms)
             };
             for kind in six {
@@ -356,7 +363,7 @@ mod tests {
             }
             let kills = actions
                 .iter()
-                .filter(|(_, a)| matches!(a, Action::Kill(..)))
+                .filter(|(_, a)| matches!(a, SupervisorAction::Kill(..)))
                 .count();
             // None is killed while it does what it can.
             assert!(kills <= 6 * 2 && (start_ms > 15_000 || kills == 0), "{kills}");
@@ -365,8 +372,9 @@ mod tests {
 
     #[test]
     fn allowed_silence_within_its_bound() {
-        let kills = |actions: &[(i64, Action)]| -> Vec<i64> {
-            let killed = |(ms, a): &(i64, Action)| matches!(a, Action::Kill(..)).then_some(*ms);
+        let kills = |actions: &[(i64, SupervisorAction)]| -> Vec<i64> {
+            let killed =
+                |(ms, a): &(i64, SupervisorAction)| matches!(a, SupervisorAction::Kill(..)).then_some(*ms);
             actions.iter().filter_map(killed).collect()
         };
         // One that never gets ready is tried for ever.
@@ -388,23 +396,23 @@ mod tests {
 
     #[test]
     fn restart_limits_and_the_world() {
-        let mut node = SupervisorNode::new(Limits {
+        let mut node = SupervisorNode::new(SupervisorLimits {
             silence_timeout_s: None,
             max_failures: Some(3),
         });
         let world = ProcessKind::World;
         let first = node.step(at(0), &observed(world, false, None));
-        assert_eq!(first, [Action::Start(world)]);
+        assert_eq!(first, [SupervisorAction::Start(world)]);
         let mut last = Vec::new();
         let mut starts = 0;
         for ms in (10..3000).step_by(10) {
             assert!(node.step(at(ms), &observed(world, false, None)).is_empty());
             last = node.step(at(ms), &observed(PILOT, false, None));
-            starts += usize::from(last == [Action::Start(PILOT)]);
-            if last == [Action::GiveUp(PILOT)] {
+            starts += usize::from(last == [SupervisorAction::Start(PILOT)]);
+            if last == [SupervisorAction::GiveUp(PILOT)] {
                 break;
             }
         }
-        assert_eq!((last, starts), (vec![Action::GiveUp(PILOT)], 3));
+        assert_eq!((last, starts), (vec![SupervisorAction::GiveUp(PILOT)], 3));
     }
 }

@@ -16,8 +16,8 @@ use alight_transport::clock::steady_ns;
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
-use crate::process::start::{Surroundings, start};
-use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
+use crate::process::start::{ProcessSurroundings, start};
+use crate::process::supervision::{Observed, SupervisorAction, SupervisorLimits, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Name of the supervisor as a process whose steps are recorded.
@@ -50,12 +50,12 @@ pub struct Supervisor {
     /// In flight a process that cannot be started does not end the others.
     keeps_others: bool,
     /// Events of the first start of a process, for the next poll.
-    events: Vec<Event>,
+    events: Vec<SupervisorEvent>,
 }
 
 /// Event of a process.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Event {
+pub enum SupervisorEvent {
     /// It ended; it is started again unless it is the world.
     Ended(ProcessKind, String),
     /// It reported nothing for this long and is killed, s.
@@ -64,20 +64,20 @@ pub enum Event {
     NotStarted(ProcessKind, String),
 }
 
-impl fmt::Display for Event {
+impl fmt::Display for SupervisorEvent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Event::Ended(kind, status) => {
+            SupervisorEvent::Ended(kind, status) => {
                 write!(f, "{} ended ({status}) and is started again", kind.name())
             }
-            Event::Silent(kind, silence_s) => {
+            SupervisorEvent::Silent(kind, silence_s) => {
                 write!(
                     f,
                     "{} reported nothing for {silence_s:.1} s and is killed",
                     kind.name()
                 )
             }
-            Event::NotStarted(kind, error) => {
+            SupervisorEvent::NotStarted(kind, error) => {
                 write!(f, "{} could not start, retrying: {error}", kind.name())
             }
         }
@@ -87,7 +87,11 @@ impl fmt::Display for Event {
 impl Supervisor {
     /// No process yet; `directory` takes what processes write to standard error. Its decisions are recorded where
     /// the processes record: in the directory of their flight.
-    pub fn new(directory: PathBuf, flight: Option<PathBuf>, limits: Limits) -> Result<Supervisor, CliError> {
+    pub fn new(
+        directory: PathBuf,
+        flight: Option<PathBuf>,
+        limits: SupervisorLimits,
+    ) -> Result<Supervisor, CliError> {
         let recorder = match &flight {
             Some(flight) => {
                 let header = PartHeader {
@@ -164,7 +168,7 @@ impl Supervisor {
         let fail = |e| CliError::because(format!("starting the process {name}"), e);
         let program = own_program().map_err(fail)?;
         let errors = self.directory.join(format!("{name}.err"));
-        let around = Surroundings {
+        let around = ProcessSurroundings {
             errors: (!self.inherit_stderr).then_some(errors.as_path()),
             state: self.state.as_deref(),
             notified: None,
@@ -181,7 +185,10 @@ impl Supervisor {
 
     /// Looks after all: what ended is started again after a delay, what is silent for too long is killed.
     /// `reported` returns when a process's newest report came, on the steady clock, ns.
-    pub fn poll(&mut self, reported: impl Fn(ProcessKind) -> Option<i64>) -> Result<Vec<Event>, CliError> {
+    pub fn poll(
+        &mut self,
+        reported: impl Fn(ProcessKind) -> Option<i64>,
+    ) -> Result<Vec<SupervisorEvent>, CliError> {
         let mut events = core::mem::take(&mut self.events);
         let mut observed = Vec::new();
         let now_ns = steady_ns();
@@ -190,7 +197,7 @@ impl Supervisor {
                 && let Ok(Some(status)) = child.try_wait()
             {
                 managed.child = None;
-                events.push(Event::Ended(managed.kind, status.to_string()));
+                events.push(SupervisorEvent::Ended(managed.kind, status.to_string()));
             }
             observed.push(Observed {
                 kind: managed.kind,
@@ -205,17 +212,17 @@ impl Supervisor {
         }
         for action in actions {
             match action {
-                Action::Start(kind) => match self.spawn(kind) {
+                SupervisorAction::Start(kind) => match self.spawn(kind) {
                     Err(e) if self.keeps_others || kind == ProcessKind::View => {
-                        events.push(Event::NotStarted(kind, e.to_string()))
+                        events.push(SupervisorEvent::NotStarted(kind, e.to_string()))
                     }
                     started => started?,
                 },
-                Action::Kill(kind, silence_s) => {
+                SupervisorAction::Kill(kind, silence_s) => {
                     self.kill(kind);
-                    events.push(Event::Silent(kind, silence_s));
+                    events.push(SupervisorEvent::Silent(kind, silence_s));
                 }
-                Action::GiveUp(kind) => {
+                SupervisorAction::GiveUp(kind) => {
                     let error = self.last_error_line(kind).unwrap_or_default();
                     return Err(CliError(format!(
                         "the process {} ended again and again: {error}",
@@ -318,7 +325,7 @@ pub fn pause(span: Duration) {
 mod tests {
     use super::*;
 
-    fn missing(kind: ProcessKind, limits: Limits) -> (Supervisor, Result<(), CliError>) {
+    fn missing(kind: ProcessKind, limits: SupervisorLimits) -> (Supervisor, Result<(), CliError>) {
         let mut supervisor = Supervisor::new(std::env::temp_dir(), None, limits)
             .unwrap()
             .inheriting_stderr();
@@ -329,10 +336,11 @@ mod tests {
 
     #[test]
     fn supervisor_in_flight_without_a_program() {
-        let (mut supervisor, started) = missing(ProcessKind::Camera, Limits::default());
+        let (mut supervisor, started) = missing(ProcessKind::Camera, SupervisorLimits::default());
         started.unwrap();
-        let not_started = |events: &[Event]| {
-            let of_camera = |e: &Event| matches!(e, Event::NotStarted(ProcessKind::Camera, _));
+        let not_started = |events: &[SupervisorEvent]| {
+            let of_camera =
+                |e: &SupervisorEvent| matches!(e, SupervisorEvent::NotStarted(ProcessKind::Camera, _));
             events.iter().filter(|e| of_camera(e)).count()
         };
         assert_eq!(not_started(&supervisor.poll(|_| None).unwrap()), 1);
@@ -347,7 +355,7 @@ mod tests {
 
     #[test]
     fn supervisor_of_a_trial_without_a_program() {
-        let limits = Limits {
+        let limits = SupervisorLimits {
             silence_timeout_s: None,
             max_failures: Some(3),
         };

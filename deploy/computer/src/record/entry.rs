@@ -148,11 +148,11 @@ pub struct References {
 
 /// Which drone state the file's newest is.
 #[derive(Default)]
-pub struct Newest(Option<Header<DroneClock>>);
+pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
     /// Takes out of `input` what the file has already: of a process that was killed it lacks the last steps.
-    pub fn take(input: &mut impl Input, newest: &mut Newest, written: &Computed) -> References {
+    pub fn take(input: &mut impl Input, newest: &mut NewestHeader, written: &Computed) -> References {
         let forecast = input
             .forecast()
             .and_then(|slot| slot.take_if(|f| written.has_forecast(&f.header)));

@@ -12,19 +12,19 @@ use serde::de::DeserializeOwned;
 
 use crate::exit::CliError;
 use crate::record::entry::PartHeader;
-use crate::record::reading::{Beginning, LogFile, Step, parse_name, parts, read_header};
+use crate::record::reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header};
 use crate::record::{About, LIVE, NODES};
 
 /// One start of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Start {
+pub struct ProcessStart {
     /// Whose steps, and the first that is there.
     pub header: PartHeader,
     /// The files with its steps, in their order.
     pub files: Vec<PathBuf>,
 }
 
-impl Start {
+impl ProcessStart {
     /// The name for people.
     pub fn name(&self) -> String {
         format!("{}-{:08x}", self.header.process, self.header.boot)
@@ -56,7 +56,7 @@ impl Start {
 
 /// The order of steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
+pub enum ReplayOrder {
     /// One start after the other: one file at a time is in memory.
     ByStart,
     /// As they were made.
@@ -67,7 +67,7 @@ pub enum Order {
 pub struct Log {
     path: PathBuf,
     /// By name, a process's first start first; in a recording as its data flow.
-    pub starts: Vec<Start>,
+    pub starts: Vec<ProcessStart>,
     /// Metadata of the recording: of a flight's directory and a part nothing.
     pub about: About,
     /// It is a flight in one file.
@@ -87,11 +87,11 @@ impl Log {
             log.starts = starts(parts(path)?)?;
             return Ok(log);
         }
-        let found = Beginning::read(path)?.begun(path)?;
+        let found = LogBeginning::read(path)?.begun(path)?;
         log.starts = found
             .headers
             .into_iter()
-            .map(|header| Start {
+            .map(|header| ProcessStart {
                 header,
                 files: vec![path.into()],
             })
@@ -121,11 +121,11 @@ impl Log {
         self.about.texts.get(name).map_or("", String::as_str)
     }
     /// The first start of this process, if there is one.
-    pub fn find(&self, process: &str) -> Option<&Start> {
+    pub fn find(&self, process: &str) -> Option<&ProcessStart> {
         self.starts.iter().find(|s| s.header.process == process)
     }
     /// The first start of this process.
-    pub fn first(&self, process: &str) -> Result<&Start, CliError> {
+    pub fn first(&self, process: &str) -> Result<&ProcessStart, CliError> {
         self.find(process).ok_or_else(|| {
             CliError(format!(
                 "{}: holds no step of the {process}'s process; its files are {process}-*.mcap",
@@ -152,18 +152,18 @@ impl Log {
     /// Every step, with the place of its start and its true time, in a recording the recording's.
     pub fn steps(
         &self,
-        order: Order,
-        mut each: impl FnMut(usize, Time<TrueTime>, &Step<'_>) -> Result<(), WireError>,
+        order: ReplayOrder,
+        mut each: impl FnMut(usize, Time<TrueTime>, &LogStep<'_>) -> Result<(), WireError>,
     ) -> Result<(), CliError> {
-        let all: Vec<&Start> = self.starts.iter().collect();
-        let groups: Vec<&[&Start]> = match order {
+        let all: Vec<&ProcessStart> = self.starts.iter().collect();
+        let groups: Vec<&[&ProcessStart]> = match order {
             // All are in the same file.
             _ if self.is_recording() => all.chunks(1).take(1).collect(),
-            Order::ByStart => all.chunks(1).collect(),
-            Order::ByTime => vec![&all],
+            ReplayOrder::ByStart => all.chunks(1).collect(),
+            ReplayOrder::ByTime => vec![&all],
         };
         for group in groups {
-            let open = |start: &&Start| Source::open(start, self.has_world_time());
+            let open = |start: &&ProcessStart| Source::open(start, self.has_world_time());
             let mut sources = group.iter().map(open).collect::<Result<Vec<_>, CliError>>()?;
             while let Some(source) = sources
                 .iter_mut()
@@ -189,7 +189,7 @@ impl Log {
 }
 
 /// The starts whose steps these parts hold: by name, a process's first start first.
-fn starts(parts: Vec<PathBuf>) -> Result<Vec<Start>, CliError> {
+fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     let mut found = Vec::new();
     for part in parts {
         if let Some(header) = read_header(&part)? {
@@ -202,11 +202,11 @@ fn starts(parts: Vec<PathBuf>) -> Result<Vec<Start>, CliError> {
         }
     }
     found.sort_by(|a, b| a.0.cmp(&b.0));
-    let mut starts: Vec<Start> = Vec::new();
+    let mut starts: Vec<ProcessStart> = Vec::new();
     for (_, header, part) in found {
         match starts.last_mut() {
             Some(last) if last.is_of(&header) => last.files.push(part),
-            Some(_) | None => starts.push(Start {
+            Some(_) | None => starts.push(ProcessStart {
                 header,
                 files: vec![part],
             }),
@@ -234,7 +234,7 @@ impl Steps {
         Ok(steps)
     }
     /// The next.
-    fn peek(&self) -> Option<Step<'_>> {
+    fn peek(&self) -> Option<LogStep<'_>> {
         self.file.as_ref()?.step(self.at)
     }
     /// Goes on to the one after it.
@@ -264,7 +264,7 @@ struct Source {
 }
 
 impl Source {
-    fn open(start: &Start, has_world_time: bool) -> Result<Source, CliError> {
+    fn open(start: &ProcessStart, has_world_time: bool) -> Result<Source, CliError> {
         let mut source = Source {
             steps: Steps::of(&start.files)?,
             clock: (!has_world_time).then(|| start.clock()),
@@ -280,7 +280,7 @@ impl Source {
         Ok(())
     }
     fn look(&mut self) {
-        let time = |step: Step<'_>| match &self.clock {
+        let time = |step: LogStep<'_>| match &self.clock {
             Some(clock) => clock.steady(step.now_ns()),
             None => Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(i64::MAX)),
         };

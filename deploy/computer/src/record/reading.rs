@@ -40,7 +40,7 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
 
 /// A step as it is recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Step<'a> {
+pub struct LogStep<'a> {
     /// Whose.
     pub header: &'a PartHeader,
     /// The number in its start of the process, from 0 on.
@@ -51,7 +51,7 @@ pub struct Step<'a> {
     pub bytes: &'a [u8],
 }
 
-impl Step<'_> {
+impl LogStep<'_> {
     /// The entry.
     pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
         wire::decode_record(self.bytes)
@@ -65,7 +65,7 @@ impl Step<'_> {
 
 /// Header before the first chunk of a file.
 #[derive(Default)]
-pub struct Beginning {
+pub struct LogBeginning {
     /// Whose steps follow.
     pub headers: Vec<PartHeader>,
     /// Metadata and attachments of a recording.
@@ -74,9 +74,9 @@ pub struct Beginning {
     is_cut: bool,
 }
 
-impl Beginning {
+impl LogBeginning {
     /// Reads it.
-    pub fn read(path: &Path) -> Result<Beginning, CliError> {
+    pub fn read(path: &Path) -> Result<LogBeginning, CliError> {
         let doing = format_args!("reading {}", path.display());
         let mut bytes = Vec::new();
         let file = File::open(path).doing(doing)?;
@@ -85,10 +85,10 @@ impl Beginning {
             .doing(doing)?;
         // The first chunk may be longer.
         let goes_on = bytes.len() as u64 == MAX_BEGINNING_BYTES;
-        Beginning::of(path, &bytes, goes_on)
+        LogBeginning::of(path, &bytes, goes_on)
     }
     /// An error where the file was cut off before its first step.
-    pub fn begun(self, path: &Path) -> Result<Beginning, CliError> {
+    pub fn begun(self, path: &Path) -> Result<LogBeginning, CliError> {
         match self.is_cut {
             true => Err(CliError(format!(
                 "reading {}: it was cut off before its first step",
@@ -98,11 +98,11 @@ impl Beginning {
         }
     }
     /// Reader of the bytes of the file, or of its first, where it goes on.
-    fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<Beginning, CliError> {
+    fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<LogBeginning, CliError> {
         let origin = path.display();
-        let mut found = Beginning {
+        let mut found = LogBeginning {
             is_cut: !goes_on,
-            ..Beginning::default()
+            ..LogBeginning::default()
         };
         let mut processes = Vec::new();
         let mut take = || -> Result<(), String> {
@@ -200,7 +200,7 @@ impl LogFile {
                 MAX_FILE_BYTES >> 20
             )));
         }
-        let found = Beginning::of(path, &bytes, false)?.begun(path)?;
+        let found = LogBeginning::of(path, &bytes, false)?.begun(path)?;
         let mut file = LogFile {
             headers: found.headers,
             cut: None,
@@ -283,10 +283,10 @@ impl LogFile {
         self.marks.len()
     }
     /// The step in this place.
-    pub fn step(&self, at: usize) -> Option<Step<'_>> {
+    pub fn step(&self, at: usize) -> Option<LogStep<'_>> {
         let &(header, number, log_ns, end) = self.marks.get(at)?;
         let before = at.checked_sub(1).and_then(|k| self.marks.get(k));
-        Some(Step {
+        Some(LogStep {
             header: self.headers.get(header)?,
             number,
             log_ns,
@@ -297,7 +297,7 @@ impl LogFile {
 
 /// Whose steps the part at `path` holds; None where it was cut off before the first.
 pub fn read_header(path: &Path) -> Result<Option<PartHeader>, CliError> {
-    Ok(Beginning::read(path)?.headers.into_iter().next())
+    Ok(LogBeginning::read(path)?.headers.into_iter().next())
 }
 
 /// Whether the file at `path` begins as an MCAP file does.

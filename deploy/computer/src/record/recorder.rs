@@ -9,9 +9,9 @@ use mcap::McapError;
 use serde::Serialize;
 
 use crate::exit::CliError;
-use crate::record::entry::{Computed, Entry, Input, Newest, PartHeader, References};
+use crate::record::entry::{Computed, Entry, Input, NewestHeader, PartHeader, References};
 use crate::record::observer::{NodeStep, StepObserver};
-use crate::record::sink::{Channel, Sink, TakeMessages, unwritable};
+use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, RECORDING};
 
@@ -22,10 +22,10 @@ pub struct Recorder {
     /// Topics for people.
     pub views: Views,
     /// Writers of each start.
-    channels: Vec<((String, u32), Channel)>,
+    channels: Vec<((String, u32), ChannelId)>,
     /// Writer of the start whose step comes next.
-    current: Channel,
-    newest: Newest,
+    current: ChannelId,
+    newest: NewestHeader,
     written: Computed,
     failed: Option<WireError>,
 }
@@ -56,8 +56,8 @@ impl Recorder {
                 sink,
                 views,
                 channels,
-                current: Channel::default(),
-                newest: Newest::default(),
+                current: ChannelId::default(),
+                newest: NewestHeader::default(),
                 written: Computed::default(),
                 failed: None,
             };
@@ -105,7 +105,7 @@ impl Recorder {
 
 impl StepObserver for Recorder {
     fn of(&mut self, process: &str, boot: u32) {
-        let own = |((of, number), _): &&((String, u32), Channel)| of == process && *number == boot;
+        let own = |((of, number), _): &&((String, u32), ChannelId)| of == process && *number == boot;
         self.current = self.channels.iter().find(own).map_or(self.current, |(_, c)| *c);
     }
     fn step(&mut self, t: Time<TrueTime>, step: NodeStep<'_>) {

@@ -10,7 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, on_the_water};
 use crate::record::sink::{OpenChannels, TakeMessages};
-use crate::record::views::{Topic, Views, due, timestamp, transform};
+use crate::record::views::{ViewTopic, Views, due, timestamp, transform};
 use crate::record::{cloud, shapes};
 
 /// A place and an attitude in [`frame::NED`].
@@ -23,9 +23,9 @@ const LEVEL_GAIN: f64 = 1e-3;
 pub struct Scenery {
     deck: DeckGeometry,
     airframe: DroneGeometry,
-    scene: Topic<SceneUpdate>,
-    deck_points: Topic<PointCloud>,
-    drone_points: Topic<PointCloud>,
+    scene: ViewTopic<SceneUpdate>,
+    deck_points: ViewTopic<PointCloud>,
+    drone_points: ViewTopic<PointCloud>,
     /// Period of the shapes, ms.
     period_ms: i64,
     /// Whether the drone was in the shapes shown last.
@@ -45,9 +45,9 @@ impl Scenery {
         Ok(Scenery {
             deck: *deck,
             airframe: *airframe,
-            scene: Topic::open(opening, "/scene")?,
-            deck_points: Topic::open(opening, "/points/deck")?,
-            drone_points: Topic::open(opening, "/points/drone")?,
+            scene: ViewTopic::open(opening, "/scene")?,
+            deck_points: ViewTopic::open(opening, "/points/deck")?,
+            drone_points: ViewTopic::open(opening, "/points/drone")?,
             period_ms,
             shown: None,
             water_m: None,

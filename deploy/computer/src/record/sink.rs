@@ -18,12 +18,12 @@ const BUFFER_BYTES: usize = 1 << 20;
 
 /// A channel of the file, or of those who look on.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Channel(pub u16);
+pub struct ChannelId(pub u16);
 
 /// Opens channels of protobuf messages: in a file, or to viewers.
 pub trait OpenChannels {
     /// A channel; `schema` is its name and its file descriptor set.
-    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError>;
+    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError>;
 }
 
 /// Takes messages: into a file, or to viewers.
@@ -31,7 +31,7 @@ pub trait TakeMessages {
     /// A message of time `t_ns`, encoded by `encode` to the end of what it is given.
     fn message<E>(
         &mut self,
-        channel: Channel,
+        channel: ChannelId,
         t_ns: u64,
         encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E>;
@@ -98,7 +98,7 @@ impl Sink {
         })
     }
     /// Writes whose steps follow, and with which configurations they began; the channel of each.
-    pub fn processes(&mut self, headers: &[PartHeader]) -> Result<Vec<Channel>, McapError> {
+    pub fn processes(&mut self, headers: &[PartHeader]) -> Result<Vec<ChannelId>, McapError> {
         for (k, header) in headers.iter().enumerate() {
             // Processes of one computer have the same.
             let same = headers.iter().position(|h| h.config == header.config);
@@ -110,7 +110,7 @@ impl Sink {
         }
         // A channel begins a chunk, and whoever looks at the beginning stops there.
         let none = BTreeMap::new();
-        let channel = |topic: &String| self.writer.add_channel(0, topic, ENCODING, &none).map(Channel);
+        let channel = |topic: &String| self.writer.add_channel(0, topic, ENCODING, &none).map(ChannelId);
         topics(headers).iter().map(channel).collect()
     }
     /// A text that belongs to the file.
@@ -133,7 +133,7 @@ impl Sink {
     /// Writes a message of this number in its channel.
     pub fn write(
         &mut self,
-        channel: Channel,
+        channel: ChannelId,
         sequence: u32,
         t_ns: u64,
         bytes: &[u8],
@@ -162,19 +162,19 @@ impl Sink {
 }
 
 impl OpenChannels for Sink {
-    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
+    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError> {
         let (id, none) = (
             self.writer.add_schema(schema.0, "protobuf", schema.1)?,
             BTreeMap::new(),
         );
-        Ok(Channel(self.writer.add_channel(id, topic, "protobuf", &none)?))
+        Ok(ChannelId(self.writer.add_channel(id, topic, "protobuf", &none)?))
     }
 }
 
 impl TakeMessages for Sink {
     fn message<E>(
         &mut self,
-        channel: Channel,
+        channel: ChannelId,
         t_ns: u64,
         encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E> {

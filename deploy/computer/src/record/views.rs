@@ -24,7 +24,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::record::geometry::{frame, pose, quaternion, vector};
 use crate::record::observer::NodeStep;
-use crate::record::sink::{Channel, OpenChannels, TakeMessages};
+use crate::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
 /// Periods of what is shown, ms: paths and states; attitudes and positions, near a drone and without.
@@ -33,14 +33,14 @@ const FAST_MS: i64 = 40;
 const ALONE_MS: i64 = 200;
 
 /// A channel of messages `M`.
-pub struct Topic<M>(Channel, PhantomData<M>);
+pub struct ViewTopic<M>(ChannelId, PhantomData<M>);
 
-impl<M: Encode> Topic<M> {
+impl<M: Encode> ViewTopic<M> {
     /// Opens it.
-    pub fn open(opening: &mut impl OpenChannels, name: &str) -> Result<Topic<M>, McapError> {
+    pub fn open(opening: &mut impl OpenChannels, name: &str) -> Result<ViewTopic<M>, McapError> {
         let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &b""[..]));
         let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
-        Ok(Topic(channel, PhantomData))
+        Ok(ViewTopic(channel, PhantomData))
     }
     /// Writes a message.
     pub fn put(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &M) {
@@ -102,28 +102,28 @@ impl Throttle {
 /// Channels, and what was shown last.
 pub struct Views {
     /// Transforms between frames.
-    pub transforms: Topic<FrameTransforms>,
-    forecast_path: Topic<PosesInFrame>,
-    forecast_points: Topic<PointCloud>,
-    plan_path: Topic<PosesInFrame>,
-    plan_points: Topic<PointCloud>,
-    log: Topic<Log>,
-    tag: Topic<PoseInFrame>,
-    vessel_place: Topic<Odometry>,
-    drone_odometry: Topic<Odometry>,
-    estimate: Topic<schema::VesselEstimate>,
-    wave: Topic<schema::WaveModel>,
-    imu: Topic<schema::Imu>,
-    gnss: Topic<schema::Gnss>,
-    heading: Topic<schema::Heading>,
-    uvdar: Topic<schema::Uvdar>,
-    range: Topic<schema::Range>,
-    link: Topic<schema::Link>,
-    forecast: Topic<schema::Forecast>,
-    mission: Topic<schema::Mission>,
-    solver: Topic<schema::Solver>,
-    autopilot: Topic<schema::Autopilot>,
-    set_point: Topic<schema::SetPoint>,
+    pub transforms: ViewTopic<FrameTransforms>,
+    forecast_path: ViewTopic<PosesInFrame>,
+    forecast_points: ViewTopic<PointCloud>,
+    plan_path: ViewTopic<PosesInFrame>,
+    plan_points: ViewTopic<PointCloud>,
+    log: ViewTopic<Log>,
+    tag: ViewTopic<PoseInFrame>,
+    vessel_place: ViewTopic<Odometry>,
+    drone_odometry: ViewTopic<Odometry>,
+    estimate: ViewTopic<schema::VesselEstimate>,
+    wave: ViewTopic<schema::WaveModel>,
+    imu: ViewTopic<schema::Imu>,
+    gnss: ViewTopic<schema::Gnss>,
+    heading: ViewTopic<schema::Heading>,
+    uvdar: ViewTopic<schema::Uvdar>,
+    range: ViewTopic<schema::Range>,
+    link: ViewTopic<schema::Link>,
+    forecast: ViewTopic<schema::Forecast>,
+    mission: ViewTopic<schema::Mission>,
+    solver: ViewTopic<schema::Solver>,
+    autopilot: ViewTopic<schema::Autopilot>,
+    set_point: ViewTopic<schema::SetPoint>,
     /// True place of the drone in the vessel's NED, where it is known.
     pub true_drone: Option<[f64; 3]>,
     shown_state: Option<(State, ReasonCode)>,
@@ -137,28 +137,28 @@ impl Views {
     /// Opens all channels.
     pub fn new(o: &mut impl OpenChannels) -> Result<Views, McapError> {
         Ok(Views {
-            transforms: Topic::open(o, "/tf")?,
-            forecast_path: Topic::open(o, "/deck/forecast/path")?,
-            forecast_points: Topic::open(o, "/points/forecast")?,
-            plan_path: Topic::open(o, "/plan/path")?,
-            plan_points: Topic::open(o, "/points/plan")?,
-            log: Topic::open(o, "/log")?,
-            tag: Topic::open(o, "/sensor/tag")?,
-            vessel_place: Topic::open(o, "/vessel/odometry")?,
-            drone_odometry: Topic::open(o, "/drone/odometry")?,
-            estimate: Topic::open(o, "/vessel/estimate")?,
-            wave: Topic::open(o, "/vessel/wave")?,
-            imu: Topic::open(o, "/sensor/imu")?,
-            gnss: Topic::open(o, "/sensor/gnss")?,
-            heading: Topic::open(o, "/sensor/heading")?,
-            uvdar: Topic::open(o, "/sensor/uvdar")?,
-            range: Topic::open(o, "/sensor/range")?,
-            link: Topic::open(o, "/link")?,
-            forecast: Topic::open(o, "/deck/forecast")?,
-            mission: Topic::open(o, "/mission")?,
-            solver: Topic::open(o, "/plan")?,
-            autopilot: Topic::open(o, "/drone/autopilot")?,
-            set_point: Topic::open(o, "/pilot/set_point")?,
+            transforms: ViewTopic::open(o, "/tf")?,
+            forecast_path: ViewTopic::open(o, "/deck/forecast/path")?,
+            forecast_points: ViewTopic::open(o, "/points/forecast")?,
+            plan_path: ViewTopic::open(o, "/plan/path")?,
+            plan_points: ViewTopic::open(o, "/points/plan")?,
+            log: ViewTopic::open(o, "/log")?,
+            tag: ViewTopic::open(o, "/sensor/tag")?,
+            vessel_place: ViewTopic::open(o, "/vessel/odometry")?,
+            drone_odometry: ViewTopic::open(o, "/drone/odometry")?,
+            estimate: ViewTopic::open(o, "/vessel/estimate")?,
+            wave: ViewTopic::open(o, "/vessel/wave")?,
+            imu: ViewTopic::open(o, "/sensor/imu")?,
+            gnss: ViewTopic::open(o, "/sensor/gnss")?,
+            heading: ViewTopic::open(o, "/sensor/heading")?,
+            uvdar: ViewTopic::open(o, "/sensor/uvdar")?,
+            range: ViewTopic::open(o, "/sensor/range")?,
+            link: ViewTopic::open(o, "/link")?,
+            forecast: ViewTopic::open(o, "/deck/forecast")?,
+            mission: ViewTopic::open(o, "/mission")?,
+            solver: ViewTopic::open(o, "/plan")?,
+            autopilot: ViewTopic::open(o, "/drone/autopilot")?,
+            set_point: ViewTopic::open(o, "/pilot/set_point")?,
             true_drone: None,
             shown_state: None,
             plan_at: None,

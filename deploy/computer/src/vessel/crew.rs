@@ -10,7 +10,7 @@ use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Memory, Publisher, Subscriber};
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::process::life::draw_boot;
 
 /// An order that is not named is repeated after this long.
@@ -36,7 +36,7 @@ impl OrderOnItsWay {
     /// Given now to the process of this computer.
     pub fn give(
         memory: &Memory,
-        computer: &VesselComputer,
+        computer: &VesselComputerConfig,
         order: DeckOrder,
     ) -> Result<OrderOnItsWay, TransportError> {
         let header = Header::new(computer.vessel_id, 0, draw_boot(), 0, computer.clock.now());

@@ -16,7 +16,7 @@ use alight_usv::VesselCheckpoint;
 use alight_usv::deck::DeckCheckpoint;
 use tracing::warn;
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
@@ -47,17 +47,17 @@ pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String
 }
 
 /// Path of the file of this computer's process.
-fn own_path(computer: &VesselComputer) -> PathBuf {
+fn own_path(computer: &VesselComputerConfig) -> PathBuf {
     let directory = state_directory().unwrap_or_else(std::env::temp_dir);
     directory.join(name(computer))
 }
 
-fn name(computer: &VesselComputer) -> String {
+fn name(computer: &VesselComputerConfig) -> String {
     format!("alight-{}.deck", computer.instance)
 }
 
 /// The first file, in the directory of a simulated run.
-pub fn write_first(directory: &Path, computer: &VesselComputer) -> Result<(), String> {
+pub fn write_first(directory: &Path, computer: &VesselComputerConfig) -> Result<(), String> {
     let path = directory.join(name(computer));
     replace(&path, FIRST, true).map_err(|e| format!("writing {}: {e}", path.display()))
 }
@@ -96,7 +96,7 @@ pub struct DeckFile {
 
 impl DeckFile {
     /// Opens the computer's file; with what the former start left.
-    pub fn open(computer: &VesselComputer) -> Result<(DeckFile, VesselCheckpoint), CliError> {
+    pub fn open(computer: &VesselComputerConfig) -> Result<(DeckFile, VesselCheckpoint), CliError> {
         let path = own_path(computer);
         let doing = format!("starting the writer of {}", path.display());
         DeckFile::at(path, computer.vessel_id).map_err(|e| CliError::because(doing, e.to_string()))

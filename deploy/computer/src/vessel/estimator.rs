@@ -19,7 +19,7 @@ use alight_usv::{ComputerIn, ComputerOut, KINDS, SourceCounts, VesselNode};
 use tokio::time::sleep;
 use tracing::{info, warn};
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::io::wakes::Wakes;
@@ -30,7 +30,7 @@ use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::helm::{self, HelmLink};
 use crate::vessel::helm_lamp::HelmLamp;
 use crate::vessel::radio::VesselRadio;
-use crate::vessel::status::{Errors, StatusReport};
+use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
 /// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
@@ -46,7 +46,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 }
 
 async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: VesselComputer = config::load(&args.config)?;
+    let computer: VesselComputerConfig = config::load(&args.config)?;
     let helm_key = helm::signing_key(&computer)?;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         let mut node = computer.node(boot);
@@ -63,7 +63,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
     let mut helm = HelmLink::open(&computer).await?;
     let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
-    let mut status = StatusReport::default();
+    let mut status = VesselStatusReport::default();
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
 
     let mut checkpoint = Some(left);
@@ -74,10 +74,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         last_ns = steady_ns();
         if !radio.survives_pause(gap_s) {
             radio.abandon();
-            return Err(CliError(format!(
-                "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
-                 it ends so that its supervisor starts it again"
-            )));
+            return Err(stood_still(gap_s));
         }
         arrival(&wakes, &radio).await?;
         let mut input = ComputerIn {
@@ -106,7 +103,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         let unsent = radio.counts().unsent + states.unsent() + statuses.unsent();
         let report = process.state(|| inputs, unsent);
         if report.is_some() || !input.crew.is_empty() {
-            let errors = Errors {
+            let errors = CrewDeviceErrors {
                 file: deck_file.error(),
                 inputs: deck_inputs.errors(),
                 lamp: helm_lamp.error(),
@@ -127,6 +124,13 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
     }
     Ok(Exit::Success)
+}
+
+fn stood_still(gap_s: f64) -> CliError {
+    CliError(format!(
+        "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
+         it ends so that its supervisor starts it again"
+    ))
 }
 
 /// The process was asked to end, at `asked_ns`, and gives no boat back any more.

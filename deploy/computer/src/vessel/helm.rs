@@ -3,7 +3,7 @@
 use alight_shared::mavlink::Signing;
 use alight_usv::helm::HelmOutput;
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::config::link_url::LinkUrl;
 use crate::exit::CliError;
 use crate::io::byte_link::ByteLink;
@@ -18,7 +18,7 @@ pub const REMEDY: &str = "the skipper is not asked, and drones land as on a boat
                           vessel.helm.connect (docs/helm.md)";
 
 /// The key of its MAVLink signing, where one is configured.
-pub fn signing_key(computer: &VesselComputer) -> Result<Option<Signing>, CliError> {
+pub fn signing_key(computer: &VesselComputerConfig) -> Result<Option<Signing>, CliError> {
     mavlink_key::read("vessel.helm.signing_key", &computer.vessel.helm.signing_key)
 }
 
@@ -34,7 +34,7 @@ pub struct HelmLink {
 
 impl HelmLink {
     /// Begins to read it, inside a tokio runtime.
-    pub async fn open(computer: &VesselComputer) -> Result<HelmLink, CliError> {
+    pub async fn open(computer: &VesselComputerConfig) -> Result<HelmLink, CliError> {
         let helm = &computer.vessel.helm;
         let wrong = |e| CliError(format!("vessel.helm.connect: {e}"));
         let (mut link, mut server) = (None, None);
@@ -137,7 +137,7 @@ mod tests {
 
     #[tokio::test]
     async fn dead_link_of_an_autopilot_that_reports_nothing() {
-        let mut computer = VesselComputer::default();
+        let mut computer = VesselComputerConfig::default();
         computer.vessel.helm.output = HelmOutput::Nmea0183;
         let mut open = async |connect: &str| {
             computer.vessel.helm.connect = connect.into();

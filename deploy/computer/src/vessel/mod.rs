@@ -10,20 +10,20 @@ pub mod radio;
 pub mod sensors;
 pub mod status;
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{Scheduling, ServiceArgs};
 use crate::process::facts::Facts;
 use crate::process::sealed::SealedConfig;
-use crate::process::service::{self, Service};
+use crate::process::service::{self, ComputerService};
 
 /// A process without a report for this long is killed and restarted, s: six periods of the reports.
 const SILENCE_TIMEOUT_S: f64 = 3.0;
 
 /// Runs the vessel's processes until it is asked to end.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
-    let (computer, sealed) = SealedConfig::begin::<VesselComputer>(&args.process.config)?;
+    let (computer, sealed) = SealedConfig::begin::<VesselComputerConfig>(&args.process.config)?;
     // A malformed address and a key that cannot be read are rejected here, not in a process that is started again and again.
     for source in &computer.sensor.sources {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
@@ -33,7 +33,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     helm::signing_key(&computer)?;
     sensors::node(&computer, 0)?;
     let nodes = computer.processes().into_iter();
-    let service = Service {
+    let service = ComputerService {
         instance: &computer.instance,
         facts: Facts::vessel(&computer),
         computer: format!("vessel-{}", computer.vessel_id),

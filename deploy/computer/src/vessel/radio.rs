@@ -13,7 +13,7 @@ use alight_usv::{ComputerIn, ComputerOut};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_rates::RadioRates;
@@ -65,7 +65,7 @@ pub struct VesselRadio {
 
 impl VesselRadio {
     /// Opens the radio of this computer.
-    pub fn open(computer: &VesselComputer) -> Result<VesselRadio, CliError> {
+    pub fn open(computer: &VesselComputerConfig) -> Result<VesselRadio, CliError> {
         let publications = PUBLICATIONS.map(|(topic, urgency)| {
             let key = vessel_key(computer.vessel_id, topic.name);
             let publication = Publication::new(key, urgency).of(topic);

@@ -17,11 +17,11 @@ use alight_usv::sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorsIn, SourceC
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::{info, warn};
 
-use crate::config::VesselComputer;
+use crate::config::VesselComputerConfig;
 use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
 use crate::io::byte_link::{ByteLink, MAX_AT_ONCE};
-use crate::io::byte_links::{Arrival, ByteLinks};
+use crate::io::byte_links::{ByteArrival, ByteLinks};
 use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
@@ -41,7 +41,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 }
 
 /// The node of this computer's sources, with their keys, for a start with this boot id.
-pub fn node(computer: &VesselComputer, boot: u32) -> Result<SensorNode, CliError> {
+pub fn node(computer: &VesselComputerConfig, boot: u32) -> Result<SensorNode, CliError> {
     let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot);
     for (number, source) in computer.sensor.sources.iter().enumerate() {
         let name = format!("signing_key of sensor {}", source.name);
@@ -53,7 +53,7 @@ pub fn node(computer: &VesselComputer, boot: u32) -> Result<SensorNode, CliError
 }
 
 async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: VesselComputer = config::load(&args.config)?;
+    let computer: VesselComputerConfig = config::load(&args.config)?;
     let sources = &computer.sensor.sources;
     if sources.is_empty() {
         return Err(CliError(format!(
@@ -149,7 +149,7 @@ impl Fault {
 
 /// Takes what a source's link brought. A link that is reopened again and again reports its error once.
 fn take(
-    arrival: Arrival,
+    arrival: ByteArrival,
     sources: &[SourceConfig],
     input: &mut SensorsIn,
     faults: &mut [Fault],

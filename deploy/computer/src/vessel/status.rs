@@ -15,7 +15,7 @@ const MOTION_PERIOD_NS: i64 = 90_000_000;
 const LATELY: usize = 20;
 
 /// Why what the crew relies on does not work.
-pub struct Errors {
+pub struct CrewDeviceErrors {
     /// The deck's state would not outlive the process.
     pub file: Option<String>,
     /// Digital inputs cannot be read.
@@ -28,7 +28,7 @@ pub struct Errors {
 
 /// Collects what the process knows.
 #[derive(Default)]
-pub struct StatusReport {
+pub struct VesselStatusReport {
     sensors_ns: [Option<i64>; 3],
     estimated_ns: Option<i64>,
     estimator: EstimatorStatus,
@@ -39,7 +39,7 @@ pub struct StatusReport {
     counts: VecDeque<[[u64; 2]; MAX_DEVICES]>,
 }
 
-impl StatusReport {
+impl VesselStatusReport {
     /// A step of the node at `now_ns` of the steady clock.
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
@@ -81,7 +81,7 @@ impl StatusReport {
         computer: &alight_usv::VesselComputer,
         (header, now_ns): (Header<VesselClock>, i64),
         orders: Seq<u32, MAX_ORDERS>,
-        errors: &Errors,
+        errors: &CrewDeviceErrors,
     ) -> VesselStatus {
         let (now, node) = (header.at, computer.node());
         let (gated, since) = (node.gated(), |t: Option<i64>| {
@@ -150,7 +150,7 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
 }
 
 /// The deck as arbiter and relay know it at `now`.
-fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Errors) -> DeckStatus {
+fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &CrewDeviceErrors) -> DeckStatus {
     let arbiter = node.arbiter();
     let line = |e: &String| Line::from(e.as_str());
     DeckStatus {

@@ -10,7 +10,7 @@ use alight_computer::process::snapshot::time;
 use alight_computer::process::supervisor::{Supervisor, arguments};
 use alight_shared::msg::State;
 use alight_shared::process::ProcessKind;
-use alight_sim::harness::storm::{Fault, Kind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment};
 use alight_sim::radio::ChannelCounts;
 use alight_transport::radio::TlsConfig;
 use alight_transport::statistics::Quantiles;
@@ -84,7 +84,7 @@ impl RadioPath {
         };
         let tls = certificates(scene, args, owned)?;
         let mut faults = scene.scenario.faults.iter();
-        let outage = faults.find(|f| f.kind == Kind::RadioLost).copied();
+        let outage = faults.find(|f| f.kind == FaultKind::RadioLost).copied();
         let link = LinkImpairment {
             epoch_ns,
             seed: args.seed,

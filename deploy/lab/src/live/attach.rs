@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::drone::bridge;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::args::ProcessArgs;
@@ -60,7 +60,7 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
         }
         AttachedProcess::Bridge => {
             if let Some(mut impaired) = impaired(Direction::ToDrone) {
-                let computer: DroneComputer = config::load(&args.config)?;
+                let computer: DroneComputerConfig = config::load(&args.config)?;
                 impaired.follow_mission(Instance::new(&computer.instance)?);
                 receive_through(Box::new(Inbound::new(impaired)));
             }

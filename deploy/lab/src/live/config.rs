@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::instance::OwnedInstance;
 use alight_computer::terminal;
@@ -13,7 +13,7 @@ use alight_sim::autopilots::FirmwareConfig;
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::harness::storm::Fault;
-use alight_sim::radio::RadioConfig;
+use alight_sim::radio::SimulatedRadioConfig;
 use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
@@ -53,7 +53,7 @@ pub struct LinkImpairment {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outage: Option<Fault>,
     /// Delay, loss, outages.
-    pub profile: RadioConfig,
+    pub profile: SimulatedRadioConfig,
 }
 
 /// Layer between a process and its messages.
@@ -91,9 +91,9 @@ config! {
     /// The simulated vehicles.
     pub struct SimulatedWorld {
         /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
-        pub instance: String = DroneComputer::default().instance;
+        pub instance: String = DroneComputerConfig::default().instance;
         /// Name of the set of processes that share the vessel's memory: `alight vessel`'s or a landing's.
-        pub vessel_instance: String = VesselComputer::default().instance;
+        pub vessel_instance: String = VesselComputerConfig::default().instance;
         /// The vessel's sensors as its configuration names them, each with the bytes that it sends there; empty: their
         /// measurements go into that memory.
         #[serde(skip_serializing_if = "Vec::is_empty")]

@@ -5,7 +5,7 @@ use core::str::FromStr;
 
 use alight_shared::msg::{MissionState, State};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_sim::harness::storm::{self, Kind, Moment};
+use alight_sim::harness::storm::{self, FaultKind, Moment};
 use alight_transport::signal::Signal;
 use serde::{Deserialize, Serialize};
 
@@ -18,18 +18,21 @@ const CONTACT: &str = "contact";
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
     /// The effect.
-    pub kind: Kind,
+    pub kind: FaultKind,
     /// When.
     pub moment: Moment,
 }
 
 /// The kinds that happen to one process.
-fn kinds() -> impl Iterator<Item = Kind> {
-    Kind::ALL.iter().copied().filter(|kind| kind.process().is_some())
+fn kinds() -> impl Iterator<Item = FaultKind> {
+    FaultKind::ALL
+        .iter()
+        .copied()
+        .filter(|kind| kind.process().is_some())
 }
 
 /// The kind of `mission-killed`, or as it was written before, `mission:kill`.
-fn kind_of(arguments: &[&str]) -> Option<Kind> {
+fn kind_of(arguments: &[&str]) -> Option<FaultKind> {
     match arguments {
         [name] => kinds().find(|kind| kind.name() == *name),
         [process, stop @ ("kill" | "freeze")] => kinds().find(|kind| {
@@ -50,7 +53,7 @@ impl FromStr for FaultSpec {
             ));
         };
         let kind = kind_of(kind).ok_or_else(|| {
-            let names: Vec<&str> = kinds().map(Kind::name).collect();
+            let names: Vec<&str> = kinds().map(FaultKind::name).collect();
             format!(
                 "{text:?}: write KIND:PHASE, such as planner-killed:descent, with a kind of these: {}",
                 names.join(", ")
@@ -258,9 +261,9 @@ mod tests {
         }
         // As it was written before.
         for (text, kind) in [
-            ("autopilot:kill:landed", Kind::LinkKilled),
-            ("vessel:kill:landed", Kind::VesselRestarted),
-            ("pilot:freeze:landed", Kind::PilotFrozen),
+            ("autopilot:kill:landed", FaultKind::LinkKilled),
+            ("vessel:kill:landed", FaultKind::VesselRestarted),
+            ("pilot:freeze:landed", FaultKind::PilotFrozen),
         ] {
             let moment = Moment::In(State::Landed);
             assert_eq!(text.parse(), Ok(FaultSpec { kind, moment }));

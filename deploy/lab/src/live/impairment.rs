@@ -10,7 +10,7 @@ use alight_shared::msg::MissionState;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_sim::harness::storm::{Fault, Moment};
 use alight_sim::physics::streams::Streams;
-use alight_sim::radio::{ChannelCounts, Direction, Radio, on_air};
+use alight_sim::radio::{ChannelCounts, Direction, SimulatedRadio, on_air};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::Instance;
 use alight_transport::observe::ReceiveChannel;
@@ -23,7 +23,7 @@ const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// Delays and loses what is sent, by a profile.
 pub struct Impaired<T> {
-    radio: Radio<T>,
+    radio: SimulatedRadio<T>,
     epoch_ns: i64,
     outage: Option<Fault>,
     /// When the mission first entered the outage's state, on the steady clock, ns; 0 before that.
@@ -34,7 +34,7 @@ impl<T: Clone> Impaired<T> {
     /// The impairment of one direction.
     pub fn new(link: &LinkImpairment, direction: Direction) -> Impaired<T> {
         Impaired {
-            radio: Radio::new(&link.profile, direction, &Streams::new(link.seed)),
+            radio: SimulatedRadio::new(&link.profile, direction, &Streams::new(link.seed)),
             epoch_ns: link.epoch_ns,
             outage: link.outage,
             entered_ns: Arc::default(),
@@ -138,19 +138,24 @@ impl ReceiveChannel for Inbound {
 mod tests {
     use super::*;
     use alight_shared::msg::State;
-    use alight_sim::harness::storm::Kind;
-    use alight_sim::radio::RadioConfig;
+    use alight_sim::harness::storm::FaultKind;
+    use alight_sim::radio::SimulatedRadioConfig;
 
     #[test]
     fn impaired_link_delay_and_outage() {
         let link = LinkImpairment {
             epoch_ns: 1_000,
             seed: 3,
-            outage: Some(Fault::new(Kind::RadioLost, Moment::In(State::Flare), 0.5, 1.0)),
-            profile: RadioConfig {
+            outage: Some(Fault::new(
+                FaultKind::RadioLost,
+                Moment::In(State::Flare),
+                0.5,
+                1.0,
+            )),
+            profile: SimulatedRadioConfig {
                 loss: 0.0,
                 duplicate: 0.0,
-                ..RadioConfig::default()
+                ..SimulatedRadioConfig::default()
             },
         };
         let mut impaired = Impaired::new(&link, Direction::ToDrone);

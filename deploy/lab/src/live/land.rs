@@ -13,8 +13,8 @@ use alight_computer::process::keeper::CheckpointKeeper;
 use alight_computer::process::life::{draw_boot, end_with_supervisor};
 use alight_computer::process::observer::Observer;
 use alight_computer::process::scheduling;
-use alight_computer::process::supervision::Limits;
-use alight_computer::process::supervisor::{Event, Supervisor};
+use alight_computer::process::supervision::SupervisorLimits;
+use alight_computer::process::supervisor::{Supervisor, SupervisorEvent};
 use alight_computer::record::flight::recorder;
 use alight_computer::record::flight::summary::PhaseEntry;
 use alight_computer::terminal::{self, note};
@@ -241,7 +241,7 @@ impl<'a> Landing<'a> {
         let observer = Observer::join(memory)?;
         let keeper = CheckpointKeeper::join(memory)?;
         let commands = memory.publisher()?;
-        let limits = Limits {
+        let limits = SupervisorLimits {
             silence_timeout_s: Some(SILENCE_TIMEOUT_S),
             max_failures: Some(MAX_FAILURES),
         };
@@ -320,8 +320,8 @@ impl<'a> Landing<'a> {
             let reports = &self.observer.snapshot.processes;
             for event in self.supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
                 let (kind, status) = match event {
-                    Event::Ended(kind, status) => (kind, status),
-                    Event::Silent(..) | Event::NotStarted(..) => {
+                    SupervisorEvent::Ended(kind, status) => (kind, status),
+                    SupervisorEvent::Silent(..) | SupervisorEvent::NotStarted(..) => {
                         note(true, format_args!("{event}"));
                         continue;
                     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use alight_computer::config::camera::{CameraSource, UltravioletSource};
 use alight_computer::config::recorder::RecorderConfig;
 use alight_computer::config::supervision::Supervision;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::CliError;
 use alight_computer::process::instance::OwnedInstance;
 use alight_computer::process::supervisor::arguments;
@@ -35,9 +35,9 @@ pub struct LandingSetup {
     /// The radio between the computers.
     pub air: RadioPath,
     /// The vessel's computer.
-    pub vessel: VesselComputer,
+    pub vessel: VesselComputerConfig,
     /// The drone's computer.
-    pub drone: DroneComputer,
+    pub drone: DroneComputerConfig,
     vessel_file: PathBuf,
     /// File of the drone's computer.
     pub drone_file: PathBuf,
@@ -125,9 +125,9 @@ fn vessel_computer(
     air: &RadioPath,
     clock: ProcessClock,
     helm: HelmConfig,
-) -> VesselComputer {
+) -> VesselComputerConfig {
     let [tls, _] = air.tls.clone();
-    VesselComputer {
+    VesselComputerConfig {
         vessel_id: scene.nodes.bridge.vessel_id,
         instance: args.instance.clone(),
         clock,
@@ -137,7 +137,7 @@ fn vessel_computer(
             helm,
             ..scene.nodes.vessel.clone()
         },
-        ..VesselComputer::default()
+        ..VesselComputerConfig::default()
     }
 }
 
@@ -148,9 +148,9 @@ fn drone_computer(
     air: &RadioPath,
     clock: ProcessClock,
     mavlink: &str,
-) -> DroneComputer {
+) -> DroneComputerConfig {
     let [_, tls] = air.tls.clone();
-    DroneComputer {
+    DroneComputerConfig {
         instance: args.instance.clone(),
         clock,
         radio: RadioConfig::dialling(&air.dial, tls),

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use alight_computer::exit::CliError;
 use alight_shared::msg::{CommandKind, MissionState, State};
-use alight_sim::harness::storm::{Fault, Kind, Moment, Storm};
+use alight_sim::harness::storm::{Fault, FaultKind, Moment, Storm};
 
 use crate::scene::Scene;
 use crate::storm::read_list;
 
 /// The order.
-const ORDERS: [(Kind, CommandKind); 3] = [
-    (Kind::Abort, CommandKind::Abort),
-    (Kind::Hold, CommandKind::Hold),
-    (Kind::OrderedAgain, CommandKind::Land),
+const ORDERS: [(FaultKind, CommandKind); 3] = [
+    (FaultKind::Abort, CommandKind::Abort),
+    (FaultKind::Hold, CommandKind::Hold),
+    (FaultKind::OrderedAgain, CommandKind::Land),
 ];
 
 /// Command that flies the others.
@@ -123,12 +123,12 @@ impl LiveFaults {
                 entered_s: None,
                 given: false,
             });
-        } else if kind == Kind::RadioLost && !self.radio_lost {
+        } else if kind == FaultKind::RadioLost && !self.radio_lost {
             self.radio_lost = true;
         } else {
-            let of_processes = Kind::ALL.iter().copied().filter(|k| k.process().is_some());
+            let of_processes = FaultKind::ALL.iter().copied().filter(|k| k.process().is_some());
             let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
-            let names: Vec<&str> = possible.map(Kind::name).collect();
+            let names: Vec<&str> = possible.map(FaultKind::name).collect();
             return Err(format!(
                 "{}: real processes have {} and radio-lost once",
                 kind.name(),
@@ -143,7 +143,7 @@ impl LiveFaults {
 mod tests {
     use super::*;
 
-    fn with(kind: Kind, size: f64) -> Result<(), String> {
+    fn with(kind: FaultKind, size: f64) -> Result<(), String> {
         let moment = Moment::In(State::Descent);
         LiveFaults::default().add(&Fault {
             size,
@@ -153,12 +153,16 @@ mod tests {
 
     #[test]
     fn faults_of_a_list_that_processes_can_have() {
-        let possible = Kind::ALL.iter().filter(|k| with(**k, 0.0).is_ok());
-        let of_processes = Kind::ALL.iter().filter(|k| k.process().is_some());
+        let possible = FaultKind::ALL.iter().filter(|k| with(**k, 0.0).is_ok());
+        let of_processes = FaultKind::ALL.iter().filter(|k| k.process().is_some());
         assert_eq!(possible.count(), of_processes.count() + ORDERS.len() + 1);
-        assert!(with(Kind::MissionKilled, 1.0).unwrap_err().contains("checkpoint"));
         assert!(
-            with(Kind::RangeStuck, 0.0)
+            with(FaultKind::MissionKilled, 1.0)
+                .unwrap_err()
+                .contains("checkpoint")
+        );
+        assert!(
+            with(FaultKind::RangeStuck, 0.0)
                 .unwrap_err()
                 .starts_with("range-stuck:")
         );

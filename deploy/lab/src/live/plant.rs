@@ -423,7 +423,7 @@ mod tests {
     use super::*;
     use alight_sim::autopilots::stand_in;
     use alight_sim::physics::streams::Streams;
-    use alight_uav::autopilot::message::Message;
+    use alight_uav::autopilot::message::MavlinkMessage;
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 
@@ -474,7 +474,7 @@ mod tests {
                 let n = link.read(&mut buffer).unwrap();
                 decoder.push(&buffer[..n]);
                 while let Some(f) = decoder.next_frame() {
-                    if let Message::HilSensor(s) = f.message {
+                    if let MavlinkMessage::HilSensor(s) = f.message {
                         times.push(s.time_us);
                         let answer = stand_in::motor_answer(s.time_us, [0.25; MAX_ROTORS], true);
                         link.write_all(&answer).unwrap();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use alight_computer::exit::CliError;
 use alight_shared::config;
-use alight_sim::radio::RadioConfig;
+use alight_sim::radio::SimulatedRadioConfig;
 
 /// The named profiles.
 const PROFILES: [(&str, &str); 7] = [
@@ -23,7 +23,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 /// The profile called `name`, or the one in the TOML file of that name.
-pub fn load(name: &str) -> Result<RadioConfig, CliError> {
+pub fn load(name: &str) -> Result<SimulatedRadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
         return Ok(config::parse(text, name)?);
     }

@@ -1,7 +1,7 @@
 //! Report of a live landing in addition to its outcome: usage of the processes, delays, effects of the faults.
 
 use alight_computer::process::snapshot::{Snapshot, time};
-use alight_computer::record::flight::summary::{PhaseEntry, Summary};
+use alight_computer::record::flight::summary::{FlightSummary, PhaseEntry};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::ReasonCode;
 use alight_shared::process::ProcessKind;
@@ -107,7 +107,7 @@ impl LiveReport {
         newest.map(|p| p.reason.as_str())
     }
     /// Summary of the landing for the directory that its processes recorded into.
-    pub fn summary(&self, o: &Outcome) -> Summary {
+    pub fn summary(&self, o: &Outcome) -> FlightSummary {
         let name = if o.success { "landed" } else { o.outcome.name() };
         let matched = self.matched();
         let figures = [
@@ -120,14 +120,14 @@ impl LiveReport {
         let figures = figures
             .into_iter()
             .filter_map(|(name, v)| Some((name.to_owned(), v?)));
-        Summary {
+        FlightSummary {
             length_s: o.sim_time_s,
             ended: true,
             outcome: matched.map_or(name, |_| "matched").into(),
             reason: matched.unwrap_or(&o.reason).into(),
             phases: self.phases.clone(),
             figures: figures.collect(),
-            ..Summary::of("simulation")
+            ..FlightSummary::of("simulation")
         }
     }
     /// Text below the table of the processes.

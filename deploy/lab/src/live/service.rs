@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::start::{Surroundings, start};
+use alight_computer::process::start::{ProcessSurroundings, start};
 use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
@@ -88,7 +88,7 @@ impl Service {
 
     fn spawn(&mut self) -> Result<(), CliError> {
         let (socket, errors) = (self.socket(), self.errors_file());
-        let around = Surroundings {
+        let around = ProcessSurroundings {
             errors: Some(&errors),
             state: Some(&self.directory),
             notified: Some(&socket),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use alight_bridge::BridgeConfig;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::record::flight::recorder::{PartHeader, SimulatedRecorder};
 use alight_shared::frames::{DroneBody, VesselBody};
@@ -31,20 +31,20 @@ pub struct LockStepLog {
 impl LockStepLog {
     /// Begins one in a directory of its own.
     pub fn begin(nodes: &NodeConfigs) -> Result<LockStepLog, CliError> {
-        let vessel = VesselComputer {
+        let vessel = VesselComputerConfig {
             vessel_id: VESSEL_ID,
             deck: nodes.deck.clone(),
             vessel: nodes.vessel.clone(),
-            ..VesselComputer::default()
+            ..VesselComputerConfig::default()
         };
-        let drone = DroneComputer {
+        let drone = DroneComputerConfig {
             bridge: BridgeConfig {
                 drone_id: DRONE_ID,
                 ..nodes.bridge.clone()
             },
             drone: nodes.settings(),
             autopilot: nodes.autopilot.clone(),
-            ..DroneComputer::default()
+            ..DroneComputerConfig::default()
         };
         Ok(LockStepLog {
             directory: Scratch::new()?,

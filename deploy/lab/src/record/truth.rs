@@ -4,7 +4,7 @@ use alight_computer::record::Recorder;
 use alight_computer::record::scenery::Scenery;
 use alight_computer::record::schema::Truth;
 use alight_computer::record::sink::Sink;
-use alight_computer::record::views::Topic;
+use alight_computer::record::views::ViewTopic;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::scenario::Scenario;
@@ -19,7 +19,7 @@ const SCENE_MS: i64 = 5_000;
 pub struct TruthViews {
     scenario: Scenario,
     scenery: Scenery,
-    truth: Topic<Truth>,
+    truth: ViewTopic<Truth>,
 }
 
 impl TruthViews {
@@ -28,7 +28,7 @@ impl TruthViews {
         Ok(TruthViews {
             scenario: scenario.clone(),
             scenery: Scenery::new(sink, &scenario.deck, &scenario.airframe, SCENE_MS)?,
-            truth: Topic::open(sink, "/truth")?,
+            truth: ViewTopic::open(sink, "/truth")?,
         })
     }
     /// Both bodies at `t`, the drone with the wind that it meets (NED, m/s, towards).

@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use alight_computer::config::method::lay;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::terminal;
 use alight_shared::config::{Check, Keys};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::VesselCourse;
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -193,18 +193,18 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
     let changes = [changes, &[planner]].concat();
     scene.scenario = with(scene.scenario, TABLES[0], &changes)?;
     let nodes = &mut scene.nodes;
-    let vessel = VesselComputer {
+    let vessel = VesselComputerConfig {
         vessel: nodes.vessel.clone(),
         deck: nodes.deck.clone(),
-        ..VesselComputer::default()
+        ..VesselComputerConfig::default()
     };
     let vessel = with(vessel, TABLES[1], &changes)?;
     (nodes.vessel, nodes.deck) = (vessel.vessel, vessel.deck);
-    let drone = DroneComputer {
+    let drone = DroneComputerConfig {
         bridge: nodes.bridge.clone(),
         autopilot: nodes.autopilot.clone(),
         drone: nodes.drone.clone(),
-        ..DroneComputer::default()
+        ..DroneComputerConfig::default()
     };
     let drone = with(drone, TABLES[2], &changes)?;
     (nodes.bridge, nodes.autopilot, nodes.drone) = (drone.bridge, drone.autopilot, drone.drone);
@@ -214,7 +214,7 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
     let vessel = &mut scene.scenario.vessel;
     if changes.iter().any(|c| c.powered) {
         // A change of speed goes up by half as well.
-        let most = if vessel.course == Course::SpeedChange {
+        let most = if vessel.course == VesselCourse::SpeedChange {
             1.5
         } else {
             1.0
@@ -420,7 +420,7 @@ mod tests {
             rows.len() == 10
                 && rows
                     .iter()
-                    .all(|r| !r.world.draws.on && r.world.vessel.course == Course::Drift)
+                    .all(|r| !r.world.draws.on && r.world.vessel.course == VesselCourse::Drift)
         );
     }
 

@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use alight_computer::config::{DroneFile, VesselComputer, method};
+use alight_computer::config::{DroneFile, VesselComputerConfig, method};
 use alight_computer::exit::CliError;
 use alight_computer::terminal::note;
 use alight_sim::harness::outcome::Outcome;
@@ -167,12 +167,12 @@ fn prepare(study: &str, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
         files.push((scenario_file(out, &row.scenario), text));
         let nodes = row.nodes.clone();
         let [vessel, drone, tuning] = config_files(out, row);
-        let computer = VesselComputer {
+        let computer = VesselComputerConfig {
             vessel: nodes.vessel,
-            ..VesselComputer::default()
+            ..VesselComputerConfig::default()
         };
         let [own, mut tuned] = method::divided(&computer).map_err(|e| because(&e))?;
-        if computer != VesselComputer::default() {
+        if computer != VesselComputerConfig::default() {
             files.push((vessel, own.to_string()));
         }
         let file = DroneFile {

@@ -1,7 +1,7 @@
 //! Orders of ROS's services to the mission of this computer: given as `alight command` gives them, and answered by what
 //! the mission shows.
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::process::local_command::{LocalCommand, answer};
 use alight_shared::msg::{Command, CommandKind, MissionState};
 use alight_shared::time::Span;
@@ -68,7 +68,7 @@ const fn name(kind: CommandKind) -> &'static str {
 impl<C: Caller> Orders<C> {
     /// Takes an order at `now_ns` of the steady clock. A second request for an order under way waits for the same answer; an
     /// abort takes the place of another order, and nothing takes an abort's.
-    pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputer, now_ns: i64) {
+    pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputerConfig, now_ns: i64) {
         match &mut self.under_way {
             Some(same) if same.kind == kind && same.callers.len() < MAX_CALLERS => same.callers.push(caller),
             Some(other) if other.kind == kind || kind != CommandKind::Abort => {
@@ -142,7 +142,7 @@ mod tests {
             orders.take(
                 *kind,
                 Known(who, Rc::clone(&answers)),
-                &DroneComputer::default(),
+                &DroneComputerConfig::default(),
                 NOW,
             );
         }

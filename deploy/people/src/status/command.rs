@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
-use alight_computer::process::observer::Follower;
+use alight_computer::process::observer::InstanceFollower;
 use alight_computer::process::supervisor::pause;
 use alight_computer::situation::{OBSERVATION_S, configured};
 use alight_computer::subject::{Computer, Subject};
@@ -45,7 +45,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(50);
 struct ComputerObserver {
     configured: ComputerReport,
     instance: Instance,
-    follower: Follower,
+    follower: InstanceFollower,
     /// It has waited for every report.
     has_waited: bool,
 }
@@ -56,7 +56,7 @@ impl ComputerObserver {
         Ok(ComputerObserver {
             configured: configured(computer),
             instance: Instance::new(name)?,
-            follower: Follower::of(name, "status")?,
+            follower: InstanceFollower::of(name, "status")?,
             has_waited: false,
         })
     }

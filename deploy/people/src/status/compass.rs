@@ -1,6 +1,6 @@
 //! Wind, waves and advised heading relative to the vessel's bow, as far as they are known.
 
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::KNOT_MPS;
 use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
@@ -91,7 +91,7 @@ fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<
 }
 
 /// Compass of the drone: the forecast's heading, the mission's wind, the vessel's advice.
-pub fn of_drone(s: &Situation) -> Option<Compass> {
+pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
     let heading_deg = s
         .snapshot
         .forecast

@@ -2,7 +2,7 @@
 
 use alight_computer::io::mavlink_key;
 use alight_computer::process::snapshot::{minutes, time};
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_shared::geodesy::Datum;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
@@ -26,7 +26,7 @@ const OLD_LINK: f64 = 0.5;
 const FRESH_TAGS_S: f64 = 1.0;
 
 /// Findings on a drone's situation.
-pub fn findings(s: &Situation) -> Vec<Finding> {
+pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     if let Some(for_s) = s.still_armed_s() {
         all.push(FindingTopic("armed").broken(still_armed(for_s as f32), ARMED_REMEDY));
@@ -64,7 +64,7 @@ pub fn findings(s: &Situation) -> Vec<Finding> {
 }
 
 /// A mission that is silent, was ended or broken off, or waits for what does not come by itself.
-fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
+fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("mission");
     if s.snapshot.mission.is_old(s.now_ns) {
         let age = minutes(s.snapshot.mission.age_s(s.now_ns));
@@ -86,7 +86,7 @@ fn mission(s: &Situation, m: &MissionState) -> Vec<Finding> {
 }
 
 /// The vessel's newest estimate, and who sends it.
-fn link(s: &Situation) -> Vec<Finding> {
+fn link(s: &ObservedSituation) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("link");
     let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
         return Vec::new();
@@ -129,7 +129,7 @@ fn link(s: &Situation) -> Vec<Finding> {
 }
 
 /// By what a vessel is known that need not be received: its tags are in sight, or a beacon gives its place.
-fn known_otherwise(s: &Situation) -> Option<&'static str> {
+fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     let forecast = s.snapshot.forecast.fresh(s.now_ns)?;
     let min_level = s.snapshot.mission.as_ref()?.least_vessel;
     let beacon = forecast.beacon.is_some() && min_level <= VesselLevel::Beacon;
@@ -142,7 +142,7 @@ fn known_otherwise(s: &Situation) -> Option<&'static str> {
 }
 
 /// A battery that does not last for the way to the deck and one attempt.
-fn battery_low(s: &Situation) -> Option<Finding> {
+fn battery_low(s: &ObservedSituation) -> Option<Finding> {
     let reserve = s.snapshot.mission.as_ref()?.battery_reserve;
     let charge = s.snapshot.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
     let found = format!(
@@ -171,14 +171,14 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
 }
 
 /// Whether a landing may be ordered now, or go on.
-pub fn go(s: &Situation, findings: &[Finding]) -> Go {
+pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     let mission = s.snapshot.mission.fresh(s.now_ns);
     let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
     Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
 }
 
 /// Data that a landing needs and that is missing.
-fn unknown(s: &Situation) -> Option<&'static str> {
+fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     let snapshot = &s.snapshot;
     let Some(mission) = snapshot.mission.fresh(s.now_ns) else {
         return Some("no mission reports");
@@ -195,7 +195,7 @@ fn unknown(s: &Situation) -> Option<&'static str> {
 }
 
 /// Unknown waves of the vessel, where a landing needs her computer.
-fn no_waves(s: &Situation, mission: &MissionState) -> Option<&'static str> {
+fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
     match (mission.least_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
         (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
@@ -204,7 +204,7 @@ fn no_waves(s: &Situation, mission: &MissionState) -> Option<&'static str> {
 }
 
 /// The state of its mission.
-pub fn state(s: &Situation) -> Option<StateView> {
+pub fn state(s: &ObservedSituation) -> Option<StateView> {
     let m = s.snapshot.mission.as_ref()?;
     let since_s = if m.since == Time::EPOCH {
         0.0
@@ -244,7 +244,7 @@ pub fn headline(state: Option<&StateView>) -> String {
 }
 
 /// The figures.
-pub fn figures(s: &Situation) -> Vec<Figure> {
+pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     let mut all = vec![
         distance(s),
         link_figure(s),
@@ -271,7 +271,7 @@ pub fn figures(s: &Situation) -> Vec<Figure> {
 }
 
 /// From the drone to the deck's centre: horizontally, and upwards.
-fn distance(s: &Situation) -> Figure {
+fn distance(s: &ObservedSituation) -> Figure {
     const NAME: &str = "distance";
     let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied());
     let (Some(drone), Some(forecast), Some(deck)) = (*s.snapshot.drone, *s.snapshot.forecast, deck) else {
@@ -300,7 +300,7 @@ fn distance(s: &Situation) -> Figure {
     Figure::of(NAME, value, format!("{:.1} m above the deck, {known_by}", -down)).stale(old)
 }
 
-fn link_figure(s: &Situation) -> Figure {
+fn link_figure(s: &ObservedSituation) -> Figure {
     const NAME: &str = "link";
     let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
         let note = "no report of the bridge".into();
@@ -324,7 +324,7 @@ fn link_figure(s: &Situation) -> Figure {
 }
 
 /// The battery, and what the way to the deck and one attempt cost of it.
-fn battery(s: &Situation) -> Figure {
+fn battery(s: &ObservedSituation) -> Figure {
     const NAME: &str = "battery";
     let Some(a) = *s.snapshot.autopilot else {
         return Figure::unknown(NAME);
@@ -355,7 +355,7 @@ fn battery(s: &Situation) -> Figure {
 }
 
 /// Whose the vessel's deck is, and what the helm states.
-fn deck(s: &Situation) -> Figure {
+fn deck(s: &ObservedSituation) -> Figure {
     const NAME: &str = "deck";
     let Some(g) = *s.snapshot.grant else {
         return Figure::unknown(NAME);
@@ -373,7 +373,7 @@ fn deck(s: &Situation) -> Figure {
     Figure::of(NAME, owner, note).stale(s.snapshot.grant.is_old(s.now_ns))
 }
 
-fn wind(s: &Situation) -> Figure {
+fn wind(s: &ObservedSituation) -> Figure {
     const NAME: &str = "wind";
     match s.snapshot.mission.and_then(|m| Some((m.wind?, m.wind_sd_mps))) {
         None => Figure::unknown(NAME),
@@ -385,7 +385,7 @@ fn wind(s: &Situation) -> Figure {
     }
 }
 
-fn waves(s: &Situation) -> Figure {
+fn waves(s: &ObservedSituation) -> Figure {
     const NAME: &str = "waves";
     match *s.snapshot.wave {
         None => Figure::unknown(NAME),
@@ -398,7 +398,7 @@ fn waves(s: &Situation) -> Figure {
     }
 }
 
-fn autopilot(s: &Situation) -> Figure {
+fn autopilot(s: &ObservedSituation) -> Figure {
     const NAME: &str = "autopilot";
     let Some(AutopilotState {
         mode, armed, landed, ..
@@ -417,7 +417,7 @@ fn autopilot(s: &Situation) -> Figure {
 }
 
 /// Probability that a landing from here succeeds, and that its contact is unsafe.
-fn likelihood(s: &Situation) -> Option<Figure> {
+fn likelihood(s: &ObservedSituation) -> Option<Figure> {
     let m = (*s.snapshot.mission)?;
     let value = format!("{:.0} %", (100.0 * m.likelihood?).floor());
     let note = m
@@ -427,7 +427,7 @@ fn likelihood(s: &Situation) -> Option<Figure> {
 }
 
 /// When the plan touches down.
-fn touchdown(s: &Situation) -> Figure {
+fn touchdown(s: &ObservedSituation) -> Figure {
     const NAME: &str = "touchdown";
     let Some(p) = *s.snapshot.plan else {
         return Figure::unknown(NAME);

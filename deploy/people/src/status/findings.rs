@@ -2,14 +2,14 @@
 
 use alight_computer::process::lateness;
 use alight_computer::process::snapshot::minutes;
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_shared::metrics::MetricName;
 
 use super::finding::{Finding, FindingTopic};
 use super::{drone, vessel};
 
 /// Findings on the situation.
-pub fn judge(s: &Situation) -> Vec<Finding> {
+pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = processes(s);
     all.extend(match s.vessel() {
         Some((known, status)) => vessel::findings(s, known, status),
@@ -19,7 +19,7 @@ pub fn judge(s: &Situation) -> Vec<Finding> {
 }
 
 /// The service's unit.
-fn unit(s: &Situation) -> &'static str {
+fn unit(s: &ObservedSituation) -> &'static str {
     if s.known.vessel.is_some() {
         "alight-vessel"
     } else {
@@ -28,7 +28,7 @@ fn unit(s: &Situation) -> &'static str {
 }
 
 /// Processes that are silent, late, or do not record, and a configuration that is not theirs any more.
-fn processes(s: &Situation) -> Vec<Finding> {
+fn processes(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     let silent: Vec<String> = s
         .silent()

@@ -1,4 +1,4 @@
-//! Status of one computer: what is known ([`Situation`]), what it means ([`findings`]), and its texts. Terminal
+//! Status of one computer: what is known ([`ObservedSituation`]), what it means ([`findings`]), and its texts. Terminal
 //! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show one object, [`Status`], which `alight status --json`
 //! prints; `alight check` reports in the same [`finding`]s.
 
@@ -15,7 +15,7 @@ pub mod vessel;
 pub mod watch;
 
 use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_shared::msg::ComputerReport;
 use alight_shared::msg::Course;
 use alight_transport::clock::steady_ns;
@@ -88,7 +88,7 @@ impl Figure {
 pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
 /// The processes that report.
-fn processes(s: &Situation) -> Option<Figure> {
+fn processes(s: &ObservedSituation) -> Option<Figure> {
     let names: Vec<&str> = s
         .snapshot
         .processes
@@ -132,19 +132,19 @@ pub struct Status {
     pub findings: Vec<Finding>,
     /// The situation of the findings.
     #[serde(flatten)]
-    pub situation: Situation,
+    pub situation: ObservedSituation,
 }
 
 impl Status {
     /// The status of a computer that is `configured` so, by the `snapshot` of its processes; None: nothing runs.
     pub fn look(snapshot: Option<&Snapshot>, configured: &ComputerReport) -> Status {
         match snapshot {
-            Some(snapshot) => Status::of(Situation::look(snapshot, configured, steady_ns())),
+            Some(snapshot) => Status::of(ObservedSituation::look(snapshot, configured, steady_ns())),
             None => Status::absent(configured),
         }
     }
     /// The status of this situation.
-    pub fn of(situation: Situation) -> Status {
+    pub fn of(situation: ObservedSituation) -> Status {
         if situation.known.vessel.is_some() && situation.vessel().is_none() {
             const TOPIC: FindingTopic = FindingTopic("processes");
             const FOUND: &str = "the vessel's process does not report";
@@ -223,9 +223,9 @@ impl Status {
             go: Go::of(core::slice::from_ref(&why), Some(&why.found)),
             worst: why.level,
             findings: vec![why],
-            situation: Situation {
+            situation: ObservedSituation {
                 known: *known,
-                ..Situation::default()
+                ..ObservedSituation::default()
             },
             ..Status::default()
         }

@@ -1,7 +1,7 @@
 //! The vessel's computer: findings, state and figures.
 
 use alight_computer::process::snapshot::time;
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_computer::vessel::{deck_inputs, helm, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
@@ -19,7 +19,7 @@ use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, p
 pub const LOST_CONTACT_S: f64 = 5.0;
 
 /// Findings on a vessel's situation.
-pub fn findings(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
+pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();
     let mut all = vec![radio(s, known)];
     all.extend(sources.iter().flat_map(sources::of));
@@ -45,7 +45,7 @@ fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
     reported.chain((!is_whole).then_some("left out"))
 }
 
-fn radio(s: &Situation, known: &VesselReport) -> Finding {
+fn radio(s: &ObservedSituation, known: &VesselReport) -> Finding {
     let count = |name| s.process(ProcessKind::Vessel).map_or(0, |p| p.count(name));
     FindingTopic("radio").fine(format!(
         "listens on {}, {:.1} MB sent, {} packets dropped",
@@ -55,7 +55,7 @@ fn radio(s: &Situation, known: &VesselReport) -> Finding {
     ))
 }
 
-fn unauthorised_peers(s: &Situation, known: &VesselReport) -> Finding {
+fn unauthorised_peers(s: &ObservedSituation, known: &VesselReport) -> Finding {
     let rejected = s.rejected();
     if rejected.is_empty() {
         return FindingTopic("peers").fine(format!("none rejected; admitted: {}", known.peers));
@@ -341,7 +341,7 @@ pub fn wind(status: &VesselStatus) -> Option<Wind> {
 }
 
 /// The state of the foremost drone.
-pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
+pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
     Some(StateView {
         name: format!("Drone {}: {}", d.status.header.drone, d.status.state.name()),
@@ -361,7 +361,7 @@ pub fn state(s: &Situation, status: &VesselStatus) -> Option<StateView> {
 }
 
 /// The state, and since when.
-pub fn headline(s: &Situation, worst: FindingLevel) -> String {
+pub fn headline(s: &ObservedSituation, worst: FindingLevel) -> String {
     let state = match worst {
         FindingLevel::Fine => "works",
         FindingLevel::Warning => "works, with warnings",
@@ -373,7 +373,7 @@ pub fn headline(s: &Situation, worst: FindingLevel) -> String {
 }
 
 /// The figures.
-pub fn figures(s: &Situation, known: &VesselReport, status: &VesselStatus) -> Vec<Figure> {
+pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Figure> {
     let mut all = vec![if status.deck.closed.is_some() {
         Figure::of("deck", "CLOSED", owner(status))
     } else {

@@ -10,7 +10,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::local_command::{LocalCommand, answer};
@@ -319,7 +319,7 @@ fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliEr
 }
 
 /// The computer of the vessel, on which `what` is done.
-fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputer, CliError> {
+fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
         return Err(CliError(format!(
             "{what} on the vessel's own computer: no --vessel"

@@ -1,7 +1,7 @@
 //! `alight config`: a configuration with its declarations.
 
 use alight_computer::config::method::KeyOwner;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal;
 use alight_shared::config::{Check, commented_keys};
@@ -21,12 +21,12 @@ pub struct ConfigArgs {
 
 /// Prints the vessel's: as it is shipped, or other keys of it.
 pub fn vessel(args: &ConfigArgs) -> Result<Exit, CliError> {
-    print::<VesselComputer>(args, include_str!("../../../vessel/vessel.toml"))
+    print::<VesselComputerConfig>(args, include_str!("../../../vessel/vessel.toml"))
 }
 
 /// Prints the drone's: as it is shipped, or other keys of it.
 pub fn drone(args: &ConfigArgs) -> Result<Exit, CliError> {
-    print::<DroneComputer>(args, include_str!("../../../drone/drone.toml"))
+    print::<DroneComputerConfig>(args, include_str!("../../../drone/drone.toml"))
 }
 
 fn print<T: Default + Serialize + Check>(args: &ConfigArgs, shipped: &str) -> Result<Exit, CliError> {

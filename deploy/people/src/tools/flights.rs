@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::record::flight::mend::{Repair, mend};
-use alight_computer::record::flight::store::{self, Flight};
-use alight_computer::record::flight::summary::Summary;
+use alight_computer::record::flight::store::{self, StoredFlight};
+use alight_computer::record::flight::summary::FlightSummary;
 use alight_computer::record::reading::contained;
 use alight_computer::table::{Cell, Table};
 use alight_computer::terminal::{self, Form, note};
@@ -47,7 +47,7 @@ struct Row {
     bytes: u64,
     /// Summary of the computer.
     #[serde(flatten)]
-    summary: Summary,
+    summary: FlightSummary,
 }
 
 /// Lists them, the newest last.
@@ -74,7 +74,7 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
 }
 
 /// The flights below `directory`, or the one that it is.
-fn flights(directory: &Path) -> Result<Vec<Flight>, CliError> {
+fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(
             "reading the flights in {}: {e}; name the directory of recorder.directory in this computer's file",
@@ -85,7 +85,7 @@ fn flights(directory: &Path) -> Result<Vec<Flight>, CliError> {
         return Ok(below);
     }
     // Of `land --log`, without a flight's name.
-    let own = Flight::of(directory).unwrap_or_else(|| Flight {
+    let own = StoredFlight::of(directory).unwrap_or_else(|| StoredFlight {
         path: directory.into(),
         number: 0,
         begun: String::new(),
@@ -123,7 +123,7 @@ pub fn earlier(directory: &str) -> Vec<FlightLine> {
 }
 
 impl Row {
-    fn of(flight: &Flight) -> Row {
+    fn of(flight: &StoredFlight) -> Row {
         let (parts, cut) = flight.parts();
         let (running, summary) = (flight.is_running(), flight.summary());
         let files = match (&summary, running) {

@@ -10,7 +10,7 @@ use std::fs::OpenOptions;
 use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal;
 use alight_shared::config;
@@ -192,7 +192,7 @@ impl Boat {
         *text = all;
     }
     /// Whether both are valid as they stand.
-    fn check(&self) -> Result<(VesselComputer, DroneComputer), CliError> {
+    fn check(&self) -> Result<(VesselComputerConfig, DroneComputerConfig), CliError> {
         Ok((
             config::parse(&self.vessel, "vessel.toml")?,
             config::parse(&self.drone, "drone.toml")?,

@@ -4,13 +4,13 @@ use alight_shared::msg::ComputerReport;
 use std::path::{Path, PathBuf};
 
 use alight_computer::cells;
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::view::ViewConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::playback::{ForeignLaw, NodeReplay, Plot, Viewer, replay, shown};
 use alight_computer::process::args::ViewArgs;
 use alight_computer::record::flight::store;
-use alight_computer::record::log::{Log, Start};
+use alight_computer::record::log::{Log, ProcessStart};
 use alight_computer::record::observer::StepObserver;
 use alight_computer::record::reading::{contained, is_whole};
 use alight_computer::record::{About, LIVE, Recorder, WORLD};
@@ -170,7 +170,7 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
 fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
     let drone = log
         .find("mission")
-        .map(Start::config::<DroneComputer>)
+        .map(ProcessStart::config::<DroneComputerConfig>)
         .transpose()?;
     let known = ComputerReport {
         title: format!("replay of {}", args.path.display()).as_str().into(),

@@ -9,7 +9,7 @@ use alight_transport::wake::end_requested;
 use clap::Args;
 use std::time::Duration;
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::process::observer::{Observer, Rejoined};
@@ -271,7 +271,7 @@ impl Drone {
         }
     }
     /// Passes on what is ordered, and publishes what is new.
-    fn step(&mut self, computer: &DroneComputer, ports: &mut Ports, session: &mut RosSession) {
+    fn step(&mut self, computer: &DroneComputerConfig, ports: &mut Ports, session: &mut RosSession) {
         while let Some(request) = session.request() {
             if let Some(why) = is_late(request.kind, request.sent_ns, wall_ns()) {
                 request.reply(false, &why);

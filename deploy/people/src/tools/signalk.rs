@@ -7,7 +7,7 @@ use alight_computer::config::link_url::LinkUrl;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::runtime;
 use alight_computer::io::web_socket::{SignalKSocket, Subscribe};
-use alight_computer::process::observer::Follower;
+use alight_computer::process::observer::InstanceFollower;
 use alight_computer::situation::configured;
 use alight_computer::subject::Subject;
 use alight_computer::terminal;
@@ -157,14 +157,14 @@ async fn publish(
 /// Looks at the computer's processes whenever they run.
 struct ComputerObserver {
     configured: ComputerReport,
-    follower: Follower,
+    follower: InstanceFollower,
 }
 
 impl ComputerObserver {
     fn at(subject: &Subject) -> Result<ComputerObserver, CliError> {
         let computer = subject.computer()?;
         Ok(ComputerObserver {
-            follower: Follower::of(computer.instance(), "signalk")?,
+            follower: InstanceFollower::of(computer.instance(), "signalk")?,
             configured: configured(&computer),
         })
     }
@@ -178,7 +178,7 @@ impl ComputerObserver {
 mod tests {
     use super::*;
     use alight_computer::certificates;
-    use alight_computer::config::VesselComputer;
+    use alight_computer::config::VesselComputerConfig;
     use alight_computer::process::facts::{Facts, Reporter};
     use alight_computer::process::instance::OwnedInstance;
     use alight_computer::process::supervisor::pause;
@@ -219,9 +219,9 @@ mod tests {
         let keys = owned.file("keys");
         certificates::init(&keys, 400).unwrap();
         let own = certificates::issue(&keys, "vessel", 8, &[], 400).unwrap();
-        let mut computer = VesselComputer {
+        let mut computer = VesselComputerConfig {
             vessel_id: 8,
-            ..VesselComputer::default()
+            ..VesselComputerConfig::default()
         };
         let file = own.join(certificates::CERTIFICATE_FILE);
         computer.radio.tls.certificate = file.display().to_string();

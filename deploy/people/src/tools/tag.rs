@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::subject::SHIPPED;
 use alight_computer::terminal;
@@ -61,9 +61,9 @@ impl Paper {
 }
 
 /// The configuration that is meant, and where it is from; `installed`: where this computer's is.
-fn meant(args: &TagArgs, installed: &Path) -> Result<(DroneComputer, String), CliError> {
+fn meant(args: &TagArgs, installed: &Path) -> Result<(DroneComputerConfig, String), CliError> {
     if args.shipped {
-        return Ok((DroneComputer::default(), "the shipped configuration".into()));
+        return Ok((DroneComputerConfig::default(), "the shipped configuration".into()));
     }
     let path = match &args.config {
         Some(path) => path.as_path(),
@@ -359,10 +359,10 @@ mod tests {
     #[test]
     fn tag_list_of_the_shipped_configuration() {
         let tags = DeckGeometry::default().tags();
-        let shipped: DroneComputer =
+        let shipped: DroneComputerConfig =
             config::parse(include_str!("../../../drone/drone.toml"), "shipped").unwrap();
         assert_eq!(*shipped.drone.tags(), *tags);
-        let read: DroneComputer = config::parse(&listed(&tags), "list").unwrap();
+        let read: DroneComputerConfig = config::parse(&listed(&tags), "list").unwrap();
         assert_eq!(*read.drone.tags(), *tags);
     }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use alight_computer::config::view::{FOXGLOVE, ViewConfig};
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::playback::{Bodies, Viewer};
@@ -118,7 +118,11 @@ pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
     }
 }
 
-fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool) -> Result<Exit, CliError> {
+fn vessel(
+    computer: &VesselComputerConfig,
+    view: &ViewConfig,
+    ends: &dyn Fn() -> bool,
+) -> Result<Exit, CliError> {
     if !view.foxglove.is_empty() {
         return Err(CliError(
             "the vessel has nothing for Foxglove: serve it on the drone's computer (--foxglove, view.foxglove)".into(),
@@ -137,7 +141,7 @@ fn vessel(computer: &VesselComputer, view: &ViewConfig, ends: &dyn Fn() -> bool)
 }
 
 fn drone(
-    mut computer: DroneComputer,
+    mut computer: DroneComputerConfig,
     subject: &Subject,
     view: &ViewConfig,
     ends: &dyn Fn() -> bool,
@@ -222,7 +226,7 @@ impl Ports {
         })
     }
     /// Shows what is new of the processes, and carries out the page's order.
-    fn look(&mut self, computer: &DroneComputer, watcher: &mut Watcher, wall_ns: i64) {
+    fn look(&mut self, computer: &DroneComputerConfig, watcher: &mut Watcher, wall_ns: i64) {
         let now_ns = steady_ns();
         let grid_ns = (now_ns + wall_ns) / LOOK_PERIOD_NS * LOOK_PERIOD_NS;
         let (t, now): (Time<TrueTime>, _) = (Time::from_nanos(grid_ns), computer.clock.now());
@@ -241,7 +245,7 @@ impl Ports {
     /// is known.
     fn order(
         &mut self,
-        computer: &DroneComputer,
+        computer: &DroneComputerConfig,
         given: Option<PageOrder>,
         mission: Option<&MissionState>,
     ) -> Option<String> {
@@ -301,9 +305,9 @@ mod tests {
         let services = Services::create(&memory).unwrap();
         let mut missions: Publisher<MissionState> = memory.publisher().unwrap();
         let mut commands: Subscriber<Command> = memory.subscriber().unwrap();
-        let computer = DroneComputer {
+        let computer = DroneComputerConfig {
             instance: name,
-            ..DroneComputer::default()
+            ..DroneComputerConfig::default()
         };
         let mut joined = Ports::join(owned.instance()).unwrap();
         let view = ViewConfig {

@@ -3,11 +3,11 @@
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::CliError;
 use alight_computer::process::facts::Facts;
-use alight_computer::process::observer::Follower;
-use alight_computer::situation::Situation;
+use alight_computer::process::observer::InstanceFollower;
+use alight_computer::situation::ObservedSituation;
 use alight_computer::vessel::crew::OrderOnItsWay;
 use alight_shared::msg::{DeckOrder, State};
 use alight_shared::process::ProcessKind;
@@ -26,8 +26,8 @@ const DRONES: usize = 32;
 
 /// Looks at the vessel's status, again and again.
 pub struct VesselObserver<'a> {
-    computer: &'a VesselComputer,
-    aboard: Follower,
+    computer: &'a VesselComputerConfig,
+    aboard: InstanceFollower,
     configured: ComputerReport,
     motion: MotionHistory,
     /// When the newest status was written, on the steady clock, ns.
@@ -45,10 +45,10 @@ pub struct VesselObserver<'a> {
 
 impl<'a> VesselObserver<'a> {
     /// At this vessel; `may_order`: the page may close her deck.
-    pub fn new(computer: &'a VesselComputer, may_order: bool) -> Result<VesselObserver<'a>, CliError> {
+    pub fn new(computer: &'a VesselComputerConfig, may_order: bool) -> Result<VesselObserver<'a>, CliError> {
         Ok(VesselObserver {
             computer,
-            aboard: Follower::of(&computer.instance, ProcessKind::View.name())?,
+            aboard: InstanceFollower::of(&computer.instance, ProcessKind::View.name())?,
             configured: Facts::vessel(computer).report,
             motion: MotionHistory::default(),
             ended_ns: i64::MIN,
@@ -102,7 +102,7 @@ impl<'a> VesselObserver<'a> {
                 ..Picture::default()
             };
         };
-        let situation = Situation::look(snapshot, &self.configured, now_ns);
+        let situation = ObservedSituation::look(snapshot, &self.configured, now_ns);
         self.take(&situation);
         let ago = |(at, text): &(i64, String)| LogLine {
             ago_s: situation.since_s(*at),
@@ -132,7 +132,7 @@ impl<'a> VesselObserver<'a> {
     }
 
     /// News in it.
-    fn take(&mut self, s: &Situation) {
+    fn take(&mut self, s: &ObservedSituation) {
         let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
             return;
         };

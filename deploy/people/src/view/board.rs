@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_shared::msg::{ComputerReport, MissionState, ReasonCode, State, VesselEstimate};
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -54,7 +54,7 @@ impl Ended {
 /// Messages of a flight.
 pub struct Board {
     /// Messages of the computer.
-    pub situation: Situation,
+    pub situation: ObservedSituation,
     /// Roll, pitch (rad) and height (m) by the vessel's own estimate, and when it came.
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
@@ -82,9 +82,9 @@ impl Board {
     /// Nothing is known yet but this.
     pub fn new(known: ComputerReport) -> Board {
         Board {
-            situation: Situation {
+            situation: ObservedSituation {
                 known,
-                ..Situation::default()
+                ..ObservedSituation::default()
             },
             own_motion: None,
             motion: MotionHistory::default(),

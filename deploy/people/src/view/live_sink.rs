@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use alight_computer::record::sink::{Channel, OpenChannels, TakeMessages};
+use alight_computer::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use foxglove::{ChannelBuilder, Context, PartialMetadata, RawChannel, Schema};
 use mcap::McapError;
 
@@ -25,7 +25,7 @@ impl LiveSink {
 }
 
 impl OpenChannels for LiveSink {
-    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
+    fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError> {
         let other = |e: String| McapError::Io(std::io::Error::other(e));
         let number = u16::try_from(self.channels.len()).map_err(|e| other(e.to_string()))?;
         let channel = ChannelBuilder::new(topic)
@@ -35,14 +35,14 @@ impl OpenChannels for LiveSink {
             .build_raw()
             .map_err(|e| other(e.to_string()))?;
         self.channels.push(channel);
-        Ok(Channel(number))
+        Ok(ChannelId(number))
     }
 }
 
 impl TakeMessages for LiveSink {
     fn message<E>(
         &mut self,
-        channel: Channel,
+        channel: ChannelId,
         t_ns: u64,
         encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E> {

@@ -5,7 +5,7 @@ use std::io::Read;
 
 use serde_json::Value;
 
-use crate::{Doing, TransportError, access};
+use crate::{TransportContext, TransportError, access};
 use alight_shared::config;
 
 /// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated

@@ -29,7 +29,7 @@ impl PerSecond {
 
 /// The newest message of a publication.
 #[derive(Debug, Default)]
-pub(super) struct Held(Mutex<Newest>);
+pub(super) struct NewestMessage(Mutex<Newest>);
 
 #[derive(Debug, Default)]
 struct Newest {
@@ -37,7 +37,7 @@ struct Newest {
     answers: PerSecond,
 }
 
-impl Held {
+impl NewestMessage {
     /// Another one takes its place.
     pub(super) fn set(&self, bytes: &ZBytes) {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn newest_message_for_many_who_ask() {
-        let held = Held::default();
+        let held = NewestMessage::default();
         assert!(held.take(0).is_none(), "nothing was published yet");
         held.set(&ZBytes::from(vec![1]));
         held.set(&ZBytes::from(vec![2]));

@@ -6,7 +6,7 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::Priority;
 
 use crate::radio::HEADER_BYTES;
-use crate::radio::held::Held;
+use crate::radio::held::NewestMessage;
 use alight_shared::topics::Topic;
 
 /// How urgent a key's messages are.
@@ -45,7 +45,7 @@ pub struct Publication {
     /// Bytes that each message has in addition to its payload.
     pub(super) overhead: u64,
     /// The newest message is kept for who asks for it.
-    pub(super) held: Option<Arc<Held>>,
+    pub(super) held: Option<Arc<NewestMessage>>,
 }
 
 impl Publication {

@@ -4,11 +4,11 @@ use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::mixer::Mixer;
-use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS};
+use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, RotorFrame};
 
 /// Target of the attitude loop, by the outer loop or a set-point.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct AttitudeTarget {
+pub(super) struct AttitudeSetPoint {
     /// NED from body.
     pub(super) attitude: UnitQuaternion<f64>,
     /// Rate about NED's down axis, rad/s.
@@ -26,7 +26,7 @@ pub(super) struct AttitudeTarget {
 /// About a small error this is `w = P e`, so a ramp is followed with the lag `1/P`.
 pub(super) fn rate_set_point(
     config: &AutopilotConfig,
-    target: &AttitudeTarget,
+    target: &AttitudeSetPoint,
     is: &UnitQuaternion<f64>,
 ) -> Vector3<f64> {
     let wanted = target.attitude;
@@ -65,7 +65,7 @@ pub(super) struct RateLoop {
     moment_per_force: f64,
     rotor_max: f64,
     /// Rotors of the drone.
-    pub(super) frame: Frame,
+    pub(super) frame: RotorFrame,
     integral: Vector3<f64>,
     /// Whose mixer.
     pub(super) mixer: Mixer,
@@ -73,7 +73,7 @@ pub(super) struct RateLoop {
 }
 
 impl RateLoop {
-    pub(super) fn new(drone: &DroneGeometry, frame: Frame) -> Self {
+    pub(super) fn new(drone: &DroneGeometry, frame: RotorFrame) -> Self {
         RateLoop {
             inertia: Vector3::from(drone.inertia_kgm2),
             side: drone.arm_m / 2.0_f64.sqrt(),
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn mixer_moments_unsaturated() {
-        for frame in [Frame::QuadX, Frame::HexaX] {
+        for frame in [RotorFrame::QuadX, RotorFrame::HexaX] {
             let mut l = RateLoop::new(&DroneGeometry::default(), frame);
             let wanted = Vector3::new(0.8, -0.5, 0.05);
             let out = l.mix(0.4, &wanted);
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn mixer_priorities_at_the_upper_limit() {
-        let mut l = RateLoop::new(&DroneGeometry::default(), Frame::QuadX);
+        let mut l = RateLoop::new(&DroneGeometry::default(), RotorFrame::QuadX);
         let wanted = Vector3::new(4.0, 0.0, 1.0);
         let (thrust, m) = moments(&l, &l.clone().mix(1.0, &wanted));
         assert!(
@@ -178,7 +178,7 @@ mod tests {
             attitude_lag_s: Some(0.2),
             ..AutopilotConfig::default()
         };
-        let target = AttitudeTarget {
+        let target = AttitudeSetPoint {
             attitude: UnitQuaternion::from_euler_angles(0.02, -0.01, 1.0),
             yaw_rate: 0.0,
             rates: Vector3::zeros(),

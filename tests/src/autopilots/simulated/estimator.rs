@@ -27,7 +27,7 @@ pub(super) struct Estimate {
 
 /// Errors of the estimate of attitude (NED, on the left) and rates against the truth.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Errors {
+pub(super) struct SimulatedErrors {
     pub(super) attitude: UnitQuaternion<f64>,
     pub(super) rates: Vector3<f64>,
 }
@@ -36,7 +36,7 @@ pub(super) struct Errors {
 ///
 /// The three axes have the same covariance, so one 3x3 matrix serves all of them.
 #[derive(Clone, Debug)]
-pub(super) struct Estimator {
+pub(super) struct SimulatedEstimator {
     config: NavigationConfig,
     gnss_bias: [GaussMarkov; 3],
     /// Drift of the height by the barometer, which it is held to.
@@ -58,10 +58,10 @@ pub(super) struct Estimator {
     covariance: Matrix3<f64>,
     until_fix_s: f64,
     estimate: Estimate,
-    errors: Errors,
+    errors: SimulatedErrors,
 }
 
-impl Estimator {
+impl SimulatedEstimator {
     /// An estimator that has converged on a drone at rest in the air at `m`.
     pub(super) fn new(config: &NavigationConfig, streams: &Streams, m: &PlantState, dt: f64) -> Self {
         let mut gnss_rng = streams.stream("drone.gnss");
@@ -87,7 +87,7 @@ impl Estimator {
         let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu_rng));
         let (gyro_bias, accelerometer_bias) = (draw(c.gyro_bias_rps), draw(c.accelerometer_bias_mps2));
         let offset = Vector3::from_fn(|i, _| gnss_bias[i].value) + Vector3::z() * barometer.value;
-        let mut e = Estimator {
+        let mut e = SimulatedEstimator {
             config: config.clone(),
             gnss_bias,
             barometer,
@@ -116,7 +116,7 @@ impl Estimator {
                 specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
                 acceleration: Vector3::zeros(),
             },
-            errors: Errors {
+            errors: SimulatedErrors {
                 attitude: UnitQuaternion::identity(),
                 rates: Vector3::zeros(),
             },
@@ -137,7 +137,7 @@ impl Estimator {
     pub(super) fn now(&self) -> &Estimate {
         &self.estimate
     }
-    pub(super) fn errors(&self) -> &Errors {
+    pub(super) fn errors(&self) -> &SimulatedErrors {
         &self.errors
     }
     /// Standard deviations of position (relative to the slow GNSS error that all fixes of the last
@@ -200,7 +200,7 @@ impl Estimator {
         e.rates = rates;
         e.specific_force = specific_force;
         e.acceleration = acceleration;
-        self.errors = Errors {
+        self.errors = SimulatedErrors {
             attitude: wrong,
             rates: rates - m.rates,
         };
@@ -272,7 +272,7 @@ mod tests {
                 position: Vector3::new(0.0, 0.0, -15.0),
                 ..PlantState::default()
             };
-            let mut e = Estimator::new(&config, &Streams::new(seed), &m, dt);
+            let mut e = SimulatedEstimator::new(&config, &Streams::new(seed), &m, dt);
             for k in 0..3000 {
                 // Sway of 1 m at 1 rad/s.
                 let t = f64::from(k) * dt;

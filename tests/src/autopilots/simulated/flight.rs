@@ -1,22 +1,25 @@
 //! The autopilot's flight: modes, failsafe of lost set-points, position control, land detector. It flies by its own
 //! estimate and knows the nominal airframe only.
 
+mod position_control;
+
 use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::modes::Firmware;
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
-use super::attitude::{AttitudeTarget, RateLoop, rate_set_point};
-use super::estimator::{Errors, Estimate};
+use super::attitude::{AttitudeSetPoint, RateLoop, rate_set_point};
+use super::estimator::{Estimate, SimulatedErrors};
 use super::mixer::Mixer;
 use super::modes::{mode_number, own_mission};
 use super::own_mission::OwnFlight;
+use super::reference::{FlightReference, PositionReference};
 use super::shaping::InputShaping;
 use super::spool::{PULSE_OFF_US, Spool};
-use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, PlantState};
+use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState, RotorFrame};
 
 /// PX4 wants set-points no further apart than this before OFFBOARD ...
 const OFFBOARD_GAP: Span = Span::from_millis(500);
@@ -28,53 +31,10 @@ const TARGET_STALE: Span = Span::from_millis(1000);
 /// Maximum speed of a hold towards it, m/s, from a metre on.
 const GUIDED_MPS: f64 = 2.0;
 
-/// Track that position control follows.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Track {
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
-    acceleration: Vector3<f64>,
-    yaw: f64,
-    yaw_rate: f64,
-}
-
-/// A set-point.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Reference {
-    Track(Track),
-    Attitude(AttitudeTarget),
-}
-
-impl Reference {
-    pub(super) fn track(
-        position: Vector3<f64>,
-        velocity: Vector3<f64>,
-        acceleration: Vector3<f64>,
-        yaw: f64,
-        yaw_rate: f64,
-    ) -> Reference {
-        Reference::Track(Track {
-            position,
-            velocity,
-            acceleration,
-            yaw,
-            yaw_rate,
-        })
-    }
-    pub(super) fn attitude(attitude: UnitQuaternion<f64>, rates: Vector3<f64>, thrust: f64) -> Reference {
-        Reference::Attitude(AttitudeTarget {
-            attitude,
-            yaw_rate: 0.0,
-            rates,
-            thrust,
-        })
-    }
-}
-
 /// The stream of set-points.
 #[derive(Clone, Copy, Debug)]
 struct Received {
-    newest: Reference,
+    newest: FlightReference,
     at: Time<TrueTime>,
     /// Since when they come often enough for OFFBOARD.
     since: Time<TrueTime>,
@@ -107,7 +67,7 @@ impl ControlMode {
 
 /// Modes, position control and inner loops.
 #[derive(Clone, Debug)]
-pub(super) struct Flight {
+pub(super) struct SimulatedFlight {
     config: AutopilotConfig,
     rate_loop: RateLoop,
     /// The mode that was chosen last.
@@ -119,22 +79,22 @@ pub(super) struct Flight {
     received: Option<Received>,
     control_mode: ControlMode,
     /// The newest set-point of position.
-    track: Option<Track>,
+    track: Option<PositionReference>,
     /// Outer periods so far.
     period: u32,
     /// Place to hold in modes of its own and without a usable set-point.
-    hold: Track,
+    hold: PositionReference,
     home: Vector3<f64>,
     /// The landing target, and when it came.
     guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
-    target: AttitudeTarget,
+    target: AttitudeSetPoint,
     /// Targets of the attitude loop that are not in force yet, with the time at which they will be.
-    delayed: VecDeque<(Time<TrueTime>, AttitudeTarget)>,
+    delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
     /// The one in force.
-    in_force: AttitudeTarget,
+    in_force: AttitudeSetPoint,
     /// ArduCopter's.
     shaping: InputShaping,
     /// ArduCopter's motors after arming.
@@ -143,10 +103,10 @@ pub(super) struct Flight {
     pub(super) own: OwnFlight,
 }
 
-impl Flight {
+impl SimulatedFlight {
     /// Sets its mixer up for another frame than a quadrotor (PX4's CA_AIRFRAME and rotor geometry, ArduCopter's
     /// FRAME_CLASS).
-    pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
+    pub(super) fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         let mixer = self.rate_loop.mixer;
         self.rate_loop = RateLoop::new(drone, frame);
         self.rate_loop.mixer = mixer;
@@ -159,19 +119,19 @@ impl Flight {
         estimate: &Estimate,
         hover_thrust: f64,
         control_mode: Time<TrueTime>,
-    ) -> Flight {
+    ) -> SimulatedFlight {
         let yaw = estimate.attitude.euler_angles().2;
         let mode = mode_number(config.firmware, AutopilotMode::Other);
         let still = Vector3::zeros();
-        let target = AttitudeTarget {
+        let target = AttitudeSetPoint {
             attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
             yaw_rate: 0.0,
             rates: still,
             thrust: hover_thrust,
         };
-        Flight {
+        SimulatedFlight {
             config: config.with_gains_of_firmware(),
-            rate_loop: RateLoop::new(drone, Frame::QuadX),
+            rate_loop: RateLoop::new(drone, RotorFrame::QuadX),
             chosen: mode,
             mode,
             armed: true,
@@ -183,7 +143,7 @@ impl Flight {
             },
             track: None,
             period: 0,
-            hold: Track {
+            hold: PositionReference {
                 position: estimate.position,
                 velocity: still,
                 acceleration: still,
@@ -228,7 +188,7 @@ impl Flight {
         }
     }
     /// Rotors of the drone.
-    pub(super) fn frame(&self) -> Frame {
+    pub(super) fn frame(&self) -> RotorFrame {
         self.rate_loop.frame
     }
     /// Mean pulse of the motors' outputs, us.
@@ -300,7 +260,7 @@ impl Flight {
     }
 
     /// A set-point arrives. One of attitude is in force at once where position control does not run.
-    pub(super) fn take(&mut self, newest: Reference, now: Time<TrueTime>, estimate: &Estimate) {
+    pub(super) fn take(&mut self, newest: FlightReference, now: Time<TrueTime>, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
             newest,
@@ -308,7 +268,7 @@ impl Flight {
             since: before.map_or(now, |r| r.since),
         });
         let alone = self.firmware() == Firmware::ArduCopter || self.control_mode.positions == Some(false);
-        if let Reference::Attitude(target) = newest
+        if let FlightReference::Attitude(target) = newest
             && alone
             && self.kind() == AutopilotMode::Offboard
             && self.spool.gives_thrust()
@@ -316,7 +276,7 @@ impl Flight {
             self.follow_attitude(&target, estimate);
         }
     }
-    fn follow_attitude(&mut self, target: &AttitudeTarget, estimate: &Estimate) {
+    fn follow_attitude(&mut self, target: &AttitudeSetPoint, estimate: &Estimate) {
         self.hold_here(estimate);
         self.target = *target;
         if self.firmware() == Firmware::ArduCopter {
@@ -347,7 +307,7 @@ impl Flight {
             v.xy() * (v.xy().norm() / (2.0 * across)),
             v.z * v.z.abs() / (2.0 * along),
         );
-        self.hold = Track {
+        self.hold = PositionReference {
             position: estimate.position + Vector3::new(sideways.x, sideways.y, down),
             velocity: Vector3::zeros(),
             acceleration: Vector3::zeros(),
@@ -401,7 +361,7 @@ impl Flight {
                 self.target = self.follow(&hold, estimate, dt);
                 // ArduCopter after one of attitude: level, no climb.
                 let last = self.received.filter(|_| offboard).map(|r| r.newest);
-                if let Some(Reference::Attitude(_)) = last {
+                if let Some(FlightReference::Attitude(_)) = last {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
                 }
             }
@@ -411,12 +371,12 @@ impl Flight {
 
     /// ArduCopter's motors on the ground: they stand still, spin up once a set-point asks for thrust, and idle without one.
     /// True while none of its loops has the rotors.
-    fn spool_up(&mut self, newest: Option<Reference>, estimate: &Estimate, dt: f64) -> bool {
+    fn spool_up(&mut self, newest: Option<FlightReference>, estimate: &Estimate, dt: f64) -> bool {
         let stands = self.landed == LandedState::OnGround;
         let wants = match (self.kind(), newest) {
-            (AutopilotMode::Offboard, Some(Reference::Attitude(target))) => target.thrust > 0.0,
+            (AutopilotMode::Offboard, Some(FlightReference::Attitude(target))) => target.thrust > 0.0,
             // `is_disarmed_or_landed`: no set-point of position makes it leave the ground.
-            (AutopilotMode::Offboard, Some(Reference::Track(_)) | None) => !stands,
+            (AutopilotMode::Offboard, Some(FlightReference::Track(_)) | None) => !stands,
             (AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return, _) => !stands,
             (AutopilotMode::Other, _) => true,
         };
@@ -434,10 +394,10 @@ impl Flight {
 
     /// Reference of the control mode by a set-point: where position control does not know that it ends, it and the
     /// set-points write attitudes by turns; where it does not know that it begins, the last attitude stays.
-    fn offboard(&mut self, newest: Reference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
+    fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
-        let sent = matches!(newest, Reference::Track(_));
+        let sent = matches!(newest, FlightReference::Track(_));
         let known = match self.firmware() {
             Firmware::Px4 => self.control_mode.at(now, sent),
             Firmware::ArduCopter => sent,
@@ -446,13 +406,13 @@ impl Flight {
             self.integral = Vector3::zeros();
         }
         match newest {
-            Reference::Track(track) => {
+            FlightReference::Track(track) => {
                 self.track = Some(track);
                 if known {
                     self.target = self.follow(&track, estimate, dt);
                 }
             }
-            Reference::Attitude(target) => match self.track {
+            FlightReference::Attitude(target) => match self.track {
                 Some(track) if known && self.period.is_multiple_of(2) => {
                     self.target = self.follow(&track, estimate, dt);
                 }
@@ -535,57 +495,6 @@ impl Flight {
             (self.hold.position.z + self.config.land_mps * dt).min(estimate.position.z + 1.0);
     }
 
-    /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust
-    /// vector, attitude. Drone's NED, SI.
-    fn follow(&mut self, track: &Track, e: &Estimate, dt: f64) -> AttitudeTarget {
-        let c = &self.config;
-        let gains = Vector3::new(c.position_gain_hz, c.position_gain_hz, c.height_gain_hz);
-        let mut velocity = track.velocity + gains.component_mul(&(track.position - e.position));
-        let speed = velocity.xy().norm();
-        if speed > c.max_speed_mps {
-            let k = c.max_speed_mps / speed;
-            velocity.x *= k;
-            velocity.y *= k;
-        }
-        velocity.z = velocity.z.clamp(-c.max_climb_mps[0], c.max_climb_mps[1]);
-
-        let ([p, i, d], [pz, iz, dz]) = (c.velocity_pid, c.climb_pid);
-        let error = velocity - e.velocity;
-        let pid = |p: f64, d: f64, k: usize| p * error[k] - d * e.acceleration[k];
-        let wanted =
-            track.acceleration + Vector3::new(pid(p, d, 0), pid(p, d, 1), pid(pz, dz, 2)) + self.integral;
-
-        // Thrust along the body's down axis turned up: (g - a_z) against gravity, a_xy sideways.
-        let lift = (GRAVITY - wanted.z).max(0.05 * GRAVITY);
-        let vertical = if c.decouple_vertical { GRAVITY } else { lift };
-        let max_sideways = vertical * c.max_tilt_deg.to_radians().tan();
-        let mut sideways = Vector3::new(wanted.x, wanted.y, 0.0);
-        let limited = sideways.norm() > max_sideways;
-        if limited {
-            sideways *= max_sideways / sideways.norm();
-        }
-        let down = Vector3::new(-sideways.x, -sideways.y, vertical).normalize();
-        let collective = self.hover_thrust * lift / GRAVITY / down.z;
-        let thrust = collective.clamp(c.min_thrust, 1.0);
-
-        // Integrators stop where the output is limited in their direction.
-        let vertical_limited =
-            (thrust > collective && error.z > 0.0) || (thrust < collective && error.z < 0.0);
-        if !limited {
-            self.integral.x = (self.integral.x + i * error.x * dt).clamp(-5.0, 5.0);
-            self.integral.y = (self.integral.y + i * error.y * dt).clamp(-5.0, 5.0);
-        }
-        if !vertical_limited {
-            self.integral.z = (self.integral.z + iz * error.z * dt).clamp(-GRAVITY, GRAVITY);
-        }
-        AttitudeTarget {
-            attitude: attitude_of(&down, track.yaw),
-            yaw_rate: track.yaw_rate,
-            rates: Vector3::zeros(),
-            thrust,
-        }
-    }
-
     /// Hover thrust from the lift that the present thrust gives: `T_h = T g / f_lift`, smoothed
     /// (PX4's hover thrust estimator reduced to its fixed gain), in the air and without shocks.
     fn estimate_hover(&mut self, e: &Estimate, dt: f64) {
@@ -628,7 +537,7 @@ impl Flight {
     /// than an outer period; None with the motors stopped.
     pub(super) fn inner(
         &mut self,
-        errors: &Errors,
+        errors: &SimulatedErrors,
         truth: &PlantState,
         dt: f64,
     ) -> Option<[f64; MAX_ROTORS]> {
@@ -660,7 +569,7 @@ impl Flight {
     }
 
     /// The target in force at `now`: the newest that is older than the dead time.
-    fn acting(&mut self, now: Time<TrueTime>) -> AttitudeTarget {
+    fn acting(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {
             return self.target;
@@ -673,35 +582,5 @@ impl Flight {
             self.in_force = target;
         }
         self.in_force
-    }
-}
-
-/// NED from body with the body's down axis along `down` and the heading `yaw` (PX4's
-/// `bodyzToAttitude`).
-fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
-    let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
-    let Some(forward) = right.cross(down).try_normalize(1e-6) else {
-        return UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-    };
-    let right = down.cross(&forward);
-    let matrix = Matrix3::from_columns(&[forward, right, *down]);
-    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn attitude_target_by_thrust_axis_and_heading() {
-        for (x, y, yaw) in [(0.2, -0.3, 1.0), (-0.5, 0.1, -2.5), (0.0, 0.0, 3.0)] {
-            let down = Vector3::new(x, y, 1.0).normalize();
-            let q = attitude_of(&down, yaw);
-            assert!((q * Vector3::z() - down).norm() < 1e-12);
-            let forward = q * Vector3::x();
-            assert!((forward.y.atan2(forward.x) - yaw).abs() < 0.2, "{forward}");
-        }
-        let level = attitude_of(&Vector3::z(), 0.7);
-        assert!((level.euler_angles().2 - 0.7).abs() < 1e-12);
     }
 }

@@ -1,7 +1,7 @@
 //! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, and priorities at
 //! saturation. All are fractions of a rotor's maximum thrust.
 
-use crate::physics::drone::{Frame, MAX_ROTORS};
+use crate::physics::drone::{MAX_ROTORS, RotorFrame};
 
 /// More than a rotor has that yaw may ask for before it is reduced: thrust gives way to it at the upper end.
 const YAW_MARGIN: f64 = 0.15;
@@ -38,7 +38,13 @@ pub struct Mixed {
 impl Mixer {
     /// Rotor commands for the collective `thrust`, and what each rotor adds for roll and pitch (`tilt`) and for yaw
     /// (`turn`); all zero beyond the frame's rotors.
-    pub fn mix(self, frame: Frame, thrust: f64, tilt: &[f64; MAX_ROTORS], turn: &[f64; MAX_ROTORS]) -> Mixed {
+    pub fn mix(
+        self,
+        frame: RotorFrame,
+        thrust: f64,
+        tilt: &[f64; MAX_ROTORS],
+        turn: &[f64; MAX_ROTORS],
+    ) -> Mixed {
         let thrust = thrust.clamp(0.0, 1.0);
         let axes = frame.axes();
         let count = frame.count();
@@ -132,7 +138,7 @@ fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64>
 }
 
 /// Authority of the rotors along an axis.
-fn along(frame: Frame, axis: &[f64; MAX_ROTORS], out: &[f64; MAX_ROTORS]) -> f64 {
+fn along(frame: RotorFrame, axis: &[f64; MAX_ROTORS], out: &[f64; MAX_ROTORS]) -> f64 {
     axis.iter().zip(out).map(|(a, o)| a * o).sum::<f64>() / frame.count() as f64
 }
 
@@ -155,16 +161,16 @@ mod tests {
 
     /// Collective, roll, pitch and yaw that the rotors give.
     fn given(m: &Mixed) -> [f64; 4] {
-        given_of(Frame::QuadX, m)
+        given_of(RotorFrame::QuadX, m)
     }
-    fn given_of(frame: Frame, m: &Mixed) -> [f64; 4] {
+    fn given_of(frame: RotorFrame, m: &Mixed) -> [f64; 4] {
         let [roll, pitch, yaw] = frame.axes();
         [&[1.0; MAX_ROTORS], &roll, &pitch, &yaw].map(|axis| along(frame, axis, &m.out))
     }
     fn mix(mixer: Mixer, thrust: f64, moments: [f64; 3]) -> Mixed {
-        mix_of(Frame::QuadX, mixer, thrust, moments)
+        mix_of(RotorFrame::QuadX, mixer, thrust, moments)
     }
-    fn mix_of(frame: Frame, mixer: Mixer, thrust: f64, [roll, pitch, yaw]: [f64; 3]) -> Mixed {
+    fn mix_of(frame: RotorFrame, mixer: Mixer, thrust: f64, [roll, pitch, yaw]: [f64; 3]) -> Mixed {
         let axes = frame.axes();
         let tilt = core::array::from_fn(|i| axes[0][i] * roll + axes[1][i] * pitch);
         mixer.mix(frame, thrust, &tilt, &axes[2].map(|s| s * yaw))
@@ -175,7 +181,7 @@ mod tests {
 
     #[test]
     fn mixers_without_saturation() {
-        for (frame, mixer) in [Frame::QuadX, Frame::HexaX]
+        for (frame, mixer) in [RotorFrame::QuadX, RotorFrame::HexaX]
             .into_iter()
             .flat_map(|f| [PX4, AIRMODE, COPTER].map(|m| (f, m)))
         {
@@ -191,8 +197,8 @@ mod tests {
     #[test]
     fn hexarotor_roll_and_pitch_before_yaw() {
         for mixer in [PX4, AIRMODE, COPTER] {
-            let m = mix_of(Frame::HexaX, mixer, 0.9, [0.1, 0.05, 0.5]);
-            let [_, roll, pitch, yaw] = given_of(Frame::HexaX, &m);
+            let m = mix_of(RotorFrame::HexaX, mixer, 0.9, [0.1, 0.05, 0.5]);
+            let [_, roll, pitch, yaw] = given_of(RotorFrame::HexaX, &m);
             assert!((pitch / roll - 0.5).abs() < 0.05 && yaw < 0.4, "{mixer:?}: {m:?}");
             assert!(m.out.iter().all(|o| (0.0..=1.0).contains(o)));
         }

@@ -3,8 +3,9 @@
 //! stand-in.
 //!
 //! [`SimulatedAutopilot::step`] is one turn of the inner loops; every fifth estimates, decides and reports. [`protocol`]
-//! has messages, streams, commands and parameters, [`flight`] modes, failsafes, position control and the land detector,
-//! [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`spool`] the motors after arming, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
+//! has messages, streams, commands and parameters, [`reference`] set-points, [`flight`] modes, failsafes, position
+//! control and the land detector, [`attitude`], [`shaping`] and [`mixer`] the inner loops, [`spool`] the motors after
+//! arming, [`estimator`] its sensors, [`alignment`] its start, [`arming`] why it does not arm.
 
 mod alignment;
 mod arming;
@@ -15,6 +16,7 @@ mod mixer;
 mod modes;
 mod own_mission;
 mod protocol;
+mod reference;
 mod shaping;
 mod spool;
 
@@ -28,19 +30,19 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
-use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message};
+use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, MavlinkMessage};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::physics::drone::{AutopilotConfig, Frame, MAX_ROTORS, NavigationConfig, PlantState};
+use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 use crate::sensors::noise::Noise;
 use alignment::Unaligned;
-use estimator::Estimator;
-use flight::Flight;
-use protocol::Stream;
+use estimator::SimulatedEstimator;
+use flight::SimulatedFlight;
+use protocol::MessageSchedule;
 
 pub use mixer::Mixer;
 pub use modes::{mode_number, own_mission as own_mission_mode};
@@ -116,19 +118,19 @@ pub struct SimulatedAutopilot {
     clock: ClockModel,
     /// None: its heading is aligned.
     unaligned: Option<Unaligned>,
-    estimator: Estimator,
-    flight: Flight,
+    estimator: SimulatedEstimator,
+    flight: SimulatedFlight,
     endurance_s: f64,
     /// Rate at which it was turned when it started, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
     outer_due: Time<TrueTime>,
     force: (Vector3<f64>, f64),
-    streams: Vec<Stream>,
+    streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
     /// The mission's state as PX4 has sent it, and when.
     reported_mission: Option<(Time<TrueTime>, u8)>,
-    outbox: Vec<Message>,
+    outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
     encoder: Encoder,
 }
@@ -148,8 +150,8 @@ impl SimulatedAutopilot {
         let mut clock = Noise::new(streams, "autopilot.clock");
         let ago_s = 100.0 + 900.0 * clock.uniform();
         let drift = 20e-6 * (2.0 * clock.uniform() - 1.0);
-        let estimator = Estimator::new(navigation, streams, truth, OUTER.secs());
-        let flight = Flight::new(
+        let estimator = SimulatedEstimator::new(navigation, streams, truth, OUTER.secs());
+        let flight = SimulatedFlight::new(
             config,
             drone,
             estimator.now(),
@@ -209,7 +211,7 @@ impl SimulatedAutopilot {
         self.encoder = Encoder::signed(signing);
     }
     /// Sets its mixer up for this frame; as made, for a quadrotor.
-    pub fn set_frame(&mut self, drone: &DroneGeometry, frame: Frame) {
+    pub fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         self.flight.set_frame(drone, frame);
     }
     /// Begins its NED at `origin` (height above the ellipsoid), the true one at `place`; the sea is so high above the
@@ -243,7 +245,7 @@ impl SimulatedAutopilot {
 
     /// One turn at the drone's true state with the messages that have arrived until then: rotor commands, fractions of
     /// the nominal maximum; None with the motors off.
-    pub fn step(&mut self, truth: &PlantState, arrived: &[Message]) -> Option<[f64; MAX_ROTORS]> {
+    pub fn step(&mut self, truth: &PlantState, arrived: &[MavlinkMessage]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
@@ -278,7 +280,7 @@ impl SimulatedAutopilot {
         (motors, encoded.collect())
     }
     /// Messages that it has sent since the last call.
-    pub fn sent(&mut self) -> Vec<Message> {
+    pub fn sent(&mut self) -> Vec<MavlinkMessage> {
         let sent = core::mem::take(&mut self.outbox);
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
         if self.silent || boots { Vec::new() } else { sent }

@@ -8,15 +8,15 @@ use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
     ARDUPILOT, ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport,
-    Heartbeat, ImuReport, LandingTarget, Message, OUTPUTS, OdometryReport, PX4, PositionReport, RC_RECEIVER,
-    RcChannels, TargetFrame, VelocityFrame, command, id, severity,
+    Heartbeat, ImuReport, LandingTarget, MavlinkMessage, OUTPUTS, OdometryReport, PX4, PositionReport,
+    RC_RECEIVER, RcChannels, TargetFrame, VelocityFrame, command, id, severity,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::alignment::flags;
-use super::flight::Reference;
 use super::modes::{mode_number, own_mission};
+use super::reference::FlightReference;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
@@ -45,15 +45,15 @@ const MAX_VALUE: f64 = 1e5;
 
 /// A message that is sent at a rate.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stream {
+pub(super) struct MessageSchedule {
     id: u32,
     period: Span,
     due: Time<TrueTime>,
 }
 
-impl Stream {
-    fn new(id: u32, hz: f64) -> Stream {
-        Stream {
+impl MessageSchedule {
+    fn new(id: u32, hz: f64) -> MessageSchedule {
+        MessageSchedule {
             id,
             period: Span::from_secs(1.0 / hz.max(0.01)),
             due: Time::EPOCH,
@@ -62,8 +62,8 @@ impl Stream {
 }
 
 /// Streams that an onboard link sends without a request.
-pub(super) fn first_streams() -> Vec<Stream> {
-    vec![Stream::new(id::HEARTBEAT, 1.0)]
+pub(super) fn first_streams() -> Vec<MessageSchedule> {
+    vec![MessageSchedule::new(id::HEARTBEAT, 1.0)]
 }
 
 /// Parameters as a landing needs them, with the configured failsafe.
@@ -154,16 +154,16 @@ impl SimulatedAutopilot {
         })
     }
 
-    pub(super) fn receive(&mut self, message: &Message) {
+    pub(super) fn receive(&mut self, message: &MavlinkMessage) {
         match message {
-            Message::Timesync {
+            MavlinkMessage::Timesync {
                 remote_ns: 0,
                 local_ns,
-            } if !self.no_timesync => self.outbox.push(Message::Timesync {
+            } if !self.no_timesync => self.outbox.push(MavlinkMessage::Timesync {
                 remote_ns: self.own_time().nanos(),
                 local_ns: *local_ns,
             }),
-            Message::Command(c) if c.to == self.address => {
+            MavlinkMessage::Command(c) if c.to == self.address => {
                 if self.commands.len() >= MAX_COMMANDS {
                     self.commands.pop_front();
                 }
@@ -173,52 +173,52 @@ impl SimulatedAutopilot {
                     let both = self.geoid_m.filter(|_| self.gnss_ellipsoid);
                     let ellipsoid_m = both.map_or(0.0, |g| sea_m + g);
                     self.outbox.push(match c.parameters[0] as u32 {
-                        id::GPS_RAW_INT => Message::GnssHeights { sea_m, ellipsoid_m },
+                        id::GPS_RAW_INT => MavlinkMessage::GnssHeights { sea_m, ellipsoid_m },
                         id::MISSION_CURRENT => self.mission_current(),
                         _ => {
                             let now = self.now;
                             self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
-                            Message::Origin(self.origin)
+                            MavlinkMessage::Origin(self.origin)
                         }
                     });
                 }
                 let result = self.answer.unwrap_or_else(|| self.apply(c));
-                self.outbox.push(Message::CommandAck {
+                self.outbox.push(MavlinkMessage::CommandAck {
                     command: c.command,
                     result,
                     to: Address::default(),
                 });
             }
-            Message::ParameterRequest { to, name, .. } if *to == self.address => {
+            MavlinkMessage::ParameterRequest { to, name, .. } if *to == self.address => {
                 let integer = INTEGERS.contains(&name.as_str());
                 let value = self.parameters.get(name.as_str());
                 let value = value.map(|v| self.firmware().parameter_value(*v, integer));
-                self.outbox.extend(value.map(|value| Message::Parameter {
+                self.outbox.extend(value.map(|value| MavlinkMessage::Parameter {
                     name: name.clone(),
                     value,
                     index: 0,
                     count: self.parameters.len() as u16,
                 }));
             }
-            Message::Position(p) if p.to == self.address => {
+            MavlinkMessage::Position(p) if p.to == self.address => {
                 let numbers = [p.position, p.velocity, p.acceleration, [p.yaw, p.yaw_rate, 0.0]];
                 let reference = is_sane(numbers.as_flattened()).then(|| {
                     let [position, velocity, acceleration] =
                         [p.position, p.velocity, p.acceleration].map(Vector3::from);
                     let position = self.off_map(&position);
-                    Reference::track(position, velocity, acceleration, p.yaw, p.yaw_rate)
+                    FlightReference::track(position, velocity, acceleration, p.yaw, p.yaw_rate)
                 });
                 self.take(reference);
             }
-            Message::AttitudeThrust(a) if a.to == self.address => {
+            MavlinkMessage::AttitudeThrust(a) if a.to == self.address => {
                 let rates = a.rates.unwrap_or_default();
                 let reference = rotation(a.attitude)
                     .filter(|_| is_sane(&rates) && (0.0..=1.0).contains(&a.thrust))
-                    .map(|q| Reference::attitude(q, rates.into(), a.thrust));
+                    .map(|q| FlightReference::attitude(q, rates.into(), a.thrust));
                 self.take(reference);
             }
-            Message::LandingTarget(t) => self.take_target(t),
-            Message::RemoteControlOverride { to, pulses_us } if to.system == self.address.system => {
+            MavlinkMessage::LandingTarget(t) => self.take_target(t),
+            MavlinkMessage::RemoteControlOverride { to, pulses_us } if to.system == self.address.system => {
                 let channels = self.channels.get_or_insert([1500; 18]);
                 for (channel, us) in channels.iter_mut().zip(pulses_us) {
                     if !matches!(*us, 0 | u16::MAX) {
@@ -262,7 +262,7 @@ impl SimulatedAutopilot {
             }
         };
         self.outbox
-            .extend(text.map(|(severity, text)| Message::Text { severity, text }));
+            .extend(text.map(|(severity, text)| MavlinkMessage::Text { severity, text }));
         self.targets_rejected += u32::from(target.is_none());
         self.target = target.or(self.target);
         // PX4's Precision Land, ArduCopter's LAND with its precision landing on.
@@ -274,7 +274,7 @@ impl SimulatedAutopilot {
             self.flight.guide(target, self.now);
         }
     }
-    fn take(&mut self, reference: Option<Reference>) {
+    fn take(&mut self, reference: Option<FlightReference>) {
         self.set_points += 1;
         match reference {
             None => self.rejected += 1,
@@ -301,7 +301,7 @@ impl SimulatedAutopilot {
                     Firmware::Px4 => hz,
                     Firmware::ArduCopter => hz.min(ARDUCOPTER_HZ),
                 };
-                self.streams.push(Stream::new(which, hz));
+                self.streams.push(MessageSchedule::new(which, hz));
                 CommandResult::Accepted
             }
             command::ARM_DISARM => {
@@ -312,7 +312,7 @@ impl SimulatedAutopilot {
                 }
                 if let Some(text) = self.arming_denial().filter(|_| arms && !self.armed()) {
                     let severity = severity::CRITICAL;
-                    self.outbox.push(Message::Text { severity, text });
+                    self.outbox.push(MavlinkMessage::Text { severity, text });
                     return match self.firmware() {
                         Firmware::Px4 => CommandResult::TemporarilyRejected,
                         Firmware::ArduCopter => CommandResult::Failed,
@@ -389,9 +389,9 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn mission_current(&self) -> Message {
+    fn mission_current(&self) -> MavlinkMessage {
         let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
-        Message::MissionCurrent { total, state }
+        MavlinkMessage::MissionCurrent { total, state }
     }
     /// Reports the progress of its own mission: reached items, and for PX4 its state once a second and when it changes.
     fn report_own_mission(&mut self) {
@@ -400,7 +400,7 @@ impl SimulatedAutopilot {
         }
         let reached = self.flight.own.reached();
         self.outbox
-            .extend(reached.map(|item| Message::MissionItemReached { item }));
+            .extend(reached.map(|item| MavlinkMessage::MissionItemReached { item }));
         let (_, state) = self.flight.own.report(self.flight.flies_own_mission());
         let recent = |(at, reported)| reported == state && self.now - at < MISSION_PERIOD;
         if self.firmware() == Firmware::Px4 && !self.reported_mission.is_some_and(recent) {
@@ -436,14 +436,14 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn message(&self, which: u32) -> Option<Message> {
+    fn message(&self, which: u32) -> Option<MavlinkMessage> {
         let time_us = (self.own_time().nanos() / 1000).max(0).unsigned_abs();
         let time_ms = (time_us / 1000) as u32;
         let e = self.estimator.now();
         let read = self.unaligned.map_or(e.attitude, |u| u.read(&e.attitude));
         let attitude = [read.w, read.i, read.j, read.k];
         Some(match which {
-            id::HEARTBEAT => Message::Heartbeat(Heartbeat {
+            id::HEARTBEAT => MavlinkMessage::Heartbeat(Heartbeat {
                 autopilot: match self.firmware() {
                     Firmware::Px4 => PX4,
                     Firmware::ArduCopter => ARDUPILOT,
@@ -452,13 +452,13 @@ impl SimulatedAutopilot {
                 base_mode: CUSTOM_MODE | if self.armed() { ARMED } else { 0 },
                 custom_mode: self.mode(),
             }),
-            id::CURRENT_MODE => Message::Mode {
+            id::CURRENT_MODE => MavlinkMessage::Mode {
                 custom_mode: self.mode(),
             },
             id::ODOMETRY => {
                 let (position, velocity) = self.estimator.sd();
                 let variances = [[position; 3], self.estimator.euler_sd(), [velocity; 3]];
-                Message::Odometry(OdometryReport {
+                MavlinkMessage::Odometry(OdometryReport {
                     time_us,
                     position: self.on_map(&e.position).into(),
                     attitude,
@@ -469,35 +469,35 @@ impl SimulatedAutopilot {
                     resets: self.resets,
                 })
             }
-            id::LOCAL_POSITION_NED => Message::LocalPosition(PositionReport {
+            id::LOCAL_POSITION_NED => MavlinkMessage::LocalPosition(PositionReport {
                 time_ms,
                 position: self.on_map(&e.position).into(),
                 velocity: e.velocity.into(),
             }),
-            id::ATTITUDE_QUATERNION => Message::Attitude(AttitudeReport {
+            id::ATTITUDE_QUATERNION => MavlinkMessage::Attitude(AttitudeReport {
                 time_ms,
                 attitude,
                 rates: e.rates.into(),
             }),
-            id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu(ImuReport {
+            id::HIGHRES_IMU | id::SCALED_IMU => MavlinkMessage::Imu(ImuReport {
                 time_us,
                 accelerometer: e.specific_force.into(),
                 gyro: e.rates.into(),
             }),
-            id::DISTANCE_SENSOR => Message::Distance(DistanceReport {
+            id::DISTANCE_SENSOR => MavlinkMessage::Distance(DistanceReport {
                 time_ms,
                 range_m: self.range_m?,
                 limits_m: [0.1, 12.0],
                 variance: None,
             }),
-            id::EXTENDED_SYS_STATE => Message::Landed {
+            id::EXTENDED_SYS_STATE => MavlinkMessage::Landed {
                 state: match self.landed_report.unwrap_or(self.flight.landed()) {
                     LandedState::Unknown => 0,
                     LandedState::OnGround => 1,
                     LandedState::InAir => 2,
                 },
             },
-            id::BATTERY_STATUS => Message::Battery {
+            id::BATTERY_STATUS => MavlinkMessage::Battery {
                 number: 0,
                 remaining: self
                     .battery_reported
@@ -508,22 +508,22 @@ impl SimulatedAutopilot {
             // PX4's receiver is not there while its signal is lost; ArduCopter's is not healthy, and its failsafe's channels
             // go on.
             id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
-            id::RC_CHANNELS => Message::RemoteControl(RcChannels {
+            id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
                 count: 18,
                 pulses_us: self.channels?,
             }),
             id::SYS_STATUS => {
                 let bit = |is: bool| if is { RC_RECEIVER } else { 0 };
                 let (receiver, lost) = (self.channels.is_some(), self.remote_control_lost);
-                Message::SystemStatus {
+                MavlinkMessage::SystemStatus {
                     present: bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter)),
                     healthy: bit(receiver && !lost),
                 }
             }
-            id::ESTIMATOR_STATUS => Message::EstimatorStatus {
+            id::ESTIMATOR_STATUS => MavlinkMessage::EstimatorStatus {
                 flags: flags(self.firmware(), self.is_aligned()),
             },
-            id::EKF_STATUS_REPORT => Message::EkfStatus {
+            id::EKF_STATUS_REPORT => MavlinkMessage::EkfStatus {
                 flags: flags(self.firmware(), self.is_aligned()),
             },
             id::SERVO_OUTPUT_RAW => {
@@ -531,9 +531,9 @@ impl SimulatedAutopilot {
                 let motors = self.flight.frame().count();
                 let pulse_us = self.flight.pulse_us().round() as u16;
                 pulses_us.iter_mut().take(motors).for_each(|p| *p = pulse_us);
-                Message::Outputs { port: 0, pulses_us }
+                MavlinkMessage::Outputs { port: 0, pulses_us }
             }
-            id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
+            id::ATTITUDE_TARGET => MavlinkMessage::AttitudeTargetThrust {
                 thrust: self.flight.reported_thrust(),
             },
             _ => return None,

@@ -8,7 +8,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::attitude::AttitudeTarget;
+use super::attitude::AttitudeSetPoint;
 
 /// Largest acceleration of the target about roll, pitch (ATC_ACCEL_R_MAX, ATC_ACCEL_P_MAX 110 000 cdeg/s²) and yaw
 /// (ATC_ACCEL_Y_MAX 27 000 cdeg/s²), rad/s².
@@ -38,7 +38,7 @@ impl InputShaping {
     /// `max_yaw_rate` (rad/s), and gives the body rates that bring a vehicle at `is` there, rad/s.
     pub(super) fn step(
         &mut self,
-        to: &AttitudeTarget,
+        to: &AttitudeSetPoint,
         is: &UnitQuaternion<f64>,
         tc: f64,
         max_yaw_rate: f64,
@@ -113,7 +113,7 @@ mod tests {
             while t < at {
                 t += dt;
                 let [roll, pitch] = set.unwrap_or_default().map(f64::to_radians);
-                let to = AttitudeTarget {
+                let to = AttitudeSetPoint {
                     attitude: UnitQuaternion::from_euler_angles(roll, pitch, 0.0),
                     yaw_rate: 0.0,
                     rates: Vector3::zeros(),

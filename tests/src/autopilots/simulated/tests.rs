@@ -3,7 +3,7 @@
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
 use alight_shared::msg::{LandedState, Seq};
-use alight_uav::autopilot::message::{AttitudeTarget, PositionTarget, command, id};
+use alight_uav::autopilot::message::{AttitudeThrustTarget, PositionTarget, command, id};
 use proptest::prelude::*;
 
 use super::*;
@@ -30,7 +30,7 @@ struct Flown {
     a: SimulatedAutopilot,
     t: Time<TrueTime>,
     deck: RigidState<Deck>,
-    arrived: Vec<Message>,
+    arrived: Vec<MavlinkMessage>,
     impacts: Vec<Impact>,
 }
 
@@ -78,7 +78,7 @@ impl Flown {
         self.t += TICK;
     }
     /// For so long, with a set-point each tick.
-    fn fly(&mut self, seconds: f64, mut set_point: impl FnMut(f64) -> Option<Message>) {
+    fn fly(&mut self, seconds: f64, mut set_point: impl FnMut(f64) -> Option<MavlinkMessage>) {
         for _ in 0..(seconds / DT).round() as usize {
             self.arrived.extend(set_point(self.t.secs()));
             self.tick();
@@ -89,7 +89,7 @@ impl Flown {
     }
     fn command(&mut self, command: u16, parameters: [f64; 2]) {
         let c = CommandLong::new(self.a.address, command, parameters);
-        self.arrived.push(Message::Command(c));
+        self.arrived.push(MavlinkMessage::Command(c));
     }
     fn position(&self) -> Vector3<f64> {
         self.drone.truth().position.0
@@ -104,8 +104,8 @@ impl Flown {
 
 const TO: Address = Address::new(3, 1);
 
-fn track(position: Vector3<f64>, velocity: [f64; 3], acceleration: [f64; 3]) -> Message {
-    Message::Position(PositionTarget {
+fn track(position: Vector3<f64>, velocity: [f64; 3], acceleration: [f64; 3]) -> MavlinkMessage {
+    MavlinkMessage::Position(PositionTarget {
         to: TO,
         position: position.into(),
         velocity,
@@ -114,9 +114,9 @@ fn track(position: Vector3<f64>, velocity: [f64; 3], acceleration: [f64; 3]) -> 
         yaw_rate: 0.0,
     })
 }
-fn attitude(roll: f64, thrust: f64) -> Message {
+fn attitude(roll: f64, thrust: f64) -> MavlinkMessage {
     let q = UnitQuaternion::from_euler_angles(roll, 0.0, 0.0);
-    Message::AttitudeThrust(AttitudeTarget {
+    MavlinkMessage::AttitudeThrust(AttitudeThrustTarget {
         to: TO,
         attitude: [q.w, q.i, q.j, q.k],
         rates: None,
@@ -249,7 +249,7 @@ fn attitude_lag_as_configured() {
 
 /// Tilt (rad) of a drone 0.3 s after it was commanded to tilt by 0.2 rad, minimum and maximum over seeds; before it was
 /// sent `first` for 3 s.
-fn lean_after(firmware: Firmware, first: &Message) -> [f64; 2] {
+fn lean_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
         f.fly(3.0, |_| Some(first.clone()));
@@ -427,11 +427,12 @@ fn streams_at_their_rate_and_denials() {
         f.rest(0.1);
         let acks: Vec<_> = f.a.sent();
         let denials = acks.iter().filter(
-            |m| matches!(m, Message::CommandAck { result, .. } if *result != CommandResult::Accepted),
+            |m| matches!(m, MavlinkMessage::CommandAck { result, .. } if *result != CommandResult::Accepted),
         );
         assert_eq!(denials.count(), 1);
         f.rest(2.0);
-        let positions = |m: &&Message| matches!(m, Message::Odometry(_) | Message::LocalPosition(_));
+        let positions =
+            |m: &&MavlinkMessage| matches!(m, MavlinkMessage::Odometry(_) | MavlinkMessage::LocalPosition(_));
         let sent = f.a.sent().iter().filter(positions).count();
         assert!(
             (2 * hz - 1..=2 * hz + 1).contains(&sent),
@@ -464,9 +465,9 @@ proptest! {
         let v = |i: usize| [values[i], values[i + 1], values[i + 2]];
         let message = if attitudes {
             let attitude = [values[0], values[1], values[2], values[3]];
-            Message::AttitudeThrust(AttitudeTarget { to: TO, attitude, rates: Some(v(4)), thrust: values[7] })
+            MavlinkMessage::AttitudeThrust(AttitudeThrustTarget { to: TO, attitude, rates: Some(v(4)), thrust: values[7] })
         } else {
-            Message::Position(PositionTarget {
+            MavlinkMessage::Position(PositionTarget {
                 to: TO, position: v(0), velocity: v(3), acceleration: v(6), yaw: values[9], yaw_rate: values[10],
             })
         };

@@ -4,10 +4,10 @@ use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
-use super::plan::Row;
-use super::{Fault, FlightKind, Kind, MAX_FAULTS, Moment, Storm, kinds};
+use super::plan::PlannedPhase;
+use super::{Fault, FaultKind, FlightKind, MAX_FAULTS, Moment, Storm, kinds};
 use crate::physics::streams::Streams;
-use crate::physics::vessel::Course;
+use crate::physics::vessel::VesselCourse;
 use crate::sensors::noise::Noise;
 
 /// Percentages of the faults that begin at the first entry of their state, and at the first or second.
@@ -39,9 +39,9 @@ impl Storm {
         let wind_mps = round(between([0.0, 8.0], 0.5));
         let speed_mps = round(between([1.0, 3.0], 0.5));
         let course = match noise.uniform() {
-            u if u < 0.5 => Course::Drift,
-            u if u < 0.75 => Course::Straight,
-            _ => Course::Square,
+            u if u < 0.5 => VesselCourse::Drift,
+            u if u < 0.75 => VesselCourse::Straight,
+            _ => VesselCourse::Square,
         };
         let autopilot = if noise.chance(0.5) {
             Firmware::Px4
@@ -51,8 +51,12 @@ impl Storm {
         let reserved = noise.chance(0.5);
         let drones = if noise.chance(0.2) { 2 } else { 1 };
         let mast = noise.chance(0.2);
-        let kinds: Vec<Kind> = Kind::ALL.iter().copied().filter(|_| noise.chance(0.5)).collect();
-        let kinds = if kinds.is_empty() { Kind::ALL } else { &kinds };
+        let kinds: Vec<FaultKind> = FaultKind::ALL
+            .iter()
+            .copied()
+            .filter(|_| noise.chance(0.5))
+            .collect();
+        let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
         // A stream of its own: the sea and the faults of a landing are those of before there were other flights.
         let mut others = Noise::new(&Streams::new(seed), "storm.flight");
         let flight = by_parts(&FlightKind::ALL, FlightKind::parts, others.uniform());
@@ -83,7 +87,7 @@ impl Storm {
             FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles => self.reserved = true,
             FlightKind::Helm => {
                 self.reserved = true;
-                (self.course, self.speed_mps) = (Course::Straight, STEERED_MPS);
+                (self.course, self.speed_mps) = (VesselCourse::Straight, STEERED_MPS);
                 let [min, max] = STEERED_SEA_M;
                 self.sea[0] = self.sea[0].clamp(min, max);
             }
@@ -91,7 +95,7 @@ impl Storm {
             FlightKind::TagAlone => {
                 self.reserved = false;
                 // No drone follows a vessel before the order.
-                (self.course, self.speed_mps) = (Course::Drift, 0.0);
+                (self.course, self.speed_mps) = (VesselCourse::Drift, 0.0);
             }
         }
         self
@@ -110,12 +114,12 @@ impl Storm {
 }
 
 /// A kind of fault and the state in which it begins.
-pub type Pair = (Kind, State);
+pub type Pair = (FaultKind, State);
 
 /// All pairs that are drawn of a flight.
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
-    let of = move |kind: &'static Kind| flight.states().map(move |state| (*kind, state));
-    Kind::ALL.iter().flat_map(of)
+    let of = move |kind: &'static FaultKind| flight.states().map(move |state| (*kind, state));
+    FaultKind::ALL.iter().flat_map(of)
 }
 
 /// To a thousandth: what is written is read again to the bit.
@@ -123,8 +127,8 @@ fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }
 
-fn fault(flight: FlightKind, kinds: &[Kind], noise: &mut Noise, others: &mut Noise) -> Fault {
-    let kind = *pick(kinds, noise).unwrap_or(&Kind::Abort);
+fn fault(flight: FlightKind, kinds: &[FaultKind], noise: &mut Noise, others: &mut Noise) -> Fault {
+    let kind = *pick(kinds, noise).unwrap_or(&FaultKind::Abort);
     let row = by_parts(flight.rows(), |row| row.1, noise.uniform());
     let row = row.copied().unwrap_or((State::Descent, 1, 4.0));
     let part = 100.0 * others.uniform();
@@ -133,7 +137,7 @@ fn fault(flight: FlightKind, kinds: &[Kind], noise: &mut Noise, others: &mut Noi
 }
 
 /// At the `entry`-th entry of the state; every flight begins idle, which does not count as an entry.
-fn of_kind(kind: Kind, (state, _, within_s): Row, entry: u8, noise: &mut Noise) -> Fault {
+fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
     let (after_s, size, lasts_s) = (
@@ -141,7 +145,7 @@ fn of_kind(kind: Kind, (state, _, within_s): Row, entry: u8, noise: &mut Noise) 
         between(spec.size),
         between(spec.lasts_s),
     );
-    let size = if kind == Kind::StreamStops {
+    let size = if kind == FaultKind::StreamStops {
         f64::from(*pick(&STREAMS, noise).unwrap_or(&id::ODOMETRY))
     } else if spec.size == kinds::CHECKPOINT {
         size.round()

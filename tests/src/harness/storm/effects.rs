@@ -7,7 +7,7 @@ use alight_uav::autopilot::message::CommandResult;
 use alight_usv::deck::DeckInputs;
 use nalgebra::Vector3;
 
-use super::kinds::{Kind, each_kind};
+use super::kinds::{FaultKind, each_kind};
 use crate::autopilots::simulated::mode_number;
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
@@ -69,10 +69,10 @@ fn occupy(rig: &mut Rig, occupied: bool) {
 /// Takes the last column of `each_kind`.
 macro_rules! effects {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
-        impl Kind {
+        impl FaultKind {
             /// Effect of the kind.
             pub const fn effect(self) -> Effect {
-                match self { $(Kind::$kind => $effect,)* }
+                match self { $(FaultKind::$kind => $effect,)* }
             }
         }
     };

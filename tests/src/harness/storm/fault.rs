@@ -7,7 +7,7 @@ use serde::de::IntoDeserializer as _;
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 
-use super::kinds::Kind;
+use super::kinds::FaultKind;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
@@ -23,7 +23,7 @@ const CONTACT: &str = "Contact";
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     /// Kind of the fault.
-    pub kind: Kind,
+    pub kind: FaultKind,
     /// It begins at this moment ...
     #[serde(rename = "state")]
     pub moment: Moment,
@@ -111,7 +111,7 @@ const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {
     /// Without a size, at the first entry.
-    pub const fn new(kind: Kind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
+    pub const fn new(kind: FaultKind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
         Fault {
             kind,
             moment,
@@ -122,7 +122,7 @@ impl Fault {
         }
     }
     /// A fault of a process that begins within the phase of its moment, its times drawn from the seed.
-    pub fn drawn(kind: Kind, moment: Moment, seed: u64) -> Fault {
+    pub fn drawn(kind: FaultKind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
         let [shortest, longest] = if kind.freezes() { FROZEN_S } else { AWAY_S };
@@ -166,12 +166,16 @@ mod tests {
     #[test]
     fn times_by_seed() {
         let drawn = |kind| move |seed| Fault::drawn(kind, Moment::In(State::Descent), seed);
-        let all: Vec<_> = (0..20).map(drawn(Kind::PilotFrozen)).collect();
+        let all: Vec<_> = (0..20).map(drawn(FaultKind::PilotFrozen)).collect();
         assert!(all.iter().all(|f| (0.0..2.5).contains(&f.after_s)), "{all:?}");
         assert!(all.iter().all(|f| (0.2..2.0).contains(&f.lasts_s)), "{all:?}");
-        assert_eq!(drawn(Kind::PilotFrozen)(3), all[3]);
+        assert_eq!(drawn(FaultKind::PilotFrozen)(3), all[3]);
         assert!(all.iter().any(|f| f.after_s != all[0].after_s));
-        assert!((0..20).map(drawn(Kind::PilotKilled)).all(|f| f.lasts_s < 1.0));
+        assert!(
+            (0..20)
+                .map(drawn(FaultKind::PilotKilled))
+                .all(|f| f.lasts_s < 1.0)
+        );
     }
 
     #[test]
@@ -185,7 +189,7 @@ mod tests {
         let at = |moment, entry| {
             let fault = Fault {
                 entry,
-                ..Fault::drawn(Kind::PilotFrozen, moment, 1)
+                ..Fault::drawn(FaultKind::PilotFrozen, moment, 1)
             };
             fault.moment_s(&entered, Some(33.0))
         };
@@ -200,7 +204,7 @@ mod tests {
     #[test]
     fn faults_of_a_scenario() {
         let read = |fault: &str| config::parse::<Scenario>(&format!("[[fault]]\n{fault}"), "test");
-        let lost = Fault::new(Kind::RadioLost, Moment::In(State::Flare), 0.5, f64::INFINITY);
+        let lost = Fault::new(FaultKind::RadioLost, Moment::In(State::Flare), 0.5, f64::INFINITY);
         let text = "kind = \"radio-lost\"\nstate = \"Flare\"\nafter_s = 0.5\nlasts_s = inf";
         let scenario = read(text).unwrap();
         assert_eq!(scenario.faults, [lost]);

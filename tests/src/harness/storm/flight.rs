@@ -8,8 +8,8 @@ use serde::Serialize;
 use super::kinds::Takes;
 use super::people::People;
 use super::schedule::{Schedule, Scheduled};
-use super::watch::{Ending, Scene, Violation, Watch, end, goes_on, is_stuck, is_unreported};
-use super::{FlightKind, Kind, Mutant, Storm};
+use super::watch::{StormEnding, StormScene, StormWatch, Violation, end, goes_on, is_stuck, is_unreported};
+use super::{FaultKind, FlightKind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
@@ -31,11 +31,11 @@ const DESCENDS_S: f64 = 30.0;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
     /// Ending of the flight.
-    pub ending: Ending,
+    pub ending: StormEnding,
     /// The first rule that was broken.
     pub violation: Option<Violation>,
     /// The faults that began: kind, the mission's state at that time, and when, s after the order.
-    pub began: Vec<(Kind, State, f64)>,
+    pub began: Vec<(FaultKind, State, f64)>,
     /// The first drone's states, and when each was entered, s after the order.
     pub states: Vec<(&'static str, f64)>,
     /// Time from the order to the end, s.
@@ -75,7 +75,7 @@ struct Run {
     faults: Schedule,
     /// Number of the first drone's entered states that were shown.
     shown: usize,
-    watches: Vec<Watch>,
+    watches: Vec<StormWatch>,
     /// When a fault was active last, s.
     last_s: f64,
     /// When it did not rest on the deck last, s.
@@ -97,11 +97,11 @@ impl Run {
             people: People::new(storm.flight),
             faults: Schedule::new(&storm.faults),
             shown: 1,
-            watches: vec![Watch::default(); storm.drones.into()],
+            watches: vec![StormWatch::default(); storm.drones.into()],
             last_s: 0.0,
             moved_s: 0.0,
             flown: Flown {
-                ending: Ending::Waits,
+                ending: StormEnding::Waits,
                 violation: None,
                 began: Vec::new(),
                 states: Vec::new(),
@@ -124,7 +124,7 @@ impl Run {
         self.rig.world.fail(&Failing { mutant, ..failing });
         self.rig.advance(&mut NoTap);
         let over = match self.look() {
-            Some(violation) => Some((Ending::Violated, Some(violation))),
+            Some(violation) => Some((StormEnding::Violated, Some(violation))),
             None => self.over(),
         };
         if let Some((ending, violation)) = over {
@@ -160,7 +160,7 @@ impl Run {
     }
 
     /// Ending of the flight, and the rule that a drone that was left alone for long enough has broken; None: it goes on.
-    fn over(&mut self) -> Option<(Ending, Option<Violation>)> {
+    fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = self.faults.0.iter().any(|f| f.began_s.is_some() && !f.over);
         if active {
@@ -172,7 +172,7 @@ impl Run {
             self.moved_s = t_s;
         }
         if t_s - self.moved_s > REST_S {
-            return Some((Ending::Landed, None));
+            return Some((StormEnding::Landed, None));
         }
         let [lively_s, limit_s] = self.flight.limits_s();
         let given_up = rig.state(0) == State::GaveUp || people.is_up(rig);
@@ -184,7 +184,7 @@ impl Run {
             return (t_s > limit_s).then(|| (end(rig), None));
         }
         Some(match is_stuck(rig).or_else(|| is_unreported(rig)) {
-            Some(violation) => (Ending::Violated, Some(violation)),
+            Some(violation) => (StormEnding::Violated, Some(violation)),
             None => (end(rig), None),
         })
     }
@@ -206,7 +206,7 @@ fn set_up(rig: &mut Rig) {
 }
 
 /// The faults as the rules see them; people ordered something last at `ordered_s`.
-fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> Scene {
+fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
     let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
     let until = |after_s: f64| move |f: &Scheduled, at: f64| t_s < at + f.fault.lasts_s + after_s;
@@ -214,11 +214,11 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
         began().any(|(f, at)| f.fault.kind.spec().takes == what && until(after_s)(f, at))
     };
     let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(flight, faults);
-    let received = |kind: Kind| kind == Kind::OrderedAshore && !flight.is_silent();
-    let orders = |f: &Scheduled| f.fault.kind == Kind::OrderedAgain || received(f.fault.kind);
+    let received = |kind: FaultKind| kind == FaultKind::OrderedAshore && !flight.is_silent();
+    let orders = |f: &Scheduled| f.fault.kind == FaultKind::OrderedAgain || received(f.fault.kind);
     let ordered_again =
         withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - NOTICED_S));
-    Scene {
+    StormScene {
         flight,
         faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
@@ -235,34 +235,35 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
 /// reported, s. What stops nothing does not count: on a sortie away from the deck no landing is stopped.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
-    let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(Kind) -> bool| {
+    let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(FaultKind) -> bool| {
         began().any(|(f, at)| {
             hides(f.fault.kind) && at < until_s + NOTICED_S && at + f.fault.lasts_s + NOTICED_S > from_s
         })
     };
-    let received = |at: &f64| !stopped(*at, *at, &Kind::stops_mission);
+    let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
     // From ashore by radio, relay and bridge, or over the autopilot's wire and the link: another fault may have stopped any of them.
-    let undisturbed = |at: f64, own: Kind| {
-        let hides = |k: Kind| k != own;
+    let undisturbed = |at: f64, own: FaultKind| {
+        let hides = |k: FaultKind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)
     };
-    let arrives = |at: f64, own: Kind| undisturbed(at, own).then_some(at + ASHORE_S);
+    let arrives = |at: f64, own: FaultKind| undisturbed(at, own).then_some(at + ASHORE_S);
     let aborts = || {
         began()
             .filter(|(f, _)| f.stops)
             .filter_map(|(f, at)| match f.fault.kind {
-                Kind::Abort if flight == FlightKind::Mavlink => arrives(at, Kind::Abort),
-                Kind::Abort => Some(at).filter(received),
-                Kind::AbortAshore if !flight.is_silent() => arrives(at, Kind::AbortAshore),
+                FaultKind::Abort if flight == FlightKind::Mavlink => arrives(at, FaultKind::Abort),
+                FaultKind::Abort => Some(at).filter(received),
+                FaultKind::AbortAshore if !flight.is_silent() => arrives(at, FaultKind::AbortAshore),
                 _ => None,
             })
     };
     let aborted_s = aborts().reduce(f64::min);
     let last_abort_s = aborts().reduce(f64::max);
-    let hides = |k: Kind| k != Kind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
+    let hides =
+        |k: FaultKind| k != FaultKind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
         let lasts_s = f.fault.lasts_s;
-        let takes = f.fault.kind == Kind::TakenOver && f.stops && lasts_s > NOTICED_S;
+        let takes = f.fault.kind == FaultKind::TakenOver && f.stops && lasts_s > NOTICED_S;
         takes && !stopped(*at, at + lasts_s, &hides)
     });
     ([aborted_s, last_abort_s], aborted_s.or(taken.map(|(_, at)| at)))

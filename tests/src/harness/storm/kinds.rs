@@ -34,31 +34,31 @@ macro_rules! names {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         /// Kinds of faults.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-        pub enum Kind {
+        pub enum FaultKind {
             $($(#[$doc])* #[serde(rename = $name)] $kind,)*
         }
-        impl Kind {
+        impl FaultKind {
             /// All of them.
-            pub const ALL: &'static [Kind] = &[$(Kind::$kind),*];
+            pub const ALL: &'static [FaultKind] = &[$(FaultKind::$kind),*];
             /// The name in lists.
             pub const fn name(self) -> &'static str {
-                match self { $(Kind::$kind => $name,)* }
+                match self { $(FaultKind::$kind => $name,)* }
             }
             /// Half of its size is a milder fault: not of a number that is a name, nor of a bound.
             pub const fn is_milder_by_half(self) -> bool {
-                !matches!(self, Kind::StreamStops | Kind::VesselImuClipped | Kind::BatteryAt)
+                !matches!(self, FaultKind::StreamStops | FaultKind::VesselImuClipped | FaultKind::BatteryAt)
             }
             /// The mission's process does not take what comes.
             pub const fn stops_mission(self) -> bool {
                 matches!(
                     self,
-                    Kind::MissionKilled
-                        | Kind::MissionFrozen
-                        | Kind::ComputerKilled
-                        | Kind::ComputerFrozen
-                        | Kind::ComputerSuspended
-                        | Kind::ComputerRebooted
-                        | Kind::ComputerClockSteps
+                    FaultKind::MissionKilled
+                        | FaultKind::MissionFrozen
+                        | FaultKind::ComputerKilled
+                        | FaultKind::ComputerFrozen
+                        | FaultKind::ComputerSuspended
+                        | FaultKind::ComputerRebooted
+                        | FaultKind::ComputerClockSteps
                 )
             }
             /// The one process that it kills or lets stand still.
@@ -71,12 +71,12 @@ macro_rules! names {
             }
             /// It takes of the battery, which stays taken.
             pub const fn empties(self) -> bool {
-                matches!(self, Kind::BatteryAt | Kind::BatterySags)
+                matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
             /// Distribution of the kind, and what it excuses.
             pub const fn spec(self) -> Spec {
                 match self {
-                    $(Kind::$kind => Spec {
+                    $(FaultKind::$kind => Spec {
                         of: $of, size: $size, lasts_s: $lasts, takes: Takes::$takes,
                     },)*
                 }
@@ -111,21 +111,21 @@ enum Stop {
 use Stop::{Dies, Freezes};
 
 /// The kinds that happen to one process.
-const STOPS: [(Kind, ProcessKind, Stop); 14] = [
-    (Kind::PredictorKilled, ProcessKind::Predictor, Dies),
-    (Kind::MissionKilled, ProcessKind::Mission, Dies),
-    (Kind::PlannerKilled, ProcessKind::Planner, Dies),
-    (Kind::PilotKilled, ProcessKind::Pilot, Dies),
-    (Kind::LinkKilled, ProcessKind::Autopilot, Dies),
-    (Kind::BridgeKilled, ProcessKind::Bridge, Dies),
-    (Kind::VesselRestarted, ProcessKind::Vessel, Dies),
-    (Kind::PredictorFrozen, ProcessKind::Predictor, Freezes),
-    (Kind::MissionFrozen, ProcessKind::Mission, Freezes),
-    (Kind::PlannerFrozen, ProcessKind::Planner, Freezes),
-    (Kind::PilotFrozen, ProcessKind::Pilot, Freezes),
-    (Kind::LinkFrozen, ProcessKind::Autopilot, Freezes),
-    (Kind::BridgeFrozen, ProcessKind::Bridge, Freezes),
-    (Kind::VesselFrozen, ProcessKind::Vessel, Freezes),
+const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
+    (FaultKind::PredictorKilled, ProcessKind::Predictor, Dies),
+    (FaultKind::MissionKilled, ProcessKind::Mission, Dies),
+    (FaultKind::PlannerKilled, ProcessKind::Planner, Dies),
+    (FaultKind::PilotKilled, ProcessKind::Pilot, Dies),
+    (FaultKind::LinkKilled, ProcessKind::Autopilot, Dies),
+    (FaultKind::BridgeKilled, ProcessKind::Bridge, Dies),
+    (FaultKind::VesselRestarted, ProcessKind::Vessel, Dies),
+    (FaultKind::PredictorFrozen, ProcessKind::Predictor, Freezes),
+    (FaultKind::MissionFrozen, ProcessKind::Mission, Freezes),
+    (FaultKind::PlannerFrozen, ProcessKind::Planner, Freezes),
+    (FaultKind::PilotFrozen, ProcessKind::Pilot, Freezes),
+    (FaultKind::LinkFrozen, ProcessKind::Autopilot, Freezes),
+    (FaultKind::BridgeFrozen, ProcessKind::Bridge, Freezes),
+    (FaultKind::VesselFrozen, ProcessKind::Vessel, Freezes),
 ];
 
 /// Gives a macro the kinds: name, of what the size is, size, duration, what it takes, effect.

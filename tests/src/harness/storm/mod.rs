@@ -22,7 +22,7 @@ use thiserror::Error;
 
 use super::scenario::{NodeConfigs, Scenario};
 use crate::physics::sea::SeaConfig;
-use crate::physics::vessel::Course;
+use crate::physics::vessel::VesselCourse;
 use crate::studies::aborts::drive;
 
 pub use super::mutant::Mutant;
@@ -30,11 +30,11 @@ pub use draw::{Pair, pairs};
 pub use effects::Effect;
 pub use fault::{Fault, Moment};
 pub use flight::{Flown, fly, fly_mutant};
-pub use kinds::{Kind, Spec, Takes};
+pub use kinds::{FaultKind, Spec, Takes};
 pub use plan::FlightKind;
 pub use schedule::Schedule;
 pub use shrink::shrink;
-pub use watch::Ending;
+pub use watch::StormEnding;
 
 /// Faults of a list, at most.
 pub const MAX_FAULTS: usize = 16;
@@ -53,7 +53,7 @@ pub struct Storm {
     /// Amplitude of the sea's three waves, m, and period of the middle one, s.
     pub sea: [f64; 2],
     /// Course of the vessel.
-    pub course: Course,
+    pub course: VesselCourse,
     /// Speed of the vessel, m/s.
     pub speed_mps: f64,
     /// Mean wind, m/s.
@@ -159,11 +159,11 @@ mod tests {
             assert_eq!(storm.faults.len(), 5);
             assert_eq!(Storm::read(&storm.text()), Ok(storm));
         }
-        let aimed = Storm::drawn(3, 4).aimed((Kind::RangeZero, State::Flare));
+        let aimed = Storm::drawn(3, 4).aimed((FaultKind::RangeZero, State::Flare));
         assert_eq!(aimed.faults[..3], Storm::drawn(3, 4).faults[..3]);
         assert_eq!(
             (aimed.faults[3].kind, aimed.faults[3].moment),
-            (Kind::RangeZero, Moment::In(State::Flare))
+            (FaultKind::RangeZero, Moment::In(State::Flare))
         );
         assert!(aimed.check().is_ok());
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");

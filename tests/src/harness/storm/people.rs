@@ -4,10 +4,10 @@
 //! take-off that ended on the deck, which is ordered again.
 
 use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, ReasonCode, State, Station};
-use alight_uav::autopilot::message::{Address, CommandLong, Message, command};
+use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
 use nalgebra::Vector3;
 
-use super::{FlightKind, Kind};
+use super::{FaultKind, FlightKind};
 use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
 use crate::harness::outcome::FALSE_STOP_M;
 use crate::harness::rig::Rig;
@@ -34,10 +34,10 @@ const HIGH_M: f64 = 20.0;
 /// The ground station.
 const GROUND_STATION: Address = Address::new(255, 190);
 /// Orders that faults are, as a ground station gives them.
-const BY_MAVLINK: [(Kind, u16); 3] = [
-    (Kind::Abort, command::USER_2),
-    (Kind::Hold, command::USER_3),
-    (Kind::OrderedAgain, command::USER_1),
+const BY_MAVLINK: [(FaultKind, u16); 3] = [
+    (FaultKind::Abort, command::USER_2),
+    (FaultKind::Hold, command::USER_3),
+    (FaultKind::OrderedAgain, command::USER_1),
 ];
 
 /// Last act of the people.
@@ -201,7 +201,7 @@ impl People {
     }
 
     /// Gives the order of a fault of this kind as this flight's orders come; false for other kinds and orders of any flight.
-    pub(super) fn give(&self, rig: &mut Rig, kind: Kind) -> bool {
+    pub(super) fn give(&self, rig: &mut Rig, kind: FaultKind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
         if let Some((_, number)) = order {
@@ -265,7 +265,7 @@ fn send(rig: &mut Rig, k: usize, number: u16) {
     let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
     if let Some(linked) = rig.world.linked(k) {
         let to = Address::new(linked.autopilot.address.system, component);
-        let order = Message::Command(CommandLong::new(to, number, []));
+        let order = MavlinkMessage::Command(CommandLong::new(to, number, []));
         linked.up.send(t, GROUND_STATION, &order);
     }
 }

@@ -34,9 +34,9 @@ pub enum FlightKind {
 }
 
 /// A state in which faults begin, how often in parts, and within what time after its entry, s.
-pub(super) type Row = (State, u32, f64);
+pub(super) type PlannedPhase = (State, u32, f64);
 
-const LANDS: [Row; 8] = [
+const LANDS: [PlannedPhase; 8] = [
     (State::GetAltitude, 1, 3.0),
     (State::Approach, 2, 8.0),
     (State::Tracking, 3, 4.0),
@@ -46,7 +46,7 @@ const LANDS: [Row; 8] = [
     (State::Landed, 3, 3.0),
     (State::Hold, 1, 3.0),
 ];
-const TAKES_OFF: [Row; 7] = [
+const TAKES_OFF: [PlannedPhase; 7] = [
     (State::Preparing, 2, 2.0),
     (State::Countdown, 3, 4.5),
     (State::SpinUp, 5, 4.0),
@@ -56,7 +56,7 @@ const TAKES_OFF: [Row; 7] = [
     (State::Hold, 2, 5.0),
 ];
 /// Idle is the autopilot's own mission.
-const SORTIE: [Row; 13] = [
+const SORTIE: [PlannedPhase; 13] = [
     (State::Preparing, 1, 2.0),
     (State::Countdown, 1, 4.5),
     (State::SpinUp, 2, 4.0),
@@ -71,7 +71,7 @@ const SORTIE: [Row; 13] = [
     (State::Flare, 3, 1.2),
     (State::Landed, 2, 3.0),
 ];
-const STATION: [Row; 8] = [
+const STATION: [PlannedPhase; 8] = [
     (State::Hold, 8, 60.0),
     (State::GetAltitude, 1, 3.0),
     (State::Approach, 2, 8.0),
@@ -82,7 +82,7 @@ const STATION: [Row; 8] = [
     (State::Landed, 2, 3.0),
 ];
 /// Steady above the deck the drone waits for the turn that is promised.
-const HELM: [Row; 8] = [
+const HELM: [PlannedPhase; 8] = [
     (State::GetAltitude, 1, 3.0),
     (State::Approach, 2, 8.0),
     (State::Tracking, 3, 10.0),
@@ -92,7 +92,7 @@ const HELM: [Row; 8] = [
     (State::Landed, 2, 3.0),
     (State::Hold, 1, 3.0),
 ];
-const BEACON: [Row; 9] = [
+const BEACON: [PlannedPhase; 9] = [
     (State::GetAltitude, 1, 3.0),
     (State::Approach, 4, 12.0),
     (State::Search, 5, 10.0),
@@ -103,7 +103,7 @@ const BEACON: [Row; 9] = [
     (State::Landed, 2, 3.0),
     (State::Hold, 1, 3.0),
 ];
-const TAG_ALONE: [Row; 6] = [
+const TAG_ALONE: [PlannedPhase; 6] = [
     (State::Tracking, 4, 8.0),
     (State::TrackingStable, 3, 2.0),
     (State::Descent, 7, 4.0),
@@ -111,7 +111,7 @@ const TAG_ALONE: [Row; 6] = [
     (State::Landed, 3, 3.0),
     (State::Hold, 2, 3.0),
 ];
-const CYCLES: [Row; 12] = [
+const CYCLES: [PlannedPhase; 12] = [
     (State::Approach, 1, 8.0),
     (State::Tracking, 2, 4.0),
     (State::TrackingStable, 2, 2.0),
@@ -151,7 +151,7 @@ impl FlightKind {
     pub fn states(self) -> impl Iterator<Item = State> {
         self.rows().iter().map(|(state, ..)| *state)
     }
-    pub(super) const fn rows(self) -> &'static [Row] {
+    pub(super) const fn rows(self) -> &'static [PlannedPhase] {
         match self {
             FlightKind::Landing | FlightKind::Mavlink => &LANDS,
             FlightKind::TakeOff => &TAKES_OFF,

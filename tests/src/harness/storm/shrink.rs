@@ -1,7 +1,7 @@
 //! The shortest list that still breaks the same rule: faults are left out, then sizes and durations halved.
 
 use super::Storm;
-use super::watch::Rule;
+use super::watch::StormRule;
 
 /// Lists that are tried, at most.
 const MAX_TRIES: usize = 80;
@@ -9,7 +9,7 @@ const MAX_TRIES: usize = 80;
 const HALVINGS: usize = 4;
 
 /// Shrinks a storm; `breaks` flies one and gives the rule that it breaks.
-pub fn shrink(storm: &Storm, rule: Rule, mut breaks: impl FnMut(&Storm) -> Option<Rule>) -> Storm {
+pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> Option<StormRule>) -> Storm {
     let (mut best, mut tries) = (storm.clone(), 0);
     let mut still = |candidate: &Storm| {
         tries += 1;
@@ -65,24 +65,24 @@ fn half(v: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Kind;
+    use super::super::FaultKind;
     use super::*;
 
     #[test]
     fn shrunk_list_of_the_fault_that_matters() {
         let storm = Storm::drawn(7, 6);
         let mut storm = storm;
-        storm.faults[3].kind = Kind::Blind;
+        storm.faults[3].kind = FaultKind::Blind;
         storm.faults[3].lasts_s = 8.0;
         // Broken by a blindness of a second or more.
         let breaks = |s: &Storm| {
-            let long = |f: &super::super::Fault| f.kind == Kind::Blind && f.lasts_s >= 1.0;
-            s.faults.iter().any(long).then_some(Rule::Water)
+            let long = |f: &super::super::Fault| f.kind == FaultKind::Blind && f.lasts_s >= 1.0;
+            s.faults.iter().any(long).then_some(StormRule::Water)
         };
-        let small = shrink(&storm, Rule::Water, breaks);
+        let small = shrink(&storm, StormRule::Water, breaks);
         assert_eq!(small.faults.len(), 1);
         assert!((1.0..2.0).contains(&small.faults[0].lasts_s) && small.wind_mps == 0.0);
         // Another rule is another fault.
-        assert_eq!(shrink(&storm, Rule::Stuck, breaks), storm);
+        assert_eq!(shrink(&storm, StormRule::Stuck, breaks), storm);
     }
 }

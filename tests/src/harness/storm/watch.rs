@@ -36,7 +36,7 @@ const LOW_S: f64 = 3.0;
 /// Ending of a storm's flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ending {
+pub enum StormEnding {
     /// On the deck with motors off.
     Landed,
     /// Away from the deck, for a reason that it states.
@@ -50,7 +50,7 @@ pub enum Ending {
 /// A rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Rule {
+pub enum StormRule {
     /// Motors stop in the air.
     StopInTheAir,
     /// A contact was too hard.
@@ -89,7 +89,7 @@ pub enum Rule {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Violation {
     /// Which.
-    pub rule: Rule,
+    pub rule: StormRule,
     /// When, s after the order.
     pub t_s: f64,
     /// The figure that broke it: m above the deck, m/s, s, or the battery's charge, 0 to 1.
@@ -103,22 +103,24 @@ impl fmt::Display for Violation {
         let Violation { t_s, figure, .. } = self;
         let state = self.state.name();
         match self.rule {
-            Rule::StopInTheAir => write!(f, "motors stopped {figure:.2} m above the deck"),
-            Rule::HardContact => write!(f, "met the deck at {figure:.2} m/s"),
-            Rule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
-            Rule::Water => write!(f, "in the water"),
-            Rule::CarriesLanded => write!(f, "rotors carried for {figure:.1} s on the deck"),
-            Rule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
-            Rule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
-            Rule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
-            Rule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
-            Rule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
-            Rule::BatterySpent => write!(f, "its battery was emptied {figure:.2} m above the deck"),
-            Rule::Collision => write!(f, "two drones met"),
-            Rule::StillArmed => write!(f, "armed on the deck for {figure:.1} s, and no status reports it"),
-            Rule::NotFinite => write!(f, "a set-point was not finite"),
-            Rule::Stuck => write!(f, "neither landed nor states a reason to wait"),
-            Rule::WaitsUnsaid => write!(
+            StormRule::StopInTheAir => write!(f, "motors stopped {figure:.2} m above the deck"),
+            StormRule::HardContact => write!(f, "met the deck at {figure:.2} m/s"),
+            StormRule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
+            StormRule::Water => write!(f, "in the water"),
+            StormRule::CarriesLanded => write!(f, "rotors carried for {figure:.1} s on the deck"),
+            StormRule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
+            StormRule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
+            StormRule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
+            StormRule::KeepOut => write!(f, "{:.2} m within a keep-out volume", -figure),
+            StormRule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
+            StormRule::BatterySpent => write!(f, "its battery was emptied {figure:.2} m above the deck"),
+            StormRule::Collision => write!(f, "two drones met"),
+            StormRule::StillArmed => {
+                write!(f, "armed on the deck for {figure:.1} s, and no status reports it")
+            }
+            StormRule::NotFinite => write!(f, "a set-point was not finite"),
+            StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
+            StormRule::WaitsUnsaid => write!(
                 f,
                 "waits at {:.0} % of its battery, and reports neither that nor its next step",
                 100.0 * figure
@@ -130,7 +132,7 @@ impl fmt::Display for Violation {
 
 /// The faults as the rules see them.
 #[derive(Clone, Copy, Debug)]
-pub struct Scene {
+pub struct StormScene {
     /// Kind of the flight.
     pub flight: FlightKind,
     /// Faults that are active, or were a moment ago.
@@ -151,15 +153,15 @@ pub struct Scene {
     pub withdrawn_s: Option<f64>,
 }
 
-impl Scene {
+impl StormScene {
     /// Whether the charge left is enough to land with: the mission's reserve.
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= reserve)
     }
     /// Part that excuses another drone than the one that faults meet.
-    const fn of_others(&self) -> Scene {
-        Scene {
+    const fn of_others(&self) -> StormScene {
+        StormScene {
             uncommanded: false,
             without_power: false,
             charge_left: None,
@@ -173,7 +175,7 @@ impl Scene {
 
 /// Watches a storm.
 #[derive(Clone, Debug, Default)]
-pub struct Watch {
+pub struct StormWatch {
     /// The motors turned in the last tick.
     turned: bool,
     /// When it was last struck, or fell into the water, under a fault that excuses it, s: no rule covers what follows at once.
@@ -190,9 +192,9 @@ pub struct Watch {
     elsewhere: bool,
 }
 
-impl Watch {
+impl StormWatch {
     /// The first rule that this tick breaks, by the drone `k`.
-    pub fn look(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<Violation> {
+    pub fn look(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<Violation> {
         let scene = if k == 0 { *scene } else { scene.of_others() };
         let broken = self
             .contacts(rig, k, &scene)
@@ -209,15 +211,15 @@ impl Watch {
     }
 
     /// Contacts, the water, and motors that stop.
-    fn contacts(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+    fn contacts(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let o = rig.world.observation_of(k);
         let stopped = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
         self.look_elsewhere(rig, k, scene);
         if stopped && o.feet_height_m() > FALSE_STOP_M && !self.elsewhere {
             match (is_empty(rig, k), scene.lands_with(rig)) {
                 (true, false) => {}
-                (true, true) => return Some((Rule::BatterySpent, o.feet_height_m())),
-                (false, _) => return Some((Rule::StopInTheAir, o.feet_height_m())),
+                (true, true) => return Some((StormRule::BatterySpent, o.feet_height_m())),
+                (false, _) => return Some((StormRule::StopInTheAir, o.feet_height_m())),
             }
         }
         let t_s = rig.t_s();
@@ -239,20 +241,20 @@ impl Watch {
             };
             let hard = o.contacts.iter().find(|c| c.normal_mps > limit_mps);
             if let Some(contact) = hard {
-                return Some((Rule::HardContact, contact.normal_mps));
+                return Some((StormRule::HardContact, contact.normal_mps));
             }
             if let Some(contact) = o.contacts.iter().find(|c| !c.foot) {
-                return Some((Rule::TippedOver, contact.normal_mps));
+                return Some((StormRule::TippedOver, contact.normal_mps));
             }
         }
         if (without_power || self.elsewhere) && o.in_water {
             self.struck_s = Some(t_s);
         }
-        (o.in_water && self.struck_s.is_none()).then(|| (Rule::Water, o.feet_height_m()))
+        (o.in_water && self.struck_s.is_none()).then(|| (StormRule::Water, o.feet_height_m()))
     }
     /// Watches where a drone that may not know its deck goes for its battery: the autopilot flies it home or down, until
     /// it descends to the deck after all.
-    fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &Scene) {
+    fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &StormScene) {
         let goes = matches!(
             rig.mission(k).low_battery,
             Some(BatteryPlace::Home | BatteryPlace::Here)
@@ -262,12 +264,12 @@ impl Watch {
     }
 
     /// On the deck: rotors that carry, and a drone that is armed without a report.
-    fn standing(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+    fn standing(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
         let carried_s = lasts(&mut self.carries_since_s, carries, t_s);
         if carried_s > CARRY_S && !scene.uncommanded {
-            return Some((Rule::CarriesLanded, carried_s));
+            return Some((StormRule::CarriesLanded, carried_s));
         }
         // Where they are meant to turn.
         let turns = state == State::Flare || state.is_take_off();
@@ -278,11 +280,11 @@ impl Watch {
             .get(k)
             .is_some_and(|d| d.still_armed_s().is_some());
         let armed_s = lasts(&mut self.armed_since_s, stands && !reported, t_s);
-        (armed_s > ARMED_S && !scene.uncommanded).then_some((Rule::StillArmed, armed_s))
+        (armed_s > ARMED_S && !scene.uncommanded).then_some((StormRule::StillArmed, armed_s))
     }
 
     /// An abort that is not taken, a descent whose order was withdrawn.
-    fn orders(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+    fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         // It climbs, holds or has landed, or goes on for a reason that it states.
         let mission = rig.mission(k);
@@ -290,7 +292,7 @@ impl Watch {
         let goes_on = !stated && goes_on(scene.flight, rig, k);
         let withdrawn = scene.aborted_s.filter(|at| scene.withdrawn_s == Some(*at));
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
-            return Some((Rule::AbortIgnored, t_s - at));
+            return Some((StormRule::AbortIgnored, t_s - at));
         }
         self.spent_s = self.spent_s.or(is_spent(rig, k).then_some(t_s));
         let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
@@ -300,35 +302,35 @@ impl Watch {
             return None;
         }
         let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
-        descends.then_some((Rule::Unordered, t_s - at))
+        descends.then_some((StormRule::Unordered, t_s - at))
     }
 
     /// Checks the places that it may not be at, and the set-points that it flies.
-    fn places(&mut self, rig: &Rig, k: usize, scene: &Scene) -> Option<(Rule, f64)> {
+    fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
         if at_deck > 1 {
-            return Some((Rule::TwoAtDeck, at_deck as f64));
+            return Some((StormRule::TwoAtDeck, at_deck as f64));
         }
         if o.collisions > 0 {
-            return Some((Rule::Collision, f64::from(o.collisions)));
+            return Some((StormRule::Collision, f64::from(o.collisions)));
         }
         let excused = scene.uncommanded || scene.without_power || self.struck_s.is_some();
         let gap_m = o
             .keep_out_gap_m
             .filter(|gap| *gap < 0.0 && o.motors_on && !excused);
         if let Some(gap_m) = gap_m {
-            return Some((Rule::KeepOut, gap_m));
+            return Some((StormRule::KeepOut, gap_m));
         }
         let on_deck = state.stands_for_take_off() || state == State::TakeOff;
         let descends = on_deck || state.meets_deck() || state == State::Idle;
         let low = o.motors_on && o.feet_height_m() < LOW_M && o.horizontal_m < LOW_M;
         let low_s = lasts(&mut self.low_since_s, low && !descends && !excused, t_s);
         if low_s > LOW_S {
-            return Some((Rule::NotPermitted, low_s));
+            return Some((StormRule::NotPermitted, low_s));
         }
         let set_point = rig.world.drones().get(k).and_then(|d| d.last_set_point);
-        (!set_point.as_ref().is_none_or(is_finite)).then_some((Rule::NotFinite, f64::NAN))
+        (!set_point.as_ref().is_none_or(is_finite)).then_some((StormRule::NotFinite, f64::NAN))
     }
 }
 
@@ -363,14 +365,14 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
 }
 
 /// Ending of the first drone, which has broken no rule and was not observed to rest on the deck for long.
-pub fn end(rig: &Rig) -> Ending {
+pub fn end(rig: &Rig) -> StormEnding {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
-        Ending::Landed
+        StormEnding::Landed
     } else if o.in_water || !o.motors_on {
-        Ending::Crashed
+        StormEnding::Crashed
     } else {
-        Ending::Waits
+        StormEnding::Waits
     }
 }
 /// Long after the last fault: broken where it has neither landed nor states a reason to wait.
@@ -381,7 +383,7 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
     let fine = !o.motors_on || rests || (states_reason && !lands);
     (!fine).then(|| Violation {
-        rule: Rule::Stuck,
+        rule: StormRule::Stuck,
         t_s: rig.t_s(),
         figure: o.feet_height_m(),
         state: mission.state,
@@ -417,7 +419,7 @@ pub fn is_unreported(rig: &Rig) -> Option<Violation> {
     let alarms = mission.low_battery.is_some() || reasons.map(|why| why.code).any(names_battery);
     let reports = (promised || alarms) && mission.waiting.code != ReasonCode::None;
     (waits && !reports).then(|| Violation {
-        rule: Rule::WaitsUnsaid,
+        rule: StormRule::WaitsUnsaid,
         t_s: rig.t_s(),
         figure: mission.battery.unwrap_or(0.0),
         state: mission.state,

@@ -5,12 +5,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 
 use super::config::AirframeConfig;
-use super::frame::{Frame, MAX_ROTORS};
+use super::frame::{MAX_ROTORS, RotorFrame};
 use crate::physics::streams::Streams;
 
 /// State of the centre of mass in double precision. NED and FRD, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Motion {
+pub(crate) struct AirframeMotion {
     pub(crate) position: Vector3<f64>,
     pub(crate) velocity: Vector3<f64>,
     /// NED from body.
@@ -19,7 +19,7 @@ pub(crate) struct Motion {
     pub(crate) rates: Vector3<f64>,
 }
 
-impl Motion {
+impl AirframeMotion {
     /// Position of the body-fixed point `lever_arm`, NED.
     pub(crate) fn point(&self, lever_arm: &Vector3<f64>) -> Vector3<f64> {
         self.position + self.attitude * lever_arm
@@ -30,11 +30,11 @@ impl Motion {
     }
     /// The motion after `dt` at the constant linear (NED) and angular (body) accelerations `a` and
     /// `dw`: second order in position and attitude.
-    pub(crate) fn advanced(&self, a: &Vector3<f64>, dw: &Vector3<f64>, dt: f64) -> Motion {
+    pub(crate) fn advanced(&self, a: &Vector3<f64>, dw: &Vector3<f64>, dt: f64) -> AirframeMotion {
         let turn = (self.rates + dw * (0.5 * dt)) * dt;
         let mut attitude = self.attitude * UnitQuaternion::from_scaled_axis(turn);
         attitude.renormalize_fast();
-        Motion {
+        AirframeMotion {
             position: self.position + self.velocity * dt + a * (0.5 * dt * dt),
             velocity: self.velocity + a * dt,
             attitude,
@@ -52,7 +52,7 @@ pub(crate) struct Airframe {
     pub(crate) inertia: Vector3<f64>,
     /// Maximum true thrust of one rotor, N.
     pub(crate) rotor_max: f64,
-    frame: Frame,
+    frame: RotorFrame,
     hubs: Vec<Vector3<f64>>,
     moment_per_force: f64,
     idle: f64,
@@ -141,7 +141,7 @@ impl Airframe {
     /// (N m). `deck` is the deck's surface: centre and rotation NED from deck.
     pub(crate) fn loads(
         &self,
-        m: &Motion,
+        m: &AirframeMotion,
         wind: &Vector3<f64>,
         deck: Option<(&Vector3<f64>, &UnitQuaternion<f64>)>,
     ) -> (Vector3<f64>, Vector3<f64>) {
@@ -192,7 +192,7 @@ impl Airframe {
     /// `dw = J^-1 (tau - w x J w)` by the midpoint rule.
     pub(crate) fn accelerations(
         &self,
-        m: &Motion,
+        m: &AirframeMotion,
         force: &Vector3<f64>,
         moment: &Vector3<f64>,
         dt: f64,
@@ -218,8 +218,8 @@ mod tests {
             &Streams::new(seed),
         )
     }
-    fn at(height: f64) -> Motion {
-        Motion {
+    fn at(height: f64) -> AirframeMotion {
+        AirframeMotion {
             position: Vector3::new(0.0, 0.0, -height),
             velocity: Vector3::zeros(),
             attitude: UnitQuaternion::identity(),
@@ -263,7 +263,7 @@ mod tests {
         let mut a = airframe(3);
         a.spin_up();
         let (centre, turn) = (Vector3::zeros(), UnitQuaternion::identity());
-        let lift = |m: &Motion| -a.loads(m, &Vector3::zeros(), Some((&centre, &turn))).0.z;
+        let lift = |m: &AirframeMotion| -a.loads(m, &Vector3::zeros(), Some((&centre, &turn))).0.z;
         let free = a.mass * GRAVITY;
         // Rotor plane 0.05 m above the centre of mass.
         let z: f64 = 0.35;
@@ -312,7 +312,7 @@ mod tests {
         a.inertia = Vector3::new(0.09, 0.13, 0.19);
         let mut m = at(100.0);
         m.rates = Vector3::new(0.3, 4.0, 0.2);
-        let invariants = |m: &Motion| {
+        let invariants = |m: &AirframeMotion| {
             let l = a.inertia.component_mul(&m.rates);
             (0.5 * m.rates.dot(&l), m.attitude * l)
         };

@@ -4,7 +4,7 @@ use alight_shared::config;
 use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
 
-use super::frame::Frame;
+use super::frame::RotorFrame;
 
 config! {
     /// Airframe, contact, wind, autopilot and navigation of the simulated drone.
@@ -26,7 +26,7 @@ config! {
     /// Rotors, drag and unknown errors of mass and thrust.
     pub struct AirframeConfig {
         /// Arrangement of the rotors: quad-x or hexa-x.
-        pub frame: Frame = Frame::QuadX;
+        pub frame: RotorFrame = RotorFrame::QuadX;
         /// The true mass as a multiple of the nominal one, before the error drawn per seed.
         pub mass_factor: f64 = 1.0, in 0.3..=2.0;
         /// The true thrust as a multiple of the nominal one, before the error drawn per seed.

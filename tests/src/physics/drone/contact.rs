@@ -13,7 +13,7 @@ use rapier3d::prelude::{
     RigidBodyHandle,
 };
 
-use super::airframe::{Airframe, Motion};
+use super::airframe::{Airframe, AirframeMotion};
 use super::config::ContactConfig;
 
 /// A part of the drone that can touch something.
@@ -86,7 +86,7 @@ struct PartContact {
 }
 
 /// The drone and the deck in rapier.
-pub(crate) struct Contact {
+pub(crate) struct GearContact {
     world: PhysicsWorld,
     drone: RigidBodyHandle,
     deck: RigidBodyHandle,
@@ -112,32 +112,40 @@ const FEET: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]
 /// Half extents of the body, m: the T650's body is 0.15 m high (ctu-mrs t650), the rest is ours.
 const BODY_HALF_M: [f64; 3] = [0.12, 0.12, 0.075];
 
-impl Contact {
+/// A world without gravity, which is among the loads on the drone.
+fn empty_world() -> PhysicsWorld {
+    let mut world = PhysicsWorld::new();
+    world.gravity = V::new(0.0, 0.0, 0.0);
+    let p = &mut world.integration_parameters;
+    p.length_unit = 0.1;
+    p.contact_clustering = false;
+    p.contact_recycling = false;
+    p.num_solver_iterations = 4;
+    p.friction_model = FrictionModel::Coulomb;
+    world
+}
+
+fn drone_body(airframe: &Airframe) -> RigidBodyBuilder {
+    let mass = MassProperties::new(
+        V::new(0.0, 0.0, 0.0),
+        airframe.mass as f32,
+        to_rapier(&airframe.inertia),
+    );
+    RigidBodyBuilder::dynamic()
+        .additional_mass_properties(mass)
+        .can_sleep(false)
+        .gyroscopic_forces_enabled(false)
+}
+
+impl GearContact {
     pub(crate) fn new(
         config: &ContactConfig,
         airframe: &Airframe,
         drone: &DroneGeometry,
         deck: &DeckGeometry,
     ) -> Self {
-        let mut world = PhysicsWorld::new();
-        world.gravity = V::new(0.0, 0.0, 0.0);
-        let p = &mut world.integration_parameters;
-        p.length_unit = 0.1;
-        p.contact_clustering = false;
-        p.contact_recycling = false;
-        p.num_solver_iterations = 4;
-        p.friction_model = FrictionModel::Coulomb;
-        let j = airframe.inertia;
-        let body = world.insert_body(
-            RigidBodyBuilder::dynamic()
-                .additional_mass_properties(MassProperties::new(
-                    V::new(0.0, 0.0, 0.0),
-                    airframe.mass as f32,
-                    to_rapier(&j),
-                ))
-                .can_sleep(false)
-                .gyroscopic_forces_enabled(false),
-        );
+        let mut world = empty_world();
+        let body = world.insert_body(drone_body(airframe));
         let finish = |c: ColliderBuilder| {
             c.density(0.0)
                 .friction(config.friction as f32)
@@ -191,7 +199,7 @@ impl Contact {
             .iter()
             .map(|t| t.offset.norm() + t.radius)
             .fold(0.2, f64::max);
-        Contact {
+        GearContact {
             world,
             drone: body,
             deck,
@@ -213,7 +221,7 @@ impl Contact {
     /// Hold of the deck on the feet that touch it: force and moment about the centre of mass, NED. It acts along
     /// the deck's normal as long as a foot is on it; what it adds to the normal force adds to friction (Coulomb), and what
     /// pulls a foot off with more ends it.
-    fn hold(&self, before: &Motion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
+    fn hold(&self, before: &AirframeMotion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
         let down = deck.turn * Vector3::z();
         let held = self.parts.iter().filter(|t| t.idle <= HOLD_STEPS);
         held.fold(Default::default(), |(force, moment), t| {
@@ -249,13 +257,13 @@ impl Contact {
     /// if a contact carried an impulse or the deck holds a foot. New impacts go to `impacts`.
     pub(crate) fn step(
         &mut self,
-        before: &Motion,
+        before: &AirframeMotion,
         dv: &Vector3<f64>,
         dw: &Vector3<f64>,
         deck: &DeckSpan,
         dt: f64,
         impacts: &mut Vec<Impact>,
-    ) -> Option<Motion> {
+    ) -> Option<AirframeMotion> {
         // As a force, so that rapier spreads it over its own sub-steps and the friction that it
         // remembers balances it.
         let (hold, hold_moment) = self.hold(before, deck);
@@ -322,7 +330,7 @@ impl Contact {
     }
 
     /// The drone's motion as rapier has it after a sub-step.
-    pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> Motion {
+    pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> AirframeMotion {
         let b = &self.world.bodies[self.drone];
         let q = b.rotation();
         let attitude = UnitQuaternion::from_quaternion(Quaternion::new(
@@ -331,7 +339,7 @@ impl Contact {
             f64::from(q.y),
             f64::from(q.z),
         ));
-        Motion {
+        AirframeMotion {
             position: deck.centre + deck.velocity * dt + from_rapier(b.translation()),
             velocity: deck.velocity + from_rapier(b.linvel()),
             attitude,

@@ -8,7 +8,7 @@ pub const MAX_ROTORS: usize = 6;
 /// Arrangement of the rotors, numbered and turning as PX4's airframe reference has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Frame {
+pub enum RotorFrame {
     /// Quadrotor X: front right, rear left, front left, rear right.
     #[default]
     QuadX,
@@ -36,14 +36,14 @@ const HEXA_X: [[f64; 3]; 6] = [
     [-LONG, -HALF, -1.0],
 ];
 
-impl Frame {
+impl RotorFrame {
     /// Position in units of arm / sqrt 2 and sense of each rotor: `[forward, right, yaw]`; a rotor that turns
     /// counter-clockwise from above turns the body clockwise (+yaw in FRD). In these units the sum of the squares
     /// along each of the three is the number of rotors.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
-            Frame::QuadX => &QUAD_X,
-            Frame::HexaX => &HEXA_X,
+            RotorFrame::QuadX => &QUAD_X,
+            RotorFrame::HexaX => &HEXA_X,
         }
     }
     /// Number of rotors.
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn axes_independent_and_of_equal_length() {
-        for frame in [Frame::QuadX, Frame::HexaX] {
+        for frame in [RotorFrame::QuadX, RotorFrame::HexaX] {
             let axes = frame.axes();
             for i in 0..3 {
                 assert!(axes[i].iter().sum::<f64>().abs() < 1e-12, "{frame:?} lifts");

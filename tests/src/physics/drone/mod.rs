@@ -22,15 +22,15 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
-use airframe::{Airframe, Motion};
-use contact::{Contact, DeckSpan};
-use wind::{OverDeck, Wind};
+use airframe::{Airframe, AirframeMotion};
+use contact::{DeckSpan, GearContact};
+use wind::{OverDeck, SimulatedWind};
 
 pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
 };
 pub use contact::{Impact, Part};
-pub use frame::{Frame, MAX_ROTORS};
+pub use frame::{MAX_ROTORS, RotorFrame};
 
 /// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
@@ -68,14 +68,14 @@ pub struct StepReport {
 /// The drone.
 pub struct SimulatedDrone {
     airframe: Airframe,
-    contact: Contact,
-    wind: Wind,
+    contact: GearContact,
+    wind: SimulatedWind,
     /// Obstacles around the deck, which make wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
     /// Reach of its parts below and above the centre of mass, m.
     reach: [f64; 2],
-    motion: Motion,
+    motion: AirframeMotion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
     nominal_max_n: f64,
@@ -133,15 +133,15 @@ impl SimulatedDrone {
     ) -> Self {
         let mut airframe = Airframe::new(&config.airframe, drone, deck, streams);
         airframe.spin_up();
-        let motion = Motion {
+        let motion = AirframeMotion {
             position: start.position,
             velocity: Vector3::zeros(),
             attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, start.yaw),
             rates: Vector3::zeros(),
         };
         SimulatedDrone {
-            contact: Contact::new(&config.contact, &airframe, drone, deck),
-            wind: Wind::new(&config.wind, streams),
+            contact: GearContact::new(&config.contact, &airframe, drone, deck),
+            wind: SimulatedWind::new(&config.wind, streams),
             bodies,
             deck_half: [0.5 * deck.length_m, 0.5 * deck.width_m],
             reach: [drone.feet_below_m, config.airframe.rotor_above_m.max(0.0)],
@@ -165,7 +165,7 @@ impl SimulatedDrone {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw - deck.euler().z);
         let feet = Vector3::new(0.0, 0.0, -self.reach[0]);
         let here = deck.at::<DroneBody>(feet);
-        self.motion = Motion {
+        self.motion = AirframeMotion {
             position: here.position.0,
             velocity: here.velocity.0,
             attitude: deck.attitude.0 * turn,

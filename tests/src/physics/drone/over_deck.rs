@@ -18,7 +18,7 @@ const MIN_SPEED: f64 = 0.01;
 
 /// A place in a wake.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Wake {
+pub(crate) struct BodyWake {
     /// Speed of the wind over that ahead of the box.
     pub(crate) speed: f64,
     /// Standard deviation of the turbulence over the wind ahead of the box: along and across the deck, vertical.
@@ -51,7 +51,7 @@ pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>
     over.then(|| to_edge(0).min(to_edge(1)))
 }
 
-impl Wake {
+impl BodyWake {
     /// The wake of a box at a `place`, in wind `towards` (unit vector) with turbulence of its own of these intensities;
     /// None outside.
     ///
@@ -66,7 +66,7 @@ impl Wake {
         place: &Vector3<f64>,
         towards: &Vector2<f64>,
         ambient: [f64; 3],
-    ) -> Option<Wake> {
+    ) -> Option<BodyWake> {
         let [low, high] = [body.low, body.high].map(|c| Vector3::from(c.map(f64::from)));
         let (size, from) = (high - low, place - 0.5 * (low + high));
         let (along, across) = (towards.abs(), Vector2::new(towards.y.abs(), towards.x.abs()));
@@ -97,7 +97,7 @@ impl Wake {
             let wake = far + (NEAR * INTENSITY[i] - (1.0 - DEFICIT) * far) / (decay - DEFICIT);
             ambient[i] + over_roof * taper * (wake - ambient[i]).max(0.0)
         });
-        Some(Wake {
+        Some(BodyWake {
             speed: (below + (1.0 - below) * rise).max(MIN_SPEED),
             intensity,
             length: scale,
@@ -139,8 +139,8 @@ mod tests {
         low: [2.0, -1.0, -2.0],
         high: [4.0, 1.0, 0.0],
     };
-    fn aft(x: f64, y: f64, above: f64) -> Option<Wake> {
-        Wake::of(
+    fn aft(x: f64, y: f64, above: f64) -> Option<BodyWake> {
+        BodyWake::of(
             &CUBE,
             &Vector3::new(2.0 - x, y, -above),
             &Vector2::new(-1.0, 0.0),
@@ -175,7 +175,7 @@ mod tests {
     fn wake_deficit_and_turbulence_by_distance() {
         // R = 2 m; far behind, beyond the cavity, the mean over height is 1 - 0.7 ((x + R)/R)^(-2/3).
         for x in [6.0_f64, 12.0, 30.0] {
-            let wakes: Vec<Wake> = (0..2000)
+            let wakes: Vec<BodyWake> = (0..2000)
                 .map_while(|k| aft(x, 0.0, 0.005 * f64::from(k)))
                 .collect();
             let mean = wakes.iter().map(|w| w.speed).sum::<f64>() / wakes.len() as f64;
@@ -197,7 +197,7 @@ mod tests {
         let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());
         assert!(edge.speed > middle.speed && edge.intensity[0] < middle.intensity[0]);
         // What blows already is not added again.
-        let gusty = Wake::of(
+        let gusty = BodyWake::of(
             &CUBE,
             &Vector3::new(-20.0, 0.0, -1.0),
             &Vector2::new(-1.0, 0.0),

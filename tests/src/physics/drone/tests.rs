@@ -64,12 +64,12 @@ fn rest(w: &mut SimulatedDrone, deck: &RigidState<Deck>, seconds: f64) -> Vec<Im
         .collect()
 }
 /// Places the drone, motors off and stopped.
-fn drop_from(w: &mut SimulatedDrone, m: Motion) {
+fn drop_from(w: &mut SimulatedDrone, m: AirframeMotion) {
     w.airframe.spin(None, 100.0);
     w.motion = m;
 }
-fn still(position: Vector3<f64>, roll: f64, pitch: f64) -> Motion {
-    Motion {
+fn still(position: Vector3<f64>, roll: f64, pitch: f64) -> AirframeMotion {
+    AirframeMotion {
         position,
         velocity: Vector3::zeros(),
         attitude: UnitQuaternion::from_euler_angles(roll, pitch, 0.0),
@@ -253,7 +253,7 @@ fn drone_at_rest_on_a_rocking_deck() {
     };
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let d = deck(0.0);
-    let m = Motion {
+    let m = AirframeMotion {
         position: d.position.0 - Vector3::z() * (FEET + 0.005),
         velocity: d.velocity.0,
         attitude: d.attitude.0,
@@ -312,7 +312,7 @@ fn free_fall_across_the_hand_over_to_rapier() {
 fn rapier_against_free_flight() {
     // One sub-step of rapier with nothing in reach against the same in double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
-    let m = Motion {
+    let m = AirframeMotion {
         position: Vector3::new(1000.2, 200.3, -2.5),
         velocity: Vector3::new(3.0, -1.0, 2.0),
         attitude: UnitQuaternion::from_euler_angles(0.1, 0.2, 0.3),

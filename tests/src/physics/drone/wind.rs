@@ -7,7 +7,7 @@ use rand::RngExt;
 
 use super::config::WindConfig;
 use super::noise::normal;
-use super::over_deck::{VISCOSITY, Wake, boundary_layer, fetch};
+use super::over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch};
 use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;
@@ -66,7 +66,7 @@ pub(crate) struct OverDeck<'a> {
 
 /// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of what stands upwind.
 #[derive(Clone, Debug)]
-pub(crate) struct Wind {
+pub(crate) struct SimulatedWind {
     /// Direction towards which the mean wind blows, unit vector NED, and its profile.
     ahead: Vector3<f64>,
     profile: Profile,
@@ -87,13 +87,13 @@ pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
     rng.random_range(0.0..core::f64::consts::TAU)
 }
 
-impl Wind {
+impl SimulatedWind {
     pub(crate) fn new(config: &WindConfig, streams: &Streams) -> Self {
         let (mut rng, mut wake_rng) = (streams.stream("wind"), streams.stream("wind/wake"));
         let drawn = drawn_direction(&mut rng);
         let to = config.to_deg.map_or(drawn, f64::to_radians);
         let ahead = Vector3::new(to.cos(), to.sin(), 0.0);
-        Wind {
+        SimulatedWind {
             ahead,
             profile: Profile::new(config.mean_mps),
             gusts: config.gusts && config.mean_mps > 0.0,
@@ -172,7 +172,7 @@ impl Wind {
         let span = [above - over.reach[0], above + over.reach[1]];
         let layer = fetch(over.half, &over.place, &towards).map_or(1.0, |x| boundary_layer(speed, x, span));
         let ambient = sd.map(|sd| sd / speed);
-        let wakes = (over.bodies.iter()).filter_map(|b| Wake::of(b, &over.place, &towards, ambient));
+        let wakes = (over.bodies.iter()).filter_map(|b| BodyWake::of(b, &over.place, &towards, ambient));
         let wake = wakes.min_by(|a, b| a.speed.total_cmp(&b.speed));
         let left = layer * wake.map_or(1.0, |w| w.speed);
         if left == 1.0 {
@@ -217,7 +217,7 @@ mod tests {
             with_waves: false,
             gusts: true,
         };
-        let mut wind = Wind::new(&config, &Streams::new(7));
+        let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let (mut sum, mut square, n) = (Vector3::zeros(), Vector3::zeros(), 400_000);
         for _ in 0..n {
             wind.step(0.05, height, &Vector3::zeros(), over);
@@ -275,7 +275,7 @@ mod tests {
         assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
         // Of her own way in still air, too.
         let config = WindConfig::default();
-        let mut wind = Wind::new(&config, &Streams::new(7));
+        let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let mut under_way = over(&cube, lee);
         under_way.velocity.x = 6.0;
         wind.step(0.01, 1.8, &under_way.velocity, &under_way);

@@ -39,7 +39,7 @@ const MAX_STEEPNESS: f64 = 0.9;
 
 /// One wave.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Component {
+pub struct SeaComponent {
     /// Amplitude, m.
     pub amplitude_m: f64,
     /// Wave number, rad/m.
@@ -52,10 +52,10 @@ pub struct Component {
     pub phase: f64,
 }
 
-impl Component {
+impl SeaComponent {
     /// A deep-water wave by its angular frequency.
     pub fn deep(amplitude_m: f64, frequency: f64, direction_rad: f64, phase: f64) -> Self {
-        Component {
+        SeaComponent {
             amplitude_m,
             wave_number: frequency * frequency / GRAVITY,
             frequency,
@@ -110,7 +110,7 @@ pub struct Water {
 /// The sea.
 #[derive(Clone, Debug)]
 pub struct Sea {
-    components: Vec<Component>,
+    components: Vec<SeaComponent>,
     /// q: share of the full horizontal displacement.
     steepness_factor: f64,
     /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the place itself.
@@ -148,7 +148,7 @@ impl Sea {
     }
 
     /// A sea of these linear waves.
-    pub fn of_linear_components(mut components: Vec<Component>) -> Sea {
+    pub fn of_linear_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         Sea {
             components,
@@ -161,11 +161,16 @@ impl Sea {
     /// A regular wave of given length (m), going towards `direction_rad` clockwise from north.
     pub fn regular(amplitude_m: f64, wavelength_m: f64, direction_rad: f64) -> Sea {
         let frequency = (GRAVITY * TAU / wavelength_m).sqrt();
-        Self::from_components(vec![Component::deep(amplitude_m, frequency, direction_rad, 0.0)])
+        Self::from_components(vec![SeaComponent::deep(
+            amplitude_m,
+            frequency,
+            direction_rad,
+            0.0,
+        )])
     }
 
     /// A sea of these waves; those beyond [`MAX_COMPONENTS`] and those without amplitude are left out.
-    pub fn from_components(mut components: Vec<Component>) -> Sea {
+    pub fn from_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         components.truncate(MAX_COMPONENTS);
         let steepness: f64 = components.iter().map(|c| c.wave_number * c.amplitude_m).sum();
@@ -195,12 +200,12 @@ impl Sea {
         self.mean_direction
     }
     /// Waves of the sea.
-    pub fn components(&self) -> &[Component] {
+    pub fn components(&self) -> &[SeaComponent] {
         &self.components
     }
     /// Sum of q k A, below 1: the sea does not fold.
     pub fn steepness(&self) -> f64 {
-        let sum = |s, c: &Component| s + c.wave_number * c.amplitude_m;
+        let sum = |s, c: &SeaComponent| s + c.wave_number * c.amplitude_m;
         self.steepness_factor * self.components.iter().fold(0.0, sum)
     }
     /// Variance of the elevation, m².
@@ -411,7 +416,7 @@ fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
 }
 
 /// The waves of `config`; `each` is the number per irregular system.
-fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<Component> {
+fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<SeaComponent> {
     if config.kind == SeaKind::Paper {
         let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
         let s: f64 = config.wavelength_scale.unwrap_or(drawn);
@@ -420,7 +425,7 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
         return [-1.0, 0.0, 1.0]
             .into_iter()
             .map(|i: f64| {
-                Component::deep(
+                SeaComponent::deep(
                     config.amplitude_m * s.powf(i),
                     // Wavelength times s^i is frequency over s^(i/2).
                     middle * s.powf(-0.5 * i),
@@ -437,7 +442,7 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
 
 /// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The
 /// streams of the first are the plain ones.
-fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<Component> {
+fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<SeaComponent> {
     let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
     let stream = |name: &str| match k {
         0 => streams.stream(name),
@@ -449,7 +454,7 @@ fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Strea
     spectrum::frequencies(peak, system.enhancement(), n, &mut stream("sea/frequency"))
         .into_iter()
         .map(|w| {
-            Component::deep(
+            SeaComponent::deep(
                 amplitude,
                 w,
                 mean + spectrum::direction(system.spread, &mut directions),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Course by the vessel's own autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Course {
+pub enum VesselCourse {
     /// Engines off.
     #[default]
     Drift,
@@ -27,31 +27,35 @@ pub enum Course {
     Anchored,
 }
 
-impl Course {
+impl VesselCourse {
     /// All of them.
-    pub const ALL: [Course; 8] = [
-        Course::Drift,
-        Course::Straight,
-        Course::Square,
-        Course::Zigzag,
-        Course::Turn,
-        Course::SpeedChange,
-        Course::StationKeeping,
-        Course::Anchored,
+    pub const ALL: [VesselCourse; 8] = [
+        VesselCourse::Drift,
+        VesselCourse::Straight,
+        VesselCourse::Square,
+        VesselCourse::Zigzag,
+        VesselCourse::Turn,
+        VesselCourse::SpeedChange,
+        VesselCourse::StationKeeping,
+        VesselCourse::Anchored,
     ];
     /// Whether it is made at a set speed.
     pub fn is_under_way(self) -> bool {
         match self {
-            Course::Drift | Course::StationKeeping | Course::Anchored => false,
-            Course::Straight | Course::Square | Course::Zigzag | Course::Turn | Course::SpeedChange => true,
+            VesselCourse::Drift | VesselCourse::StationKeeping | VesselCourse::Anchored => false,
+            VesselCourse::Straight
+            | VesselCourse::Square
+            | VesselCourse::Zigzag
+            | VesselCourse::Turn
+            | VesselCourse::SpeedChange => true,
         }
     }
 }
 
-/// Somebody presses or pushes the vessel, and lets go.
+/// A load on the vessel for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Push {
+pub struct VesselLoad {
     /// When, s of true time.
     pub at_s: f64,
     /// For how long, s.
@@ -103,7 +107,7 @@ config! {
         /// Maximum reverse thrust of each, N.
         pub thrust_reverse_n: f64 = 100.0, in 0.0..=1e5;
         /// Course by the vessel's autopilot.
-        pub course: Course = Course::Drift;
+        pub course: VesselCourse = VesselCourse::Drift;
         /// Speed of the vessel through the water, m/s.
         pub speed_mps: f64 = 2.0, in 0.0..=10.0;
         /// When the one turn or change of speed of such a course begins, s of true time; where absent, a drawn 0 to
@@ -116,7 +120,7 @@ config! {
         pub heading_deg: Option<f64> = None, in -360.0..=360.0;
         /// Pushes.
         #[serde(skip_serializing_if = "Vec::is_empty")]
-        pub pushes: Vec<Push> = Vec::new();
+        pub pushes: Vec<VesselLoad> = Vec::new();
     }
     check |this, at| {
         // Two half cylinders carry at most rho pi r² L; beyond 0.7 of it they would be awash.

@@ -5,15 +5,15 @@ use core::f64::consts::FRAC_PI_2;
 use alight_shared::frames::wrap_angle;
 use nalgebra::{Vector2, Vector3, Vector6};
 
-use super::config::{Course, VesselConfig};
+use super::config::{VesselConfig, VesselCourse};
 use super::path::{MeanPath, PathPoint};
-use super::steering::{STEP_S, SetPoint, Steered};
+use super::steering::{STEP_S, Steered, SteeringSetPoint};
 use crate::physics::streams::Streams;
 
 /// State of the steering.
 #[derive(Clone, Debug)]
 pub struct Helm {
-    course: Course,
+    course: VesselCourse,
     path: MeanPath,
     /// Since the start, s.
     t: f64,
@@ -32,7 +32,7 @@ pub struct Helm {
     /// Integral part of the speed controller, N.
     integral: f64,
     /// Under a set-point: heading and speed on their way to it.
-    steered: Option<(SetPoint, Steered)>,
+    steered: Option<(SteeringSetPoint, Steered)>,
 }
 
 /// Look-ahead of the line-of-sight guidance, m (ours: three lengths of the default vessel's half) ...
@@ -75,9 +75,9 @@ impl Helm {
 
     /// Steers to a set-point from now on; None: along its course again, from the place `at` (m) where it is. An anchored
     /// vessel stays where it is, one that keeps its station keeps the place and takes the heading.
-    pub fn steer_to(&mut self, set_point: Option<SetPoint>, at: Vector2<f64>, heading: f64) {
+    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>, at: Vector2<f64>, heading: f64) {
         self.steered = match (set_point, self.steered) {
-            (Some(_), _) if self.course == Course::Anchored => None,
+            (Some(_), _) if self.course == VesselCourse::Anchored => None,
             (Some(to), Some((_, steered))) => Some((to, steered)),
             (Some(to), None) => Some((to, self.begin(at, heading))),
             (None, None) => None,
@@ -112,7 +112,7 @@ impl Helm {
             self.steered = Some((to, steered));
             let (wanted, speed) = (steered.point().heading, steered.speed[0]);
             return match self.course {
-                Course::StationKeeping | Course::Anchored => self.hold(
+                VesselCourse::StationKeeping | VesselCourse::Anchored => self.hold(
                     &PathPoint {
                         heading: wanted,
                         ..here
@@ -121,19 +121,19 @@ impl Helm {
                     heading,
                     nu,
                 ),
-                Course::Drift
-                | Course::Straight
-                | Course::Square
-                | Course::Zigzag
-                | Course::Turn
-                | Course::SpeedChange => self.engines(wanted, speed, heading, nu, dt),
+                VesselCourse::Drift
+                | VesselCourse::Straight
+                | VesselCourse::Square
+                | VesselCourse::Zigzag
+                | VesselCourse::Turn
+                | VesselCourse::SpeedChange => self.engines(wanted, speed, heading, nu, dt),
             };
         }
         match self.course {
-            Course::Drift => Vector3::zeros(),
-            Course::StationKeeping | Course::Anchored => self.hold(&here, at, heading, nu),
-            Course::Straight => self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt),
-            Course::Square => {
+            VesselCourse::Drift => Vector3::zeros(),
+            VesselCourse::StationKeeping | VesselCourse::Anchored => self.hold(&here, at, heading, nu),
+            VesselCourse::Straight => self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt),
+            VesselCourse::Square => {
                 if self.along(at).x > self.side - EARLY_M {
                     self.from += Vector2::new(self.leg.cos(), self.leg.sin()) * self.side;
                     self.leg = wrap_angle(self.leg + FRAC_PI_2);
@@ -141,7 +141,7 @@ impl Helm {
                 self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt)
             }
             // By compass and log.
-            Course::Zigzag | Course::Turn | Course::SpeedChange => {
+            VesselCourse::Zigzag | VesselCourse::Turn | VesselCourse::SpeedChange => {
                 self.engines(here.heading, speed, heading, nu, dt)
             }
         }

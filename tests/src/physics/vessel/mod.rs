@@ -28,12 +28,12 @@ use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3, Vector6};
 use rand::RngExt;
 
-pub use config::{Course, Push, VesselConfig};
+pub use config::{VesselConfig, VesselCourse, VesselLoad};
 
 use self::helm::Helm;
 use self::hull::{Hull, segment};
 use self::rigid::{coriolis, head, join, rigid_body_mass, tail};
-use self::steering::SetPoint;
+use self::steering::SteeringSetPoint;
 use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
@@ -76,7 +76,7 @@ pub struct Vessel {
     helm: Helm,
     /// Surge and sway (N) and yaw (Nm) by engines, or by what holds it in place.
     steering: Vector3<f64>,
-    pushes: Vec<Push>,
+    pushes: Vec<VesselLoad>,
     /// Force and moment by [`Vessel::push`], surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
     /// Force of the pushes now.
@@ -233,7 +233,7 @@ impl Vessel {
         self.helm.ask_change(t.secs());
     }
     /// Makes its autopilot steer to a set-point from now on; None: as its course has it.
-    pub fn steer_to(&mut self, set_point: Option<SetPoint>) {
+    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>) {
         let heading = self.motion.attitude.euler_angles().2;
         self.helm.steer_to(set_point, self.motion.position.xy(), heading);
     }

@@ -7,9 +7,9 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::Vector2;
 use rand::RngExt;
 
-use super::config::{Course, VesselConfig};
+use super::config::{VesselConfig, VesselCourse};
 pub use super::steering::PathPoint;
-use super::steering::{SetPoint, SteeredPath};
+use super::steering::{SteeredPath, SteeringSetPoint};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
@@ -94,33 +94,33 @@ impl MeanPath {
             steered: None,
         };
         path.shape = match config.course {
-            Course::Drift | Course::Straight => Shape::Straight,
-            Course::StationKeeping => {
+            VesselCourse::Drift | VesselCourse::Straight => Shape::Straight,
+            VesselCourse::StationKeeping => {
                 Shape::LimitCycles([(0.3, 0.8), (0.3, 0.8), (0.05, 0.15)].map(|(low, high)| Cycle {
                     amplitude: between(low, high),
                     omega: TAU / between(20.0, 50.0),
                     phase: between(0.0, TAU),
                 }))
             }
-            Course::Anchored => Shape::Anchored(Sheer {
+            VesselCourse::Anchored => Shape::Anchored(Sheer {
                 rode: between(15.0, 30.0),
                 swing: between(20.0, 40.0).to_radians(),
                 omega: TAU / between(60.0, 120.0),
                 phase: between(0.0, TAU),
             }),
             _ if !under_way => Shape::Straight,
-            Course::Square => Shape::Turns(Turns::square(speed, config.side_m)),
-            Course::Zigzag => {
+            VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
+            VesselCourse::Zigzag => {
                 let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
                 // The first leg lies half a turn off the mean course.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
             }
-            Course::Turn => {
+            VesselCourse::Turn => {
                 let angle = side * between(45.0, 120.0).to_radians();
                 Shape::Turns(Turns::once(speed, angle, begins))
             }
-            Course::SpeedChange => Shape::SpeedChange {
+            VesselCourse::SpeedChange => Shape::SpeedChange {
                 begins,
                 by: 0.5 * side * speed,
             },
@@ -139,7 +139,7 @@ impl MeanPath {
 
     /// By a set-point from `t` (s) on; None: back to the heading and the speed that its course would have there, and straight
     /// on. An anchored vessel is not steered, one that keeps its station keeps it.
-    pub fn steer_to(&mut self, t: f64, set_point: Option<SetPoint>) {
+    pub fn steer_to(&mut self, t: f64, set_point: Option<SteeringSetPoint>) {
         let moored = matches!(self.shape, Shape::Anchored(_) | Shape::LimitCycles(_));
         let to = match (set_point, &self.steered) {
             _ if moored => return,
@@ -151,7 +151,7 @@ impl MeanPath {
             }
             (None, Some(_)) => {
                 let own = self.by_shape(t);
-                SetPoint {
+                SteeringSetPoint {
                     heading: own.heading,
                     speed: own.velocity.norm(),
                 }
@@ -428,7 +428,7 @@ mod tests {
 
     use super::*;
 
-    fn path_of(course: Course, seed: u64) -> MeanPath {
+    fn path_of(course: VesselCourse, seed: u64) -> MeanPath {
         let config = VesselConfig {
             course,
             change_at_s: Some(20.0),
@@ -439,7 +439,7 @@ mod tests {
 
     #[test]
     fn path_velocity_on_every_course() {
-        for course in Course::ALL {
+        for course in VesselCourse::ALL {
             for seed in 0..6 {
                 let path = path_of(course, seed);
                 let h = 1e-3;
@@ -464,8 +464,8 @@ mod tests {
     #[test]
     fn moored_vessel_path() {
         for (course, near, swing) in [
-            (Course::StationKeeping, 4.0, [0.1, 0.5]),
-            (Course::Anchored, 22.0, [0.6, 1.5]),
+            (VesselCourse::StationKeeping, 4.0, [0.1, 0.5]),
+            (VesselCourse::Anchored, 22.0, [0.6, 1.5]),
         ] {
             for seed in 0..20 {
                 let path = path_of(course, seed);
@@ -484,7 +484,7 @@ mod tests {
     #[test]
     fn zigzag_path() {
         for seed in 0..20 {
-            let end = path_of(Course::Zigzag, seed).at(200.0).position;
+            let end = path_of(VesselCourse::Zigzag, seed).at(200.0).position;
             let along = turned(end, -0.4);
             assert!(along.x > 0.9 * 400.0 && along.y.abs() < 15.0, "{seed}: {along}");
         }
@@ -495,7 +495,7 @@ mod tests {
         let (mut sides, mut angles) = ([0; 2], [f64::MAX, 0.0]);
         for seed in 0..40 {
             let config = VesselConfig {
-                course: Course::Turn,
+                course: VesselCourse::Turn,
                 ..VesselConfig::default()
             };
             let mut path = MeanPath::new(&config, 0.4, &Streams::new(seed));

@@ -21,7 +21,7 @@ pub struct PathPoint {
 
 /// Heading (rad) and speed (m/s) that a boat's autopilot steers to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SetPoint {
+pub struct SteeringSetPoint {
     /// rad from north.
     pub heading: f64,
     /// m/s.
@@ -62,7 +62,7 @@ impl Steered {
     }
     /// One step of [`STEP_S`] towards a set-point.
     #[must_use]
-    pub fn step(mut self, to: &SetPoint) -> Steered {
+    pub fn step(mut self, to: &SteeringSetPoint) -> Steered {
         let h = STEP_S;
         let [psi, u] = [&mut self.heading, &mut self.speed];
         let wanted = [
@@ -95,7 +95,7 @@ impl Steered {
 /// A path under set-points, sampled at the world's ticks: it is known a little beyond the present.
 #[derive(Clone, Debug)]
 pub struct SteeredPath {
-    to: SetPoint,
+    to: SteeringSetPoint,
     /// Number of the newest sample: its time in steps.
     newest: i64,
     /// The last samples, the newest last.
@@ -107,7 +107,7 @@ const KEPT: usize = 8;
 
 impl SteeredPath {
     /// From the place `here` at `t` (s) on.
-    pub fn begin(t: f64, here: &PathPoint, to: SetPoint) -> SteeredPath {
+    pub fn begin(t: f64, here: &PathPoint, to: SteeringSetPoint) -> SteeredPath {
         // What was before it, straight: the motion about the path is differentiated over three ticks.
         let before = |ticks: f64| PathPoint {
             position: here.position - here.velocity * (ticks * STEP_S),
@@ -120,7 +120,7 @@ impl SteeredPath {
         }
     }
     /// Another set-point, from the newest sample on.
-    pub fn set(&mut self, to: SetPoint) {
+    pub fn set(&mut self, to: SteeringSetPoint) {
         self.to = to;
     }
     /// Goes on until `t`, s.
@@ -163,7 +163,7 @@ mod tests {
             velocity: Vector2::new(5.0, 0.0),
             heading: 0.0,
         };
-        let to = SetPoint {
+        let to = SteeringSetPoint {
             heading: -1.0,
             speed: 2.0,
         };

@@ -160,9 +160,9 @@ fn vessel_in_ten_minutes_of_steep_seas() {
         ..SeaConfig::default()
     };
     for (config, course) in [
-        (SeaConfig::paper(1.0, 6.0), Course::Drift),
-        (SeaConfig::paper(1.0, 6.0), Course::Square),
-        (irregular, Course::Drift),
+        (SeaConfig::paper(1.0, 6.0), VesselCourse::Drift),
+        (SeaConfig::paper(1.0, 6.0), VesselCourse::Square),
+        (irregular, VesselCourse::Drift),
     ] {
         let sea = Sea::new(&config, &Streams::new(11));
         let vessel_config = VesselConfig {
@@ -183,7 +183,7 @@ fn vessel_in_ten_minutes_of_steep_seas() {
 fn vessel_autopilot_in_waves() {
     let sea = Sea::new(&SeaConfig::paper(0.5, 5.0), &Streams::new(3));
     let config = VesselConfig {
-        course: Course::Straight,
+        course: VesselCourse::Straight,
         ..heading_north()
     };
     let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
@@ -200,7 +200,7 @@ fn vessel_autopilot_in_waves() {
 fn vessel_square_course_at_2_mps() {
     let sea = calm();
     let config = VesselConfig {
-        course: Course::Square,
+        course: VesselCourse::Square,
         ..heading_north()
     };
     let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
@@ -221,11 +221,11 @@ fn vessel_square_course_at_2_mps() {
 fn vessel_mean_path_on_every_course() {
     let sea = Sea::new(&SeaConfig::paper(0.4, 5.0), &Streams::new(3));
     for course in [
-        Course::Zigzag,
-        Course::Turn,
-        Course::SpeedChange,
-        Course::StationKeeping,
-        Course::Anchored,
+        VesselCourse::Zigzag,
+        VesselCourse::Turn,
+        VesselCourse::SpeedChange,
+        VesselCourse::StationKeeping,
+        VesselCourse::Anchored,
     ] {
         let mut config = VesselConfig {
             course,
@@ -311,7 +311,7 @@ proptest::proptest! {
             inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
             damping_ratio: [damping; 3],
             sideways_coupling: coupling,
-            course: Course::Square,
+            course: VesselCourse::Square,
             ..VesselConfig::default()
         };
         proptest::prop_assert!(config.check(&Keys::ROOT).is_ok());
@@ -328,17 +328,17 @@ proptest::proptest! {
 fn steered_vessel_and_its_own_course() {
     let sea = calm();
     for course in [
-        Course::Straight,
-        Course::Square,
-        Course::Drift,
-        Course::StationKeeping,
+        VesselCourse::Straight,
+        VesselCourse::Square,
+        VesselCourse::Drift,
+        VesselCourse::StationKeeping,
     ] {
         let config = VesselConfig {
             course,
             ..heading_north()
         };
         let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
-        let to = SetPoint {
+        let to = SteeringSetPoint {
             heading: 0.6,
             speed: 1.2,
         };
@@ -348,12 +348,12 @@ fn steered_vessel_and_its_own_course() {
         let s = vessel.state();
         let (_, _, yaw) = s.attitude.euler();
         assert!((yaw - 0.6).abs() < 0.1, "{course:?}: {yaw}");
-        if course != Course::StationKeeping {
+        if course != VesselCourse::StationKeeping {
             let speed = s.velocity.0.xy().norm();
             assert!((speed - 1.2).abs() < 0.2, "{course:?}: {speed}");
         }
         vessel.steer_to(None);
-        if course == Course::Straight {
+        if course == VesselCourse::Straight {
             // On its course again, about which the line of sight leads it.
             run(&mut vessel, &sea, 30.0, |_, _| {});
             let mut made = 0.0;
@@ -363,11 +363,11 @@ fn steered_vessel_and_its_own_course() {
     }
     // An anchor holds whatever is commanded.
     let config = VesselConfig {
-        course: Course::Anchored,
+        course: VesselCourse::Anchored,
         ..heading_north()
     };
     let [mut steered, mut free] = [(); 2].map(|()| Vessel::new(&config, &sea, &Streams::new(1)));
-    steered.steer_to(Some(SetPoint {
+    steered.steer_to(Some(SteeringSetPoint {
         heading: 1.0,
         speed: 2.0,
     }));

@@ -4,11 +4,11 @@ use super::*;
 use crate::physics::streams::Streams;
 use crate::radio::Direction;
 
-fn run(config: &RadioConfig, seed: u64, n: usize, bytes: usize) -> (Vec<(usize, f64)>, u64) {
+fn run(config: &SimulatedRadioConfig, seed: u64, n: usize, bytes: usize) -> (Vec<(usize, f64)>, u64) {
     let streams = Streams::new(seed);
-    let there = Channel::new(config, Direction::ToDrone, &streams);
-    let back = Channel::back(config, Direction::ToDrone, &streams);
-    let mut stream = Stream::new(config, there, back);
+    let there = RadioChannel::new(config, Direction::ToDrone, &streams);
+    let back = RadioChannel::back(config, Direction::ToDrone, &streams);
+    let mut stream = RadioStream::new(config, there, back);
     let mut got = Vec::new();
     for k in 0..n + 2000 {
         let t = Time::from_secs(k as f64 * 0.02);
@@ -21,12 +21,12 @@ fn run(config: &RadioConfig, seed: u64, n: usize, bytes: usize) -> (Vec<(usize, 
     }
     (got, stream.dropped())
 }
-fn config(loss: f64) -> RadioConfig {
-    RadioConfig {
+fn config(loss: f64) -> SimulatedRadioConfig {
+    SimulatedRadioConfig {
         loss,
         duplicate: 0.0,
         delay_sd_s: 0.0,
-        ..RadioConfig::default()
+        ..SimulatedRadioConfig::default()
     }
 }
 fn quantile(got: &[(usize, f64)], q: f64) -> f64 {
@@ -38,7 +38,7 @@ fn quantile(got: &[(usize, f64)], q: f64) -> f64 {
 /// Median and 95th percentile of the age of the newest message at the receiver, over seven seeds of
 /// 90 s each the median: messages of 290 B at 30 Hz over 100 ms with 30 ms of jitter.
 fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
-    let config = RadioConfig {
+    let config = SimulatedRadioConfig {
         delay_s: 0.1,
         delay_sd_s: 0.03,
         congestion,
@@ -47,9 +47,9 @@ fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
     let mut runs: [Vec<f64>; 2] = Default::default();
     for seed in 1..8 {
         let streams = Streams::new(seed);
-        let there = Channel::new(&config, Direction::ToDrone, &streams);
-        let back = Channel::back(&config, Direction::ToDrone, &streams);
-        let mut stream = Stream::new(&config, there, back);
+        let there = RadioChannel::new(&config, Direction::ToDrone, &streams);
+        let back = RadioChannel::back(&config, Direction::ToDrone, &streams);
+        let mut stream = RadioStream::new(&config, there, back);
         let (mut newest, mut ages) = (0.0, Vec::new());
         for k in 0..9000 {
             let s = f64::from(k) * 0.01;
@@ -114,7 +114,7 @@ fn stream_with_loss() {
 
 #[test]
 fn stream_buffer_over_an_outage() {
-    let config = RadioConfig {
+    let config = SimulatedRadioConfig {
         outages_s: crate::sensors::noise::Windows(vec![[5.0, 8.0]]),
         stream_buffer_bytes: 6000,
         ..config(0.0)

@@ -214,8 +214,8 @@ fn rendered_glare_partial_view_and_open_sea() {
 
 #[test]
 fn rendered_tag_metering_in_any_light() {
-    use alight_uav::camera::metering::{Metering, Range, Setting};
-    let range = |most, step| Range {
+    use alight_uav::camera::metering::{Metering, Setting, SettingRange};
+    let range = |most, step| SettingRange {
         low: step,
         most,
         step,

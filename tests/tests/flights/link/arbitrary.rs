@@ -4,8 +4,8 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
-    Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, HilGps, ImuReport,
-    Message, OdometryReport, ParameterValue, PositionReport, RcChannels, VelocityFrame,
+    Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps, ImuReport,
+    MavlinkFrame, MavlinkMessage, OdometryReport, ParameterValue, PositionReport, RcChannels, VelocityFrame,
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
@@ -26,7 +26,7 @@ fn three() -> impl Strategy<Value = [f64; 3]> {
     prop::array::uniform3(number())
 }
 
-fn message() -> impl Strategy<Value = Message> {
+fn message() -> impl Strategy<Value = MavlinkMessage> {
     let four = || prop::array::uniform4(number());
     let commands = || prop_oneof![Just(400_u16), Just(511), Just(176)];
     prop_oneof![
@@ -34,7 +34,7 @@ fn message() -> impl Strategy<Value = Message> {
             heartbeat(autopilot, vehicle, base_mode, mode)
         }),
         (any::<i64>(), any::<i64>())
-            .prop_map(|(remote_ns, local_ns)| Message::Timesync { remote_ns, local_ns }),
+            .prop_map(|(remote_ns, local_ns)| MavlinkMessage::Timesync { remote_ns, local_ns }),
         (
             any::<u64>(),
             three(),
@@ -45,7 +45,7 @@ fn message() -> impl Strategy<Value = Message> {
             any::<u8>()
         )
             .prop_map(|(time_us, position, attitude, velocity, body, v, resets)| {
-                Message::Odometry(OdometryReport {
+                MavlinkMessage::Odometry(OdometryReport {
                     time_us,
                     position,
                     attitude,
@@ -57,44 +57,47 @@ fn message() -> impl Strategy<Value = Message> {
                 })
             }),
         (any::<u32>(), three(), three()).prop_map(|(time_ms, position, velocity)| {
-            Message::LocalPosition(PositionReport {
+            MavlinkMessage::LocalPosition(PositionReport {
                 time_ms,
                 position,
                 velocity,
             })
         }),
         (any::<u32>(), four(), three()).prop_map(|(time_ms, attitude, rates)| {
-            Message::Attitude(AttitudeReport {
+            MavlinkMessage::Attitude(AttitudeReport {
                 time_ms,
                 attitude,
                 rates,
             })
         }),
         (any::<u64>(), three(), three()).prop_map(|(time_us, accelerometer, gyro)| {
-            Message::Imu(ImuReport {
+            MavlinkMessage::Imu(ImuReport {
                 time_us,
                 accelerometer,
                 gyro,
             })
         }),
         (any::<u32>(), number(), number(), number()).prop_map(|(time_ms, range_m, limit, v)| {
-            Message::Distance(DistanceReport {
+            MavlinkMessage::Distance(DistanceReport {
                 time_ms,
                 range_m,
                 limits_m: [0.0, limit],
                 variance: Some(v),
             })
         }),
-        (0..6_u8).prop_map(|state| Message::Landed { state }),
-        (any::<u8>(), three()).prop_map(|(number, [remaining, voltage, current])| Message::Battery {
-            number,
-            remaining: Some(remaining),
-            voltage_v: Some(voltage),
-            current_a: Some(current),
-        }),
-        number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
-        (any::<u8>(), any::<[u16; 8]>()).prop_map(|(port, pulses_us)| Message::Outputs { port, pulses_us }),
-        any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
+        (0..6_u8).prop_map(|state| MavlinkMessage::Landed { state }),
+        (any::<u8>(), three()).prop_map(
+            |(number, [remaining, voltage, current])| MavlinkMessage::Battery {
+                number,
+                remaining: Some(remaining),
+                voltage_v: Some(voltage),
+                current_a: Some(current),
+            }
+        ),
+        number().prop_map(|thrust| MavlinkMessage::AttitudeTargetThrust { thrust }),
+        (any::<u8>(), any::<[u16; 8]>())
+            .prop_map(|(port, pulses_us)| MavlinkMessage::Outputs { port, pulses_us }),
+        any::<u32>().prop_map(|custom_mode| MavlinkMessage::Mode { custom_mode }),
         (
             prop_oneof![
                 "[A-Z_]{0,20}",
@@ -105,7 +108,7 @@ fn message() -> impl Strategy<Value = Message> {
         )
             .prop_map(|(name, (bits, integer))| {
                 let value = ParameterValue { bits, integer };
-                Message::Parameter {
+                MavlinkMessage::Parameter {
                     name,
                     value,
                     index: 0,
@@ -113,12 +116,12 @@ fn message() -> impl Strategy<Value = Message> {
                 }
             }),
         (commands(), any::<u8>()).prop_map(|(command, confirmation)| {
-            Message::Command(CommandLong {
+            MavlinkMessage::Command(CommandLong {
                 confirmation,
                 ..CommandLong::new(Address::default(), command, [])
             })
         }),
-        (commands(), Just(CommandResult::Denied)).prop_map(|(command, result)| Message::CommandAck {
+        (commands(), Just(CommandResult::Denied)).prop_map(|(command, result)| MavlinkMessage::CommandAck {
             command,
             result,
             to: Address::default(),
@@ -127,40 +130,40 @@ fn message() -> impl Strategy<Value = Message> {
             prop_oneof![Just("ALIGHT_MODE"), Just("ALIGHT_APPR_H"), Just("ALIGHT_X")],
             any::<(u32, bool)>(),
         )
-            .prop_map(|(name, (bits, integer))| Message::ParameterSet {
+            .prop_map(|(name, (bits, integer))| MavlinkMessage::ParameterSet {
                 to: Address::new(1, 191),
                 name: name.into(),
                 value: ParameterValue { bits, integer },
             }),
-        (0..9_u16).prop_map(|index| Message::ParameterRequest {
+        (0..9_u16).prop_map(|index| MavlinkMessage::ParameterRequest {
             to: Address::new(1, 191),
             name: String::new(),
             index: Some(index),
         }),
-        (0..2_u8).prop_map(|component| Message::ParameterList {
+        (0..2_u8).prop_map(|component| MavlinkMessage::ParameterList {
             to: Address::new(1, 191 * component),
         }),
-        (commands(), any::<[f32; 4]>()).prop_map(|(command, first)| Message::CommandInt {
+        (commands(), any::<[f32; 4]>()).prop_map(|(command, first)| MavlinkMessage::CommandInt {
             to: Address::new(1, 191),
             command,
             first: first.map(f64::from),
         }),
-        (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
-        any::<u16>().prop_map(|flags| Message::EstimatorStatus { flags }),
-        any::<u16>().prop_map(|flags| Message::EkfStatus { flags }),
-        any::<(u32, u32)>().prop_map(|(present, healthy)| Message::SystemStatus { present, healthy }),
+        (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| MavlinkMessage::Text { severity, text }),
+        any::<u16>().prop_map(|flags| MavlinkMessage::EstimatorStatus { flags }),
+        any::<u16>().prop_map(|flags| MavlinkMessage::EkfStatus { flags }),
+        any::<(u32, u32)>().prop_map(|(present, healthy)| MavlinkMessage::SystemStatus { present, healthy }),
         (
             any::<u8>(),
             prop_oneof![any::<u16>(), Just(1000), Just(1500), Just(2000)]
         )
             .prop_map(|(count, us)| {
-                Message::RemoteControl(RcChannels {
+                MavlinkMessage::RemoteControl(RcChannels {
                     count,
                     pulses_us: [us; 18],
                 })
             }),
         (three(), number()).prop_map(|(velocity, altitude_m)| {
-            Message::HilGps(HilGps {
+            MavlinkMessage::HilGps(HilGps {
                 time_us: 0,
                 latitude: altitude_m,
                 longitude: altitude_m,
@@ -171,8 +174,8 @@ fn message() -> impl Strategy<Value = Message> {
         }),
     ]
 }
-fn heartbeat(autopilot: u8, vehicle: u8, base_mode: u8, custom_mode: u32) -> Message {
-    Message::Heartbeat(Heartbeat {
+fn heartbeat(autopilot: u8, vehicle: u8, base_mode: u8, custom_mode: u32) -> MavlinkMessage {
+    MavlinkMessage::Heartbeat(Heartbeat {
         autopilot,
         vehicle,
         base_mode,
@@ -235,7 +238,7 @@ proptest! {
             now_ms += wait_ms;
             let received = core::iter::once(known.clone())
                 .chain(messages)
-                .map(|message| Frame { from, message })
+                .map(|message| MavlinkFrame { from, message })
                 .collect();
             let now = Time::from_nanos(now_ms * 1_000_000);
             let out = link.step(now, &AutopilotIn { received, ..AutopilotIn::default() });
@@ -244,7 +247,7 @@ proptest! {
             prop_assert!(out.state.is_none_or(|s| s.check().is_ok()), "{:?}", out.state);
             prop_assert!(out.messages.len() < 64 && out.texts.len() <= 8);
             // No pilot sent a set-point: nothing is flown.
-            let flown = |m: &Message| matches!(m, Message::Position(_) | Message::AttitudeThrust(_));
+            let flown = |m: &MavlinkMessage| matches!(m, MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_));
             prop_assert!(!out.messages.iter().any(flown));
         }
     }

@@ -2,7 +2,7 @@
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneState, SetPoint, State};
-use alight_uav::autopilot::message::{Address, LandingTarget, Message, TargetFrame};
+use alight_uav::autopilot::message::{Address, LandingTarget, MavlinkMessage, TargetFrame};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotLinkConfig, DeckMessage};
@@ -140,7 +140,7 @@ fn landing_target_of_the_other_firmware() {
         (TargetFrame::LocalFrd, norm, &[Firmware::ArduCopter]),
         (TargetFrame::BodyFrd, 0.0, &[]),
     ] {
-        let sent = Message::LandingTarget(target(frame, distance_m));
+        let sent = MavlinkMessage::LandingTarget(target(frame, distance_m));
         // As it is on the wire.
         let mut decoder = Decoder::default();
         decoder.push(
@@ -149,12 +149,12 @@ fn landing_target_of_the_other_firmware() {
                 .expect("a frame"),
         );
         let received = decoder.next_frame().expect("a landing target").message;
-        let Message::LandingTarget(t) = received else {
+        let MavlinkMessage::LandingTarget(t) = received else {
             panic!("{received:?}")
         };
         for firmware in BOTH {
             let mut p = LinkRig::new(firmware, 6.0, &config());
-            p.give(&Message::LandingTarget(t));
+            p.give(&MavlinkMessage::LandingTarget(t));
             let a = &p.linked.autopilot;
             let expected = takers.contains(&firmware);
             assert_eq!(takes(firmware, &t), expected, "{firmware:?} {frame:?}");

@@ -6,7 +6,9 @@ use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT};
-use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, Message, command, severity};
+use alight_uav::autopilot::message::{
+    Address, CommandLong, CommandResult, MavlinkMessage, command, severity,
+};
 use alight_uav::autopilot::wire::Encoder;
 
 use super::rig::{LinkRig, press, stop};
@@ -43,7 +45,7 @@ fn companion_component() {
         for (_, from, heartbeat) in &p.heartbeats {
             assert_eq!((from.system, from.component), (vehicle, 191));
             let bytes = Encoder::default()
-                .frame(*from, &Message::Heartbeat(*heartbeat))
+                .frame(*from, &MavlinkMessage::Heartbeat(*heartbeat))
                 .expect("a frame");
             let mut frames = FrameReader::default();
             frames.push(&bytes);
@@ -203,8 +205,8 @@ fn landing_and_abort_by_rc_switch() {
 }
 
 /// Order of a ground station to the companion.
-pub(super) fn order(number: u16) -> Message {
-    Message::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
+pub(super) fn order(number: u16) -> MavlinkMessage {
+    MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 pub(super) const STATION: Address = Address::new(255, 190);
 /// The simulated vehicle's system.
@@ -250,7 +252,7 @@ fn orders_of_a_ground_station() {
         (p.answers, p.orders) = Default::default();
         p.inject(STATION, &order(command::REQUEST_MESSAGE));
         let elsewhere = CommandLong::new(Address::new(VEHICLE, 154), command::USER_2, []);
-        p.inject(STATION, &Message::Command(elsewhere));
+        p.inject(STATION, &MavlinkMessage::Command(elsewhere));
         p.run(1.0);
         assert_eq!(
             p.answers,
@@ -296,7 +298,7 @@ fn rejections_state_their_reason() {
             command::USER_4,
             [20.0, 50.0, 50.0, 10.0],
         );
-        p.inject(STATION, &Message::Command(command));
+        p.inject(STATION, &MavlinkMessage::Command(command));
         p.run(0.2);
         assert_eq!(p.answers, [(command::USER_4, CommandResult::Denied)]);
         assert!(
@@ -307,9 +309,9 @@ fn rejections_state_their_reason() {
     }
 }
 
-fn by_int(to: Address, command: u16) -> Message {
+fn by_int(to: Address, command: u16) -> MavlinkMessage {
     let first = [0.0; 4];
-    Message::CommandInt { to, command, first }
+    MavlinkMessage::CommandInt { to, command, first }
 }
 
 #[test]
@@ -371,7 +373,7 @@ fn answers_to_another_station() {
         let mut denied = |to| {
             p.texts.clear();
             let (command, result) = (command::SET_MODE, CommandResult::Denied);
-            p.inject(autopilot, &Message::CommandAck { command, result, to });
+            p.inject(autopilot, &MavlinkMessage::CommandAck { command, result, to });
             p.run(0.1);
             p.texts.iter().filter(|t| t.contains("denied")).count()
         };

@@ -22,7 +22,7 @@ use alight_shared::geoid;
 use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
-use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
+use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, MavlinkMessage, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, hover, lead, press};
@@ -397,7 +397,7 @@ fn arming_on_the_deck() {
 fn other_systems_on_the_link() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
     let heartbeat = |autopilot, vehicle, custom_mode| {
-        Message::Heartbeat(Heartbeat {
+        MavlinkMessage::Heartbeat(Heartbeat {
             autopilot,
             vehicle,
             base_mode: 1,
@@ -405,7 +405,7 @@ fn other_systems_on_the_link() {
         })
     };
     let flown_by_hand = heartbeat(12, 2, mode_number(Firmware::Px4, AutopilotMode::Other));
-    let empty = Message::Battery {
+    let empty = MavlinkMessage::Battery {
         number: 0,
         remaining: Some(0.0),
         voltage_v: None,

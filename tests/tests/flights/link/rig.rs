@@ -16,7 +16,8 @@ use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, Message, TargetAbsolute, TargetRelative,
+    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, MavlinkMessage, TargetAbsolute,
+    TargetRelative,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{
@@ -89,7 +90,7 @@ pub struct LinkRig {
     pub ranges: Vec<RangeSample>,
     pub texts: Vec<String>,
     /// Set-points sent by the link: when, and which.
-    pub sent: Vec<(f64, Message)>,
+    pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
@@ -390,24 +391,26 @@ impl LinkRig {
     fn take(&mut self, out: AutopilotOut) {
         for m in &out.messages {
             match m {
-                Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),
-                Message::LandingTarget(t) => self.targets.push(*t),
-                Message::TargetRelative(t) => self.relative.push(*t),
-                Message::TargetAbsolute(t) => self.absolute.push(*t),
-                Message::Deck { .. } => self.deck_messages += 1,
-                Message::Command(c) => self.commands.push((self.t_s, *c)),
-                Message::CommandAck { command, result, to } => {
+                MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => {
+                    self.sent.push((self.t_s, m.clone()))
+                }
+                MavlinkMessage::LandingTarget(t) => self.targets.push(*t),
+                MavlinkMessage::TargetRelative(t) => self.relative.push(*t),
+                MavlinkMessage::TargetAbsolute(t) => self.absolute.push(*t),
+                MavlinkMessage::Deck { .. } => self.deck_messages += 1,
+                MavlinkMessage::Command(c) => self.commands.push((self.t_s, *c)),
+                MavlinkMessage::CommandAck { command, result, to } => {
                     self.answers.push((*command, *result));
                     self.answered.push(*to);
                 }
-                Message::Parameter { name, value, .. } => {
+                MavlinkMessage::Parameter { name, value, .. } => {
                     self.parameters.push((name.clone(), f32::from_bits(value.bits)));
                 }
-                Message::Text { severity, text } => self.notes.push((*severity, text.clone())),
-                Message::NamedValue { name, value, .. } => {
+                MavlinkMessage::Text { severity, text } => self.notes.push((*severity, text.clone())),
+                MavlinkMessage::NamedValue { name, value, .. } => {
                     self.values.push((self.t_s, name.clone(), *value));
                 }
-                Message::Heartbeat(h) => self.heartbeats.push((self.t_s, out.from, *h)),
+                MavlinkMessage::Heartbeat(h) => self.heartbeats.push((self.t_s, out.from, *h)),
                 _ => {}
             }
         }
@@ -435,12 +438,12 @@ impl LinkRig {
             .collect()
     }
     /// Gives the autopilot a message.
-    pub fn give(&mut self, m: &Message) {
+    pub fn give(&mut self, m: &MavlinkMessage) {
         let truth = self.drone.plant_state(Time::from_secs(self.t_s));
         self.linked.autopilot.step(&truth, core::slice::from_ref(m));
     }
     /// A message of somebody else on the same wire.
-    pub fn inject(&mut self, from: Address, m: &Message) {
+    pub fn inject(&mut self, from: Address, m: &MavlinkMessage) {
         self.linked.up.send(Time::from_secs(self.t_s), from, m);
     }
 }

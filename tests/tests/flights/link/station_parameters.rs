@@ -7,11 +7,11 @@ use alight_shared::msg::{AutopilotMode, CommandKind, LandingMode, State};
 use alight_sim::autopilots::simulated::mode_number;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::Scenario;
-use alight_uav::autopilot::message::{Address, Message, ParameterValue, severity};
+use alight_uav::autopilot::message::{Address, MavlinkMessage, ParameterValue, severity};
 use nalgebra::Vector3;
 
-pub(super) fn set(component: u8, name: &str, value: f32) -> Message {
-    Message::ParameterSet {
+pub(super) fn set(component: u8, name: &str, value: f32) -> MavlinkMessage {
+    MavlinkMessage::ParameterSet {
         to: Address::new(VEHICLE, component),
         name: name.into(),
         value: ParameterValue {
@@ -45,11 +45,11 @@ fn parameters_of_the_companion() {
         .into();
         // Of this component, and of all.
         for to in [own, Address::new(VEHICLE, 0)] {
-            p.inject(STATION, &Message::ParameterList { to });
+            p.inject(STATION, &MavlinkMessage::ParameterList { to });
             p.run(0.1);
             assert_eq!(core::mem::take(&mut p.parameters), expected, "{firmware:?}");
         }
-        let read = |name: &str, index| Message::ParameterRequest {
+        let read = |name: &str, index| MavlinkMessage::ParameterRequest {
             to: own,
             name: name.into(),
             index,

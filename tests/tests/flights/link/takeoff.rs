@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
-use alight_uav::autopilot::message::{Address, Heartbeat, Message, command};
+use alight_uav::autopilot::message::{Address, Heartbeat, MavlinkMessage, command};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use super::rig::{LinkRig, STEP, hover, stop};
@@ -104,7 +104,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
 #[test]
 fn take_off_with_two_autopilots_on_the_link() {
     let mut p = standing(Firmware::Px4);
-    let neighbour = Message::Heartbeat(Heartbeat {
+    let neighbour = MavlinkMessage::Heartbeat(Heartbeat {
         autopilot: 12,
         vehicle: 2,
         base_mode: 1,

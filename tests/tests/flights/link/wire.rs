@@ -4,15 +4,15 @@ use super::ground::{STATION, VEHICLE, order};
 use super::station_parameters::set;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
 use alight_uav::autopilot::message::{
-    Address, CommandResult, LandingTarget, Message, ParameterValue, RC_RECEIVER, RcChannels, TargetFrame,
-    command, severity,
+    Address, CommandResult, LandingTarget, MavlinkMessage, ParameterValue, RC_RECEIVER, RcChannels,
+    TargetFrame, command, severity,
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 /// Messages of all kinds that a ground station sends or receives.
-fn messages() -> Vec<Message> {
+fn messages() -> Vec<MavlinkMessage> {
     let target = |frame| {
-        Message::LandingTarget(LandingTarget {
+        MavlinkMessage::LandingTarget(LandingTarget {
             time_us: 123_456_789_012,
             frame,
             position: [1.5, -2.25, 4.0],
@@ -21,42 +21,42 @@ fn messages() -> Vec<Message> {
             size_m: 1.5,
         })
     };
-    let mut sent: Vec<Message> = TargetFrame::ALL.into_iter().map(target).collect();
+    let mut sent: Vec<MavlinkMessage> = TargetFrame::ALL.into_iter().map(target).collect();
     let pulses_us: [u16; 18] = core::array::from_fn(|k| 1000 + 10 * k as u16);
     sent.extend([
-        Message::RemoteControl(RcChannels { count: 16, pulses_us }),
-        Message::RemoteControlOverride {
+        MavlinkMessage::RemoteControl(RcChannels { count: 16, pulses_us }),
+        MavlinkMessage::RemoteControlOverride {
             to: Address::new(3, 1),
             pulses_us: core::array::from_fn(|k| pulses_us[k]),
         },
         order(command::USER_1),
         order(command::USER_2),
         order(command::USER_3),
-        Message::CommandInt {
+        MavlinkMessage::CommandInt {
             to: Address::new(VEHICLE, 191),
             command: command::USER_4,
             first: [25.0, -30.0, 10.0, 20.0],
         },
-        Message::CommandAck {
+        MavlinkMessage::CommandAck {
             command: command::USER_2,
             result: CommandResult::InProgress,
             to: STATION,
         },
-        Message::ParameterList {
+        MavlinkMessage::ParameterList {
             to: Address::new(VEHICLE, 0),
         },
-        Message::ParameterRequest {
+        MavlinkMessage::ParameterRequest {
             to: Address::new(VEHICLE, 191),
             name: "ALIGHT_MODE".into(),
             index: None,
         },
-        Message::ParameterRequest {
+        MavlinkMessage::ParameterRequest {
             to: Address::new(VEHICLE, 191),
             name: String::new(),
             index: Some(3),
         },
         set(191, "ALIGHT_MODE", 1.0),
-        Message::Parameter {
+        MavlinkMessage::Parameter {
             name: "ALIGHT_MODE".into(),
             value: ParameterValue {
                 bits: 2.0_f32.to_bits(),
@@ -65,16 +65,16 @@ fn messages() -> Vec<Message> {
             index: 1,
             count: 4,
         },
-        Message::SystemStatus {
+        MavlinkMessage::SystemStatus {
             present: RC_RECEIVER | 1,
             healthy: RC_RECEIVER,
         },
-        Message::NamedValue {
+        MavlinkMessage::NamedValue {
             time_ms: 77,
             name: AGE.into(),
             value: 0.25,
         },
-        Message::Text {
+        MavlinkMessage::Text {
             severity: severity::WARNING,
             text: "x".repeat(MAX_TEXT),
         },

@@ -9,16 +9,16 @@ fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
 const STATION: Address = Address::new(255, 190);
-const REJECTED: Received = Received::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
+const REJECTED: CommandOutcome = CommandOutcome::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
 /// The remote control does not bar orders, and those of the link count.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
 /// A command that is given for the first time.
-fn new(command: u16) -> Asked {
+fn new(command: u16) -> StationCommand {
     asked(command, Repetition::No)
 }
-fn asked(number: u16, repetition: Repetition) -> Asked {
-    Asked {
+fn asked(number: u16, repetition: Repetition) -> StationCommand {
+    StationCommand {
         number,
         first: [0.0; 4],
         repetition,
@@ -42,11 +42,11 @@ fn station_orders_and_repetitions() {
     let (land, abort) = (command::USER_1, command::USER_2);
     assert_eq!(
         answered(&mut orders, 9.9, command::SET_MODE),
-        Received::Answered(CommandResult::Unsupported)
+        CommandOutcome::Answered(CommandResult::Unsupported)
     );
     assert_eq!(
         answered(&mut orders, 9.9, land),
-        Received::Order(CommandKind::Land)
+        CommandOutcome::Order(CommandKind::Land)
     );
     assert_eq!(
         orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0))),
@@ -54,12 +54,12 @@ fn station_orders_and_repetitions() {
     );
     assert_eq!(
         answered(&mut orders, 10.0, land),
-        Received::Answered(CommandResult::InProgress)
+        CommandOutcome::Answered(CommandResult::InProgress)
     );
     // An abort takes its place, and bars what is no abort.
     assert_eq!(
         answered(&mut orders, 10.1, abort),
-        Received::Order(CommandKind::Abort)
+        CommandOutcome::Order(CommandKind::Abort)
     );
     let replaced = orders.give(
         (abort, CommandKind::Abort),
@@ -81,7 +81,7 @@ fn station_orders_unaware_of_an_abort() {
     let lands = |orders: &mut StationOrders, s, repetition| {
         orders.received(at(s), STATION, &asked(command::USER_1, repetition), FREE)
     };
-    let ordered = Received::Order(CommandKind::Land);
+    let ordered = CommandOutcome::Order(CommandKind::Land);
     let first = Repetition::No;
     assert_eq!(
         [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
@@ -100,7 +100,7 @@ fn station_orders_unaware_of_an_abort() {
     );
     assert_eq!(
         orders.received(at(10.1), STATION, &new(command::USER_2), BARRED),
-        Received::Order(CommandKind::Abort)
+        CommandOutcome::Order(CommandKind::Abort)
     );
 }
 
@@ -110,13 +110,13 @@ fn station_order_whose_answer_was_lost() {
     let again = |orders: &mut StationOrders, s, from, repetition| {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
-    let ordered = Received::Order(CommandKind::Land);
+    let ordered = CommandOutcome::Order(CommandKind::Land);
     // Whose answer was lost is answered again, and orders nothing.
     orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(30.0)));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
         again(&mut orders, 33.0, STATION, Repetition::Yes),
-        Received::Answered(CommandResult::Accepted)
+        CommandOutcome::Answered(CommandResult::Accepted)
     );
     // Another's, one that is new, and one that may be.
     let other = Address::new(254, 190);
@@ -139,9 +139,9 @@ fn station_order_refused_and_given_again() {
     let (_, answer) = orders.poll(at(16.0), None);
     assert_eq!(answer.map(|a| a.result), Some(CommandResult::Failed));
     for (repetition, expected) in [
-        (Repetition::Yes, Received::Answered(CommandResult::Failed)),
-        (Repetition::No, Received::Order(CommandKind::Land)),
-        (Repetition::Perhaps, Received::Order(CommandKind::Land)),
+        (Repetition::Yes, CommandOutcome::Answered(CommandResult::Failed)),
+        (Repetition::No, CommandOutcome::Order(CommandKind::Land)),
+        (Repetition::Perhaps, CommandOutcome::Order(CommandKind::Land)),
     ] {
         let received = orders.received(at(17.0), STATION, &asked(command::USER_1, repetition), FREE);
         assert_eq!(received, expected, "{repetition:?}");
@@ -163,7 +163,11 @@ fn station_abort_after_a_landing_from_elsewhere() {
     // Somebody else orders a landing meanwhile: no station is informed of it.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
-        assert_eq!(received, Received::Order(CommandKind::Abort), "{repetition:?}");
+        assert_eq!(
+            received,
+            CommandOutcome::Order(CommandKind::Abort),
+            "{repetition:?}"
+        );
     }
 }
 
@@ -174,11 +178,11 @@ fn station_order_answered_to_all_who_gave_it() {
     let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
     for other in [&STATION].into_iter().chain(&others) {
         let answered = orders.received(at(10.1), *other, &new(command::USER_1), FREE);
-        assert_eq!(answered, Received::Answered(CommandResult::InProgress));
+        assert_eq!(answered, CommandOutcome::Answered(CommandResult::InProgress));
     }
     let (_, answer) = orders.poll(at(20.0), None);
-    let reported: Vec<Message> = answer.iter().flat_map(Answer::messages).collect();
-    let expected = [STATION, others[0], others[1], others[2]].map(|to| Message::CommandAck {
+    let reported: Vec<MavlinkMessage> = answer.iter().flat_map(Answer::messages).collect();
+    let expected = [STATION, others[0], others[1], others[2]].map(|to| MavlinkMessage::CommandAck {
         command: command::USER_1,
         result: CommandResult::Failed,
         to,
@@ -231,7 +235,7 @@ fn station_order_answers() {
 fn station_of_a_command() {
     let ordered = |first| {
         let number = command::USER_4;
-        Asked {
+        StationCommand {
             number,
             first,
             ..new(number)
@@ -280,22 +284,25 @@ fn orders_of_an_unsigned_link() {
     for (number, expected) in [
         (
             command::USER_1,
-            Received::Rejected(CommandResult::Denied, UNSIGNED),
+            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
         ),
         (
             command::USER_3,
-            Received::Rejected(CommandResult::Denied, UNSIGNED),
+            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
         ),
         (
             command::USER_4,
-            Received::Rejected(CommandResult::Denied, UNSIGNED),
+            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
         ),
         (
             command::NAV_TAKEOFF,
-            Received::Rejected(CommandResult::Denied, UNSIGNED),
+            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
         ),
-        (command::USER_2, Received::Order(CommandKind::Abort)),
-        (command::SET_MODE, Received::Answered(CommandResult::Unsupported)),
+        (command::USER_2, CommandOutcome::Order(CommandKind::Abort)),
+        (
+            command::SET_MODE,
+            CommandOutcome::Answered(CommandResult::Unsupported),
+        ),
     ] {
         assert_eq!(
             orders.received(at(9.0), STATION, &new(number), unsigned),
@@ -307,11 +314,11 @@ fn orders_of_an_unsigned_link() {
 #[test]
 fn station_in_place_of_another() {
     let mut orders = StationOrders::default();
-    let right = |m| Asked {
+    let right = |m| StationCommand {
         first: [0.0, 0.0, m, 0.0],
         ..new(command::USER_4)
     };
-    let Received::Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
+    let CommandOutcome::Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
         panic!("no order");
     };
     orders.give(
@@ -320,10 +327,10 @@ fn station_in_place_of_another() {
         Header::new(0, 1, 7, 1, at(10.0)),
     );
     let again = orders.received(at(10.1), STATION, &right(20.0), FREE);
-    assert_eq!(again, Received::Answered(CommandResult::InProgress));
+    assert_eq!(again, CommandOutcome::Answered(CommandResult::InProgress));
     let other = orders.received(at(10.2), STATION, &right(30.0), FREE);
     assert!(
-        matches!(other, Received::Order(kind) if kind != first),
+        matches!(other, CommandOutcome::Order(kind) if kind != first),
         "{other:?}"
     );
 }
@@ -352,7 +359,7 @@ fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();
     let header = Header::new(0, 1, 7, 1, at(10.0));
     let asked = orders.received(at(10.0), STATION, &new(command::USER_1), FREE);
-    assert_eq!(asked, Received::Order(CommandKind::Land));
+    assert_eq!(asked, CommandOutcome::Order(CommandKind::Land));
     orders.give(LAND, STATION, header);
     let mission = MissionState {
         state: State::Landed,

@@ -4,9 +4,9 @@ use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};
 
 use super::super::message::{
-    Address, AttitudeReport, AttitudeTarget, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps,
-    HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
-    RcChannels, VelocityFrame,
+    Address, AttitudeReport, AttitudeThrustTarget, CommandLong, CommandResult, DistanceReport, Heartbeat,
+    HilGps, HilSensor, ImuReport, MavlinkMessage, OdometryReport, ParameterValue, PositionReport,
+    PositionTarget, RcChannels, VelocityFrame,
 };
 use super::super::place_report::{AisReport, PlaceReport};
 use super::extension::{
@@ -18,36 +18,36 @@ use super::{text, wide};
 const MILLI_G: f64 = 9.806_65e-3;
 
 /// Decodes the part of a message that landing needs; extension fields are looked up in its payload.
-pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Message> {
+pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<MavlinkMessage> {
     use m::MavMessage as M;
     Some(match message {
-        M::HEARTBEAT(d) => Message::Heartbeat(Heartbeat {
+        M::HEARTBEAT(d) => MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: d.autopilot as u8,
             vehicle: d.mavtype as u8,
             base_mode: d.base_mode.bits(),
             custom_mode: d.custom_mode,
         }),
-        M::TIMESYNC(d) => Message::Timesync {
+        M::TIMESYNC(d) => MavlinkMessage::Timesync {
             remote_ns: d.tc1,
             local_ns: d.ts1,
         },
-        M::ODOMETRY(d) => Message::Odometry(odometry(&d, payload)?),
-        M::LOCAL_POSITION_NED(d) => Message::LocalPosition(PositionReport {
+        M::ODOMETRY(d) => MavlinkMessage::Odometry(odometry(&d, payload)?),
+        M::LOCAL_POSITION_NED(d) => MavlinkMessage::LocalPosition(PositionReport {
             time_ms: d.time_boot_ms,
             position: wide([d.x, d.y, d.z]),
             velocity: wide([d.vx, d.vy, d.vz]),
         }),
-        M::ATTITUDE_QUATERNION(d) => Message::Attitude(AttitudeReport {
+        M::ATTITUDE_QUATERNION(d) => MavlinkMessage::Attitude(AttitudeReport {
             time_ms: d.time_boot_ms,
             attitude: wide([d.q1, d.q2, d.q3, d.q4]),
             rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
         }),
-        M::HIGHRES_IMU(d) => Message::Imu(ImuReport {
+        M::HIGHRES_IMU(d) => MavlinkMessage::Imu(ImuReport {
             time_us: d.time_usec,
             accelerometer: wide([d.xacc, d.yacc, d.zacc]),
             gyro: wide([d.xgyro, d.ygyro, d.zgyro]),
         }),
-        M::SCALED_IMU(d) => Message::Imu(ImuReport {
+        M::SCALED_IMU(d) => MavlinkMessage::Imu(ImuReport {
             time_us: u64::from(d.time_boot_ms) * 1000,
             accelerometer: [d.xacc, d.yacc, d.zacc].map(|a| f64::from(a) * MILLI_G),
             gyro: [d.xgyro, d.ygyro, d.zgyro].map(|w| f64::from(w) * 1e-3),
@@ -59,7 +59,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             }
             let metres = |cm: u16| f64::from(cm) * 0.01;
             let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
-            Message::Distance(DistanceReport {
+            MavlinkMessage::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
                 // No rangefinder measures 0 m: it stands for no reading.
                 range_m: if is_invalid {
@@ -74,13 +74,13 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                     .map(|c| f64::from(c) * 1e-4),
             })
         }
-        M::CURRENT_MODE(d) => Message::Mode {
+        M::CURRENT_MODE(d) => MavlinkMessage::Mode {
             custom_mode: d.custom_mode,
         },
-        M::EXTENDED_SYS_STATE(d) => Message::Landed {
+        M::EXTENDED_SYS_STATE(d) => MavlinkMessage::Landed {
             state: d.landed_state as u8,
         },
-        M::BATTERY_STATUS(d) => Message::Battery {
+        M::BATTERY_STATUS(d) => MavlinkMessage::Battery {
             number: d.id,
             remaining: (0..=100)
                 .contains(&d.battery_remaining)
@@ -88,7 +88,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             voltage_v: volts(&d.voltages),
             current_a: (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01),
         },
-        M::SERVO_OUTPUT_RAW(d) => Message::Outputs {
+        M::SERVO_OUTPUT_RAW(d) => MavlinkMessage::Outputs {
             port: d.port,
             pulses_us: [
                 d.servo1_raw,
@@ -101,53 +101,53 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 d.servo8_raw,
             ],
         },
-        M::ATTITUDE_TARGET(d) => Message::AttitudeTargetThrust {
+        M::ATTITUDE_TARGET(d) => MavlinkMessage::AttitudeTargetThrust {
             thrust: d.thrust.into(),
         },
-        M::PARAM_REQUEST_LIST(d) => Message::ParameterList {
+        M::PARAM_REQUEST_LIST(d) => MavlinkMessage::ParameterList {
             to: Address::new(d.target_system, d.target_component),
         },
-        M::PARAM_REQUEST_READ(d) => Message::ParameterRequest {
+        M::PARAM_REQUEST_READ(d) => MavlinkMessage::ParameterRequest {
             to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
             // -1: by name.
             index: u16::try_from(d.param_index).ok(),
         },
-        M::PARAM_SET(d) => Message::ParameterSet {
+        M::PARAM_SET(d) => MavlinkMessage::ParameterSet {
             to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
             value: parameter(d.param_value, d.param_type),
         },
-        M::PARAM_VALUE(d) => Message::Parameter {
+        M::PARAM_VALUE(d) => MavlinkMessage::Parameter {
             name: text(&d.param_id),
             value: parameter(d.param_value, d.param_type),
             index: d.param_index,
             count: d.param_count,
         },
-        M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum::new(
+        M::GPS_GLOBAL_ORIGIN(d) => MavlinkMessage::Origin(Datum::new(
             f64::from(d.latitude) * 1e-7,
             f64::from(d.longitude) * 1e-7,
             f64::from(d.altitude) * 1e-3,
         )),
-        M::GPS_RAW_INT(d) => Message::GnssHeights {
+        M::GPS_RAW_INT(d) => MavlinkMessage::GnssHeights {
             sea_m: f64::from(d.alt) * 1e-3,
             ellipsoid_m: payload.i32(ELLIPSOID_HEIGHT_AT) * 1e-3,
         },
-        M::GLOBAL_POSITION_INT(d) => Message::GlobalPosition(PlaceReport {
+        M::GLOBAL_POSITION_INT(d) => MavlinkMessage::GlobalPosition(PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
             velocity: Some([d.vx, d.vy].map(|v| f64::from(v) * 0.01)),
             error_m: None,
         }),
-        M::FOLLOW_TARGET(d) => Message::FollowTarget(PlaceReport {
+        M::FOLLOW_TARGET(d) => MavlinkMessage::FollowTarget(PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
             // Zeros stand for unknown.
             velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
-        M::AIS_VESSEL(d) => Message::Ais(ais(&d)),
-        M::COMMAND_LONG(d) => Message::Command(CommandLong {
+        M::AIS_VESSEL(d) => MavlinkMessage::Ais(ais(&d)),
+        M::COMMAND_LONG(d) => MavlinkMessage::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,
             confirmation: d.confirmation,
@@ -155,12 +155,12 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7,
             ]),
         }),
-        M::COMMAND_INT(d) => Message::CommandInt {
+        M::COMMAND_INT(d) => MavlinkMessage::CommandInt {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,
             first: wide([d.param1, d.param2, d.param3, d.param4]),
         },
-        M::COMMAND_ACK(d) => Message::CommandAck {
+        M::COMMAND_ACK(d) => MavlinkMessage::CommandAck {
             command: d.command as u16,
             to: Address::new(payload.u8(ACK_TO_AT), payload.u8(ACK_TO_AT + 1)),
             result: match d.result {
@@ -173,7 +173,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 _ => CommandResult::Other,
             },
         },
-        M::SET_POSITION_TARGET_LOCAL_NED(d) => Message::Position(PositionTarget {
+        M::SET_POSITION_TARGET_LOCAL_NED(d) => MavlinkMessage::Position(PositionTarget {
             to: Address::new(d.target_system, d.target_component),
             position: wide([d.x, d.y, d.z]),
             velocity: wide([d.vx, d.vy, d.vz]),
@@ -183,7 +183,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         }),
         M::SET_ATTITUDE_TARGET(d) => {
             let ignored = m::AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE;
-            Message::AttitudeThrust(AttitudeTarget {
+            MavlinkMessage::AttitudeThrust(AttitudeThrustTarget {
                 to: Address::new(d.target_system, d.target_component),
                 attitude: wide(d.q),
                 rates: (!d.type_mask.contains(ignored))
@@ -191,11 +191,11 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 thrust: d.thrust.into(),
             })
         }
-        M::SYS_STATUS(d) => Message::SystemStatus {
+        M::SYS_STATUS(d) => MavlinkMessage::SystemStatus {
             present: d.onboard_control_sensors_present.bits(),
             healthy: d.onboard_control_sensors_health.bits(),
         },
-        M::RC_CHANNELS(d) => Message::RemoteControl(RcChannels {
+        M::RC_CHANNELS(d) => MavlinkMessage::RemoteControl(RcChannels {
             count: d.chancount,
             pulses_us: [
                 d.chan1_raw,
@@ -218,7 +218,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 d.chan18_raw,
             ],
         }),
-        M::RC_CHANNELS_OVERRIDE(d) => Message::RemoteControlOverride {
+        M::RC_CHANNELS_OVERRIDE(d) => MavlinkMessage::RemoteControlOverride {
             to: Address::new(d.target_system, d.target_component),
             pulses_us: [
                 d.chan1_raw,
@@ -231,16 +231,16 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 d.chan8_raw,
             ],
         },
-        M::NAMED_VALUE_FLOAT(d) => Message::NamedValue {
+        M::NAMED_VALUE_FLOAT(d) => MavlinkMessage::NamedValue {
             time_ms: d.time_boot_ms,
             name: text(&d.name),
             value: d.value.into(),
         },
-        M::STATUSTEXT(d) => Message::Text {
+        M::STATUSTEXT(d) => MavlinkMessage::Text {
             severity: d.severity as u8,
             text: text(&d.text),
         },
-        M::HIL_SENSOR(d) => Message::HilSensor(HilSensor {
+        M::HIL_SENSOR(d) => MavlinkMessage::HilSensor(HilSensor {
             time_us: d.time_usec,
             accelerometer: wide([d.xacc, d.yacc, d.zacc]),
             gyro: wide([d.xgyro, d.ygyro, d.zgyro]),
@@ -249,7 +249,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             pressure_altitude_m: d.pressure_alt.into(),
             temperature_degc: d.temperature.into(),
         }),
-        M::HIL_GPS(d) => Message::HilGps(HilGps {
+        M::HIL_GPS(d) => MavlinkMessage::HilGps(HilGps {
             time_us: d.time_usec,
             latitude: (f64::from(d.lat) * 1e-7).to_radians(),
             longitude: (f64::from(d.lon) * 1e-7).to_radians(),
@@ -257,7 +257,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             velocity: [d.vn, d.ve, d.vd].map(|v| f64::from(v) * 0.01),
             sd_m: [d.eph, d.epv].map(|v| f64::from(v) * 0.01),
         }),
-        M::HIL_ACTUATOR_CONTROLS(d) => Message::HilActuators {
+        M::HIL_ACTUATOR_CONTROLS(d) => MavlinkMessage::HilActuators {
             time_us: d.time_usec,
             controls: wide(d.controls),
             mode: d.mode.bits(),
@@ -326,7 +326,7 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
 
 #[cfg(test)]
 mod tests {
-    use alight_shared::mavlink::{Outgoing, Sender, encode};
+    use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
 
     use super::*;
     use crate::autopilot::wire::Decoder;
@@ -339,7 +339,7 @@ mod tests {
         payload[8..10].copy_from_slice(&reading_cm.to_le_bytes());
         payload[12] = 25;
         payload[38] = quality;
-        let from = Sender {
+        let from = MavlinkSender {
             system: 1,
             component: 1,
             sequence: 0,
@@ -347,7 +347,7 @@ mod tests {
         let mut decoder = Decoder::default();
         decoder.push(&encode(from, Outgoing::new(132, 85, payload), None));
         match decoder.next_frame().map(|f| f.message) {
-            Some(Message::Distance(d)) => d.range_m,
+            Some(MavlinkMessage::Distance(d)) => d.range_m,
             other => panic!("{other:?}"),
         }
     }

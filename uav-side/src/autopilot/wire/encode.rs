@@ -3,15 +3,15 @@
 use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;
 
-use super::super::message::{Message, ParameterValue};
+use super::super::message::{MavlinkMessage, ParameterValue};
 use super::{chars, narrow};
 
 /// A message in the dialect; None for one whose payload is made byte by byte, or with a number that the
 /// dialect does not know.
-pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
+pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
     use m::MavMessage as M;
     Some(match message {
-        Message::Heartbeat(h) => M::HEARTBEAT(m::HEARTBEAT_DATA {
+        MavlinkMessage::Heartbeat(h) => M::HEARTBEAT(m::HEARTBEAT_DATA {
             autopilot: m::MavAutopilot::from_u8(h.autopilot)?,
             mavtype: m::MavType::from_u8(h.vehicle)?,
             base_mode: m::MavModeFlag::from_bits_retain(h.base_mode),
@@ -19,32 +19,32 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             system_status: m::MavState::MAV_STATE_ACTIVE,
             mavlink_version: 3,
         }),
-        Message::Timesync { remote_ns, local_ns } => M::TIMESYNC(m::TIMESYNC_DATA {
+        MavlinkMessage::Timesync { remote_ns, local_ns } => M::TIMESYNC(m::TIMESYNC_DATA {
             tc1: *remote_ns,
             ts1: *local_ns,
         }),
-        Message::LocalPosition(p) => {
+        MavlinkMessage::LocalPosition(p) => {
             let mut d = m::LOCAL_POSITION_NED_DATA::DEFAULT;
             d.time_boot_ms = p.time_ms;
             [d.x, d.y, d.z] = narrow(p.position);
             [d.vx, d.vy, d.vz] = narrow(p.velocity);
             M::LOCAL_POSITION_NED(d)
         }
-        Message::Attitude(a) => {
+        MavlinkMessage::Attitude(a) => {
             let mut d = m::ATTITUDE_QUATERNION_DATA::DEFAULT;
             d.time_boot_ms = a.time_ms;
             [d.q1, d.q2, d.q3, d.q4] = narrow(a.attitude);
             [d.rollspeed, d.pitchspeed, d.yawspeed] = narrow(a.rates);
             M::ATTITUDE_QUATERNION(d)
         }
-        Message::Imu(i) => {
+        MavlinkMessage::Imu(i) => {
             let mut d = m::HIGHRES_IMU_DATA::DEFAULT;
             d.time_usec = i.time_us;
             [d.xacc, d.yacc, d.zacc] = narrow(i.accelerometer);
             [d.xgyro, d.ygyro, d.zgyro] = narrow(i.gyro);
             M::HIGHRES_IMU(d)
         }
-        Message::Distance(s) => {
+        MavlinkMessage::Distance(s) => {
             // `as` saturates and maps NaN to zero.
             let cm = |v: f64| (v * 100.0).round() as u16;
             M::DISTANCE_SENSOR(m::DISTANCE_SENSOR_DATA {
@@ -59,13 +59,13 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
                 ..m::DISTANCE_SENSOR_DATA::DEFAULT
             })
         }
-        Message::GlobalPosition(p) => {
+        MavlinkMessage::GlobalPosition(p) => {
             let mut d = m::GLOBAL_POSITION_INT_DATA::DEFAULT;
             [d.lat, d.lon] = [p.latitude_deg, p.longitude_deg].map(|v| (v * 1e7).round() as i32);
             [d.vx, d.vy] = p.velocity.unwrap_or_default().map(|v| (v * 100.0).round() as i16);
             M::GLOBAL_POSITION_INT(d)
         }
-        Message::FollowTarget(p) => {
+        MavlinkMessage::FollowTarget(p) => {
             let mut d = m::FOLLOW_TARGET_DATA::DEFAULT;
             [d.lat, d.lon] = [p.latitude_deg, p.longitude_deg].map(|v| (v * 1e7).round() as i32);
             let [north, east] = p.velocity.unwrap_or_default();
@@ -73,7 +73,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             d.position_cov = narrow([p.error_m.unwrap_or(0.0), 0.0, 0.0]);
             M::FOLLOW_TARGET(d)
         }
-        Message::Ais(r) => {
+        MavlinkMessage::Ais(r) => {
             let mut d = m::AIS_VESSEL_DATA::DEFAULT;
             d.MMSI = r.mmsi;
             [d.lat, d.lon] = [r.place.latitude_deg, r.place.longitude_deg].map(|v| (v * 1e7).round() as i32);
@@ -87,16 +87,16 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             }
             M::AIS_VESSEL(d)
         }
-        Message::Mode { custom_mode } => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
+        MavlinkMessage::Mode { custom_mode } => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
             custom_mode: *custom_mode,
             intended_custom_mode: *custom_mode,
             ..m::CURRENT_MODE_DATA::DEFAULT
         }),
-        Message::Landed { state } => M::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
+        MavlinkMessage::Landed { state } => M::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
             landed_state: m::MavLandedState::from_u8(*state)?,
             ..m::EXTENDED_SYS_STATE_DATA::DEFAULT
         }),
-        Message::Battery {
+        MavlinkMessage::Battery {
             number,
             remaining,
             voltage_v,
@@ -112,7 +112,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             battery_remaining: remaining.map_or(-1, |r| (r * 100.0).round() as i8),
             ..m::BATTERY_STATUS_DATA::DEFAULT
         }),
-        Message::Outputs { port, pulses_us } => {
+        MavlinkMessage::Outputs { port, pulses_us } => {
             let mut d = m::SERVO_OUTPUT_RAW_DATA::DEFAULT;
             d.port = *port;
             [
@@ -127,29 +127,31 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ] = *pulses_us;
             M::SERVO_OUTPUT_RAW(d)
         }
-        Message::AttitudeTargetThrust { thrust } => M::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
+        MavlinkMessage::AttitudeTargetThrust { thrust } => M::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
             thrust: *thrust as f32,
             ..m::ATTITUDE_TARGET_DATA::DEFAULT
         }),
-        Message::ParameterList { to } => M::PARAM_REQUEST_LIST(m::PARAM_REQUEST_LIST_DATA {
+        MavlinkMessage::ParameterList { to } => M::PARAM_REQUEST_LIST(m::PARAM_REQUEST_LIST_DATA {
             target_system: to.system,
             target_component: to.component,
         }),
-        Message::ParameterRequest { to, name, index } => M::PARAM_REQUEST_READ(m::PARAM_REQUEST_READ_DATA {
-            target_system: to.system,
-            target_component: to.component,
-            param_id: chars(name),
-            // -1: by name.
-            param_index: index.and_then(|k| i16::try_from(k).ok()).unwrap_or(-1),
-        }),
-        Message::ParameterSet { to, name, value } => M::PARAM_SET(m::PARAM_SET_DATA {
+        MavlinkMessage::ParameterRequest { to, name, index } => {
+            M::PARAM_REQUEST_READ(m::PARAM_REQUEST_READ_DATA {
+                target_system: to.system,
+                target_component: to.component,
+                param_id: chars(name),
+                // -1: by name.
+                param_index: index.and_then(|k| i16::try_from(k).ok()).unwrap_or(-1),
+            })
+        }
+        MavlinkMessage::ParameterSet { to, name, value } => M::PARAM_SET(m::PARAM_SET_DATA {
             target_system: to.system,
             target_component: to.component,
             param_id: chars(name),
             param_value: f32::from_bits(value.bits),
             param_type: kind(*value),
         }),
-        Message::Parameter {
+        MavlinkMessage::Parameter {
             name,
             value,
             index,
@@ -161,12 +163,12 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             param_index: *index,
             param_count: *count,
         }),
-        Message::Origin(o) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
+        MavlinkMessage::Origin(o) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
             latitude: (o.latitude_deg * 1e7).round() as i32,
             longitude: (o.longitude_deg * 1e7).round() as i32,
             altitude: (o.height_m * 1e3).round() as i32,
         }),
-        Message::Command(c) => {
+        MavlinkMessage::Command(c) => {
             let mut d = m::COMMAND_LONG_DATA::DEFAULT;
             (d.target_system, d.target_component) = (c.to.system, c.to.component);
             d.command = m::MavCmd::from_u16(c.command)?;
@@ -176,14 +178,14 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ] = narrow(c.parameters);
             M::COMMAND_LONG(d)
         }
-        Message::CommandInt { to, command, first } => {
+        MavlinkMessage::CommandInt { to, command, first } => {
             let mut d = m::COMMAND_INT_DATA::DEFAULT;
             (d.target_system, d.target_component) = (to.system, to.component);
             d.command = m::MavCmd::from_u16(*command)?;
             [d.param1, d.param2, d.param3, d.param4] = narrow(*first);
             M::COMMAND_INT(d)
         }
-        Message::Position(p) => {
+        MavlinkMessage::Position(p) => {
             // Nothing is to be ignored; neither autopilot uses the time, which would be its own.
             let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
             (d.target_system, d.target_component) = (p.to.system, p.to.component);
@@ -195,7 +197,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             [d.yaw, d.yaw_rate] = narrow([p.yaw, p.yaw_rate]);
             M::SET_POSITION_TARGET_LOCAL_NED(d)
         }
-        Message::AttitudeThrust(a) => {
+        MavlinkMessage::AttitudeThrust(a) => {
             use m::AttitudeTargetTypemask as Mask;
             let mut d = m::SET_ATTITUDE_TARGET_DATA::DEFAULT;
             (d.target_system, d.target_component) = (a.to.system, a.to.component);
@@ -213,18 +215,18 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             M::SET_ATTITUDE_TARGET(d)
         }
         // Made byte by byte.
-        Message::Odometry(_)
-        | Message::CommandAck { .. }
-        | Message::GnssHeights { .. }
-        | Message::EstimatorStatus { .. }
-        | Message::EkfStatus { .. }
-        | Message::MissionCurrent { .. }
-        | Message::MissionItemReached { .. }
-        | Message::LandingTarget(_)
-        | Message::TargetRelative(_)
-        | Message::TargetAbsolute(_)
-        | Message::Deck { .. } => return None,
-        Message::SystemStatus { present, healthy } => {
+        MavlinkMessage::Odometry(_)
+        | MavlinkMessage::CommandAck { .. }
+        | MavlinkMessage::GnssHeights { .. }
+        | MavlinkMessage::EstimatorStatus { .. }
+        | MavlinkMessage::EkfStatus { .. }
+        | MavlinkMessage::MissionCurrent { .. }
+        | MavlinkMessage::MissionItemReached { .. }
+        | MavlinkMessage::LandingTarget(_)
+        | MavlinkMessage::TargetRelative(_)
+        | MavlinkMessage::TargetAbsolute(_)
+        | MavlinkMessage::Deck { .. } => return None,
+        MavlinkMessage::SystemStatus { present, healthy } => {
             let sensors = m::MavSysStatusSensor::from_bits_retain;
             M::SYS_STATUS(m::SYS_STATUS_DATA {
                 onboard_control_sensors_present: sensors(*present),
@@ -233,7 +235,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
                 ..m::SYS_STATUS_DATA::DEFAULT
             })
         }
-        Message::RemoteControl(c) => {
+        MavlinkMessage::RemoteControl(c) => {
             let mut d = m::RC_CHANNELS_DATA::DEFAULT;
             d.chancount = c.count;
             [
@@ -259,7 +261,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             d.rssi = u8::MAX;
             M::RC_CHANNELS(d)
         }
-        Message::RemoteControlOverride { to, pulses_us } => {
+        MavlinkMessage::RemoteControlOverride { to, pulses_us } => {
             let mut d = m::RC_CHANNELS_OVERRIDE_DATA::DEFAULT;
             (d.target_system, d.target_component) = (to.system, to.component);
             [
@@ -274,16 +276,18 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             ] = *pulses_us;
             M::RC_CHANNELS_OVERRIDE(d)
         }
-        Message::NamedValue { time_ms, name, value } => M::NAMED_VALUE_FLOAT(m::NAMED_VALUE_FLOAT_DATA {
-            time_boot_ms: *time_ms,
-            value: *value as f32,
-            name: chars(name),
-        }),
-        Message::Text { severity, text } => M::STATUSTEXT(m::STATUSTEXT_DATA {
+        MavlinkMessage::NamedValue { time_ms, name, value } => {
+            M::NAMED_VALUE_FLOAT(m::NAMED_VALUE_FLOAT_DATA {
+                time_boot_ms: *time_ms,
+                value: *value as f32,
+                name: chars(name),
+            })
+        }
+        MavlinkMessage::Text { severity, text } => M::STATUSTEXT(m::STATUSTEXT_DATA {
             severity: m::MavSeverity::from_u8(*severity)?,
             text: chars(text),
         }),
-        Message::HilSensor(s) => {
+        MavlinkMessage::HilSensor(s) => {
             let mut d = m::HIL_SENSOR_DATA::DEFAULT;
             d.time_usec = s.time_us;
             [d.xacc, d.yacc, d.zacc] = narrow(s.accelerometer);
@@ -295,7 +299,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             d.fields_updated = m::HilSensorUpdatedFlags::from_bits_retain(0x1fff);
             M::HIL_SENSOR(d)
         }
-        Message::HilGps(g) => {
+        MavlinkMessage::HilGps(g) => {
             let degrees = |v: f64| (v.to_degrees() * 1e7).round() as i32;
             let centi = |v: f64| (v * 100.0).round();
             let [north, east, _] = g.velocity;
@@ -310,7 +314,7 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             d.cog = (east.atan2(north).to_degrees().rem_euclid(360.0) * 100.0) as u16;
             M::HIL_GPS(d)
         }
-        Message::HilActuators {
+        MavlinkMessage::HilActuators {
             time_us,
             controls,
             mode,

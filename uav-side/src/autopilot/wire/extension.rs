@@ -3,7 +3,7 @@
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
 use super::super::message::{
-    Address, CommandResult, LandingTarget, Message, OdometryReport, TargetAbsolute, TargetFrame,
+    Address, CommandResult, LandingTarget, MavlinkMessage, OdometryReport, TargetAbsolute, TargetFrame,
     TargetRelative, VelocityFrame, id,
 };
 use super::chars;
@@ -190,25 +190,25 @@ pub(super) fn mission_current(total: u16, state: u8) -> Vec<u8> {
 }
 
 /// Messages whose extension is their content, and ArduPilot's own.
-pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<Message> {
+pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<MavlinkMessage> {
     match number {
         // By their places: a flag that the dialect does not know yet is no damage.
-        id::ESTIMATOR_STATUS => Some(Message::EstimatorStatus {
+        id::ESTIMATOR_STATUS => Some(MavlinkMessage::EstimatorStatus {
             flags: payload.u16(ESTIMATOR_FLAGS_AT),
         }),
-        id::EKF_STATUS_REPORT => Some(Message::EkfStatus {
+        id::EKF_STATUS_REPORT => Some(MavlinkMessage::EkfStatus {
             flags: payload.u16(EKF_FLAGS_AT),
         }),
-        id::MISSION_CURRENT => Some(Message::MissionCurrent {
+        id::MISSION_CURRENT => Some(MavlinkMessage::MissionCurrent {
             total: payload.u16(MISSION_TOTAL_AT),
             state: payload.u8(MISSION_STATE_AT),
         }),
-        id::MISSION_ITEM_REACHED => Some(Message::MissionItemReached { item: payload.u16(0) }),
-        149 => read_landing_target(payload).map(Message::LandingTarget),
+        id::MISSION_ITEM_REACHED => Some(MavlinkMessage::MissionItemReached { item: payload.u16(0) }),
+        149 => read_landing_target(payload).map(MavlinkMessage::LandingTarget),
         350 => {
             let name = payload.0.get(10..20)?;
             let rest = name.strip_prefix(DECK.as_bytes())?;
-            rest.iter().all(|b| *b == 0).then(|| Message::Deck {
+            rest.iter().all(|b| *b == 0).then(|| MavlinkMessage::Deck {
                 time_us: payload.u64(0),
                 values: core::array::from_fn(|k| payload.floats(LIST_AT + 12 * k)),
             })

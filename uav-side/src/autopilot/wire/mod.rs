@@ -1,4 +1,4 @@
-//! The drone's mapping of MAVLink 2 frames: [`Encoder`] and [`Decoder`] turn [`Message`]s into frames and back,
+//! The drone's mapping of MAVLink 2 frames: [`Encoder`] and [`Decoder`] turn [`MavlinkMessage`]s into frames and back,
 //! in both directions, so that a test or the simulated world can be the other end. Neither ever panics
 //! on what arrives; a frame that is damaged, unknown or out of this vocabulary is counted and passed over.
 
@@ -6,9 +6,11 @@ mod decode;
 mod encode;
 mod extension;
 
-use alight_shared::mavlink::{self, CharArray, Fields, FrameReader, Outgoing, Sender, Signatures, Signing};
+use alight_shared::mavlink::{
+    self, CharArray, Fields, FrameReader, MavlinkSender, Outgoing, Signatures, Signing,
+};
 
-use super::message::{Address, Frame, Message};
+use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
 /// Frames from a stream of bytes, however it is cut.
 #[derive(Default)]
@@ -30,7 +32,7 @@ impl Decoder {
         self.frames.push(bytes);
     }
     /// The next frame of this vocabulary; None until more bytes are there.
-    pub fn next_frame(&mut self) -> Option<Frame> {
+    pub fn next_frame(&mut self) -> Option<MavlinkFrame> {
         loop {
             let raw = self.frames.next_frame()?;
             let from = u8::try_from(raw.system).ok().map(|system| Address {
@@ -40,7 +42,7 @@ impl Decoder {
             let message = extension::read(raw.id, raw.fields())
                 .or_else(|| decode::decode(raw.message()?, raw.fields()));
             if let (Some(from), Some(message)) = (from, message) {
-                return Some(Frame { from, message });
+                return Some(MavlinkFrame { from, message });
             }
             self.unknown += 1;
         }
@@ -72,10 +74,10 @@ impl Encoder {
         Encoder { sequence: 0, signing }
     }
     /// The next frame's bytes. None for a message that only others send and for a number that the dialect does not know.
-    pub fn frame(&mut self, from: Address, message: &Message) -> Option<Vec<u8>> {
+    pub fn frame(&mut self, from: Address, message: &MavlinkMessage) -> Option<Vec<u8>> {
         let outgoing = outgoing(message)?;
         self.sequence = self.sequence.wrapping_add(1);
-        let from = Sender {
+        let from = MavlinkSender {
             system: from.system,
             component: from.component,
             sequence: self.sequence,
@@ -89,29 +91,33 @@ fn is_abort(id: u32, fields: Fields<'_>) -> bool {
     matches!(id, 75 | 76) && fields.u16(28) == super::message::command::USER_2
 }
 
-fn outgoing(message: &Message) -> Option<Outgoing> {
+fn outgoing(message: &MavlinkMessage) -> Option<Outgoing> {
     Some(match message {
-        Message::Odometry(o) => Outgoing::new(331, 91, extension::odometry(o)),
-        Message::GnssHeights { sea_m, ellipsoid_m } => {
+        MavlinkMessage::Odometry(o) => Outgoing::new(331, 91, extension::odometry(o)),
+        MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => {
             Outgoing::new(24, 24, extension::gnss_heights(*sea_m, *ellipsoid_m))
         }
-        Message::CommandAck { command, result, to } => {
+        MavlinkMessage::CommandAck { command, result, to } => {
             Outgoing::new(77, 143, extension::command_ack(*command, *result, *to))
         }
-        Message::LandingTarget(t) => Outgoing::new(149, 200, extension::landing_target(t)),
+        MavlinkMessage::LandingTarget(t) => Outgoing::new(149, 200, extension::landing_target(t)),
         // Of MAVLink's development dialect.
-        Message::TargetRelative(t) => Outgoing::new(511, 28, extension::target_relative(t)),
-        Message::TargetAbsolute(t) => Outgoing::new(510, 245, extension::target_absolute(t)),
-        Message::Deck { time_us, values } => Outgoing::new(350, 232, extension::deck(*time_us, values)),
-        Message::EstimatorStatus { flags } => Outgoing::new(230, 163, extension::estimator_status(*flags)),
-        Message::EkfStatus { flags } => {
+        MavlinkMessage::TargetRelative(t) => Outgoing::new(511, 28, extension::target_relative(t)),
+        MavlinkMessage::TargetAbsolute(t) => Outgoing::new(510, 245, extension::target_absolute(t)),
+        MavlinkMessage::Deck { time_us, values } => {
+            Outgoing::new(350, 232, extension::deck(*time_us, values))
+        }
+        MavlinkMessage::EstimatorStatus { flags } => {
+            Outgoing::new(230, 163, extension::estimator_status(*flags))
+        }
+        MavlinkMessage::EkfStatus { flags } => {
             let (id, crc) = mavlink::EKF_STATUS_REPORT;
             Outgoing::new(id, crc, extension::ekf_status(*flags))
         }
-        Message::MissionCurrent { total, state } => {
+        MavlinkMessage::MissionCurrent { total, state } => {
             Outgoing::new(42, 28, extension::mission_current(*total, *state))
         }
-        Message::MissionItemReached { item } => Outgoing::new(46, 11, item.to_le_bytes().to_vec()),
+        MavlinkMessage::MissionItemReached { item } => Outgoing::new(46, 11, item.to_le_bytes().to_vec()),
         other => Outgoing::from(&encode::encode(other)?),
     })
 }
@@ -143,7 +149,7 @@ mod tests {
         payload.extend([0, 0, 25, 255]);
         payload.extend([0; 24]);
         payload.push(quality);
-        let from = Sender {
+        let from = MavlinkSender {
             system: 1,
             component: 1,
             sequence: 0,
@@ -162,7 +168,7 @@ mod tests {
                 latest: at,
                 ..Default::default()
             });
-            let message = Message::Command(CommandLong::new(Address::new(1, 191), number, []));
+            let message = MavlinkMessage::Command(CommandLong::new(Address::new(1, 191), number, []));
             let station = &mut Encoder::signed(Some(station));
             station.frame(Address::new(255, 190), &message).unwrap()
         };
@@ -183,7 +189,7 @@ mod tests {
         for (quality, metres) in [(0, 1.5), (1, 0.0), (100, 1.5)] {
             let mut decoder = Decoder::default();
             decoder.push(&distance(quality));
-            let Some(Message::Distance(d)) = decoder.next_frame().map(|f| f.message) else {
+            let Some(MavlinkMessage::Distance(d)) = decoder.next_frame().map(|f| f.message) else {
                 panic!("{quality}");
             };
             // 0 m is no reading.

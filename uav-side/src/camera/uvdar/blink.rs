@@ -99,7 +99,7 @@ pub struct IdentifiedMarker {
 
 /// Follows spots and knows the markers among them.
 #[derive(Clone, Debug)]
-pub struct Tracker {
+pub struct BlinkTracker {
     codes: Vec<Code>,
     wrong_bits: u32,
     gate_px: f64,
@@ -109,11 +109,11 @@ pub struct Tracker {
     last: Option<Time<DroneClock>>,
 }
 
-impl Tracker {
+impl BlinkTracker {
     /// A tracker of markers with these codes at an image every `period`; a spot moves at most `gate_px`
     /// between images other than it did before.
-    pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> Tracker {
-        Tracker {
+    pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> BlinkTracker {
+        BlinkTracker {
             max_dark: codes.iter().map(Code::max_dark).max().unwrap_or(0),
             codes,
             wrong_bits,
@@ -236,8 +236,8 @@ mod tests {
     fn codes() -> Vec<Code> {
         CODES.iter().map(|c| Code::parse(c).unwrap()).collect()
     }
-    fn tracker() -> Tracker {
-        Tracker::new(codes(), 1, 6.0, Span::from_millis(50))
+    fn tracker() -> BlinkTracker {
+        BlinkTracker::new(codes(), 1, 6.0, Span::from_millis(50))
     }
     fn blob(x: f64, y: f64) -> Blob {
         Blob {

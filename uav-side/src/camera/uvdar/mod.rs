@@ -17,9 +17,9 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::image::{Frame, GreyImage};
+use super::image::{CameraFrame, GreyImage};
 use super::node::{CameraIdentity, CameraIn, Exposures};
-use blink::{Code, Tracker};
+use blink::{BlinkTracker, Code};
 use blobs::BlobLimits;
 pub use fisheye::Fisheye;
 use pose::{MarkerBearing, PosePrior, solve};
@@ -128,7 +128,7 @@ pub struct UvdarCounts {
 /// The node of the ultraviolet camera.
 pub struct UvdarNode {
     settings: UvdarSettings,
-    tracker: Tracker,
+    tracker: BlinkTracker,
     belly_from_uv: UnitQuaternion<f64>,
     known: PosePrior,
     exposures: Exposures,
@@ -161,7 +161,7 @@ impl UvdarNode {
         let period = Span::from_secs(1.0 / settings.rate_hz);
         let belly_from_uv = settings.belly_from_uv();
         UvdarNode {
-            tracker: Tracker::new(settings.parsed(), settings.wrong_bits, settings.gate_px, period),
+            tracker: BlinkTracker::new(settings.parsed(), settings.wrong_bits, settings.gate_px, period),
             known: PosePrior {
                 bearing_sd: settings.spot_sd_px * settings.lens.pixel_rad(),
                 down: belly_from_uv.inverse() * Vector3::z(),
@@ -230,7 +230,7 @@ impl Node for UvdarNode {
 
     fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> UvdarOut {
         let mut out = UvdarOut::default();
-        for Frame { at, image } in &input.frames {
+        for CameraFrame { at, image } in &input.frames {
             if self.exposures.accept(now, *at)
                 && let Some(fix) = self.detect(*at, image)
             {

@@ -9,11 +9,11 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
-use crate::camera::refine::{CameraPose, Limits, NormalEquations, refine};
+use crate::camera::refine::{CameraPose, NormalEquations, RefinementLimits, refine};
 
 /// Headings that are tried as a start.
 const STARTS: usize = 8;
-const LIMITS: Limits = Limits {
+const LIMITS: RefinementLimits = RefinementLimits {
     steps: 25,
     damping: 1e-3,
     min_damping: 1e-9,

@@ -25,14 +25,14 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::PlannerConfig;
 use super::law::{LandingStart, Law, View};
-use super::model::{State, angular_velocity, state};
+use super::model::{ModelState, angular_velocity, state};
 use super::mpc_faa::Problem;
-use super::reference::{Reference, ReferenceGenerator};
+use super::reference::{PlanReference, ReferenceGenerator};
 use super::weights::FaaDistance;
 use crate::flatness::aligned_acceleration;
 use config::{RendezvousConfig, TouchdownTimeConfig};
 use profile::{Height, Profile};
-use push::Push;
+use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
 /// Closer than this to a deck that it is to touch the wind is not learnt: a contact is no wind, m.
@@ -51,7 +51,7 @@ pub struct Rendezvous {
     step_s: f64,
     profile: Profile,
     touchdown_time: TouchdownTime,
-    push: Push,
+    push: LateralDisturbance,
     feet: f64,
     /// From the middle of the feet to each, m.
     half_span: f64,
@@ -59,7 +59,7 @@ pub struct Rendezvous {
 
 /// The whole way down.
 #[derive(Clone, Copy, Debug)]
-struct Way {
+struct DescentPlan {
     /// Time to contact now, s; infinite when no contact is permitted.
     left: f64,
     /// Not higher than this: where the drone is, m.
@@ -80,7 +80,7 @@ struct Way {
     meets: Vector2<f64>,
 }
 
-impl Way {
+impl DescentPlan {
     /// The plane is met, and not touched.
     fn stops_above(&self) -> bool {
         self.lifted_m > 0.0
@@ -89,7 +89,12 @@ impl Way {
 
 impl Law for Rendezvous {
     /// Learns the wind, unless the drone is near enough to the deck to touch it.
-    fn observe(&mut self, drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, last: &Reference) {
+    fn observe(
+        &mut self,
+        drone: Option<&DroneState>,
+        _forecast: Option<&DeckForecast>,
+        last: &PlanReference,
+    ) {
         let near = last.touch && last.clearance_m < FREE_M;
         if let Some(d) = drone.filter(|_| !near) {
             self.push.measure(d);
@@ -110,7 +115,7 @@ impl Law for Rendezvous {
         view: &View,
         generator: &ReferenceGenerator,
         problem: &mut Problem,
-        reference: &mut Reference,
+        reference: &mut PlanReference,
     ) -> Option<f64> {
         let lands = view.mission.state.phase() == Phase::Landing;
         let Some(forecast) = view.forecast.as_ref().filter(|_| lands) else {
@@ -127,7 +132,7 @@ impl Law for Rendezvous {
         generator.keep_above(reference, problem);
         left
     }
-    fn attitude(&self, state: &State, vertical: f64) -> (f64, f64, f64) {
+    fn attitude(&self, state: &ModelState, vertical: f64) -> (f64, f64, f64) {
         let push = self.push.at(
             state[state::DOWN],
             &Vector2::new(state[state::V_NORTH], state[state::V_EAST]),
@@ -148,7 +153,7 @@ impl Rendezvous {
             step_s: config.step_s,
             profile: Profile::new(&config.rendezvous.profile),
             touchdown_time: TouchdownTime::default(),
-            push: Push::default(),
+            push: LateralDisturbance::default(),
             feet: drone.feet_below_m,
             half_span: 0.5 * drone.feet_span_m[0].hypot(drone.feet_span_m[1]),
         }
@@ -161,7 +166,7 @@ impl Rendezvous {
         mission: &MissionState,
         forecast: &DeckForecast,
         problem: &mut Problem,
-        reference: &Reference,
+        reference: &PlanReference,
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
@@ -198,7 +203,7 @@ impl Rendezvous {
             self.touchdown_time.forget();
             (f64::INFINITY, clearance)
         };
-        let way = Way {
+        let way = DescentPlan {
             left,
             ceiling: if lifted_m > 0.0 {
                 clearance.max(0.0)
@@ -241,7 +246,7 @@ impl Rendezvous {
 
     /// Horizontal place of an aligned drone's feet relative to the deck's centre (NED, m), not further
     /// than the deck reaches.
-    fn lateral_offset(&self, state: &State, deck: &DeckStage) -> Vector2<f64> {
+    fn lateral_offset(&self, state: &ModelState, deck: &DeckStage) -> Vector2<f64> {
         let n = deck.normal();
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
         o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
@@ -257,7 +262,7 @@ impl Rendezvous {
     }
 
     /// The height that the profile has `time` from now, where it can be followed.
-    fn wanted(&self, time: f64, way: &Way) -> Height {
+    fn wanted(&self, time: f64, way: &DescentPlan) -> Height {
         let wanted = if way.stops_above() && way.left < time {
             Height {
                 clearance: 0.0,
@@ -294,7 +299,15 @@ impl Rendezvous {
     }
 
     /// Reference `r` and weights `q` of the stage at `time` from now.
-    fn stage(&self, time: f64, h: &Height, deck: &DeckStage, way: &Way, r: &mut State, q: &mut State) {
+    fn stage(
+        &self,
+        time: f64,
+        h: &Height,
+        deck: &DeckStage,
+        way: &DescentPlan,
+        r: &mut ModelState,
+        q: &mut ModelState,
+    ) {
         let c = &self.config;
         let fraction = self.heave_fraction(h.clearance);
         let n = deck.normal();
@@ -349,7 +362,7 @@ impl Rendezvous {
 /// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
 /// (NED, m/s²). Gives (phi, theta) about north
 /// and east and the factor by which rates of tilt grow.
-pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
+pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (
         (-GRAVITY * state[state::THETA] - wind.x) / lift,

@@ -24,7 +24,7 @@ const SLOWEST_MPS: f64 = 1.0;
 
 /// The push now, and how it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Push {
+pub(super) struct LateralDisturbance {
     /// NED, m/s².
     measured: Vector2<f64>,
     /// Velocity and height (NED z) of the drone for which it is, m/s, m.
@@ -36,7 +36,7 @@ pub(super) struct Push {
     water_z: f64,
 }
 
-impl Push {
+impl LateralDisturbance {
     /// Odometry in free flight: its disturbance is that of the mean of the last moments.
     pub(super) fn measure(&mut self, d: &DroneState) {
         self.measured = d.disturbance();
@@ -76,8 +76,8 @@ mod tests {
         -u * (0.028 * u.norm())
     }
     /// Measured at 8 m above the water, moving at `v`.
-    fn push(wind: Vector2<f64>, v: Vector2<f64>) -> Push {
-        let mut push = Push::default();
+    fn push(wind: Vector2<f64>, v: Vector2<f64>) -> LateralDisturbance {
+        let mut push = LateralDisturbance::default();
         push.measure(&DroneState {
             position: [0.0, 0.0, -8.0],
             velocity: [v.x, v.y, 0.0],
@@ -104,7 +104,7 @@ mod tests {
     fn push_of_the_way_at_any_height() {
         let p = push(Vector2::zeros(), Vector2::new(5.0, 0.0));
         assert_eq!(p.at(-1.6, &Vector2::new(5.0, 0.0)), p.measured());
-        let unknown = Push {
+        let unknown = LateralDisturbance {
             wind: None,
             ..push(Vector2::new(9.0, 0.0), Vector2::zeros())
         };

@@ -63,7 +63,7 @@ impl Predictor {
         })
     }
     /// Knowledge by the beacon now, or of where a vessel went that is not received any more: the better of both.
-    pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<Known> {
+    pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
         (self.beacon.iter().chain(last))

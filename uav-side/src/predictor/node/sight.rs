@@ -46,8 +46,8 @@ impl Predictor {
         &self,
         now: Time<DroneClock>,
         m: &impl Message<Clock = DroneClock>,
-        observe: impl FnOnce(&super::super::track::Pose, &MountRotation, &PredictorConfig) -> Observation,
-    ) -> Result<Observation, RejectionReason> {
+        observe: impl FnOnce(&super::super::track::Pose, &MountRotation, &PredictorConfig) -> DeckObservation,
+    ) -> Result<DeckObservation, RejectionReason> {
         Self::admit(now, m)?;
         let pose = self
             .track
@@ -60,7 +60,7 @@ impl Predictor {
         &mut self,
         now: Time<DroneClock>,
         m: &TagPose,
-    ) -> Result<(Observation, Option<usize>), RejectionReason> {
+    ) -> Result<(DeckObservation, Option<usize>), RejectionReason> {
         let o = self.observed(now, m, |p, mount, c| observation::tag(m, p, mount, c))?;
         let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
         self.not_elsewhere(now, axes.as_ref(), &o)?;
@@ -82,7 +82,7 @@ impl Predictor {
     pub(super) fn identified(
         &mut self,
         now: Time<DroneClock>,
-        (o, k): (Observation, Option<usize>),
+        (o, k): (DeckObservation, Option<usize>),
     ) -> Result<(), RejectionReason> {
         let radio = self.is_received(now);
         match k.map(|k| self.decks.verdict(k, &o, radio)) {
@@ -94,7 +94,7 @@ impl Predictor {
     pub(super) fn vision(
         &mut self,
         now: Time<DroneClock>,
-        observation: &Observation,
+        observation: &DeckObservation,
         is_tag: bool,
     ) -> Result<(), RejectionReason> {
         let at = observation.at;
@@ -127,7 +127,7 @@ impl Predictor {
         &mut self,
         now: Time<DroneClock>,
         axes: Option<&[Axis; AXES]>,
-        o: &Observation,
+        o: &DeckObservation,
     ) -> Result<(), RejectionReason> {
         match self.apart_from_radio(now, axes, o) {
             Some(apart) => {
@@ -144,7 +144,7 @@ impl Predictor {
         &self,
         now: Time<DroneClock>,
         axes: Option<&[Axis; AXES]>,
-        o: &Observation,
+        o: &DeckObservation,
     ) -> Option<[f64; 2]> {
         let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
         if !self.is_received(now) {

@@ -9,7 +9,7 @@ use alight_shared::node::Node;
 use alight_uav::predictor::PredictorIn;
 use proptest::prelude::*;
 
-use super::world::{Setup, Vessel, run, time};
+use super::world::{Setup, SimulatedVessel, run, time};
 
 /// Any number, absurd ones included.
 fn any_number() -> impl Strategy<Value = f64> {
@@ -30,7 +30,7 @@ proptest! {
         x in prop::collection::vec(any_number(), 24), which in 0..8u8, at in prop_oneof![0.0..30.0f64, any_number()],
         from in 0..3u8,
     ) {
-        let v = Vessel::moderate();
+        let v = SimulatedVessel::moderate();
         let seconds = [0.0, 2.0, 12.0][usize::from(from)];
         let mut r = run(&v, &Setup::default(), seconds);
         let before = r.predictor.rejections().total();

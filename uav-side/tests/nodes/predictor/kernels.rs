@@ -4,14 +4,14 @@ use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::PredictorConfig;
-use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, RATE, Step};
+use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, OscillatorStep, RATE};
 use alight_uav::predictor::filter::Filter;
-use alight_uav::predictor::observation::{self, Kind, MountRotation, Observation, Plane};
+use alight_uav::predictor::observation::{self, DeckObservation, MountRotation, ObservationKind, Plane};
 use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::world::{self, Vessel, header};
+use super::world::{self, SimulatedVessel, header};
 
 #[test]
 fn axis_in_one_long_and_many_short_steps() {
@@ -23,9 +23,9 @@ fn axis_in_one_long_and_many_short_steps() {
     a.update(MeasurementRow::Radio, 1.4, 0.01);
     a.update(MeasurementRow::Rate, -0.2, 0.04);
     let mut b = a;
-    let step = Step::new(&oscillators, 2.0);
+    let step = OscillatorStep::new(&oscillators, 2.0);
     a.propagate(&noise, &oscillators, 2, &step);
-    let step = Step::new(&oscillators, 0.01);
+    let step = OscillatorStep::new(&oscillators, 0.01);
     for _ in 0..200 {
         b.propagate(&noise, &oscillators, 2, &step);
     }
@@ -46,7 +46,7 @@ fn axis_covariance_and_update() {
     let oscillators = waves.oscillators(Time::default());
     let mut a = Axis::new(&noise, &oscillators, 3, 0.0, 0.01, 0.0);
     let before = a;
-    let step = Step::new(&oscillators, 7.0);
+    let step = OscillatorStep::new(&oscillators, 7.0);
     a.propagate(&noise, &oscillators, 3, &step);
     for i in HEAD..a.n {
         assert!((a.p[i][i] / before.p[i][i] - 1.0).abs() < 1e-9, "state {i}");
@@ -127,9 +127,9 @@ fn filter_of_a_turning_vessel() {
         let known = |v: f64| Some((v, 1e-4));
         let [north, east] = [radius * s, radius * (1.0 - c)];
         let heading = Some((turn * t, 1e-6));
-        Observation {
+        DeckObservation {
             at: Time::<DroneClock>::from_secs(t),
-            kind: Kind::Estimate,
+            kind: ObservationKind::Estimate,
             value: [
                 known(north),
                 known(east),
@@ -158,8 +158,8 @@ fn filter_of_a_turning_vessel() {
     let before = filter.at(&waves, Time::from_secs(now));
     let after = filter.at(&waves, Time::from_secs(now + 0.5));
     // then the mean velocity has turned and kept its size,
-    let heading = |s: &alight_uav::predictor::filter::State| s[1].x[RATE].atan2(s[0].x[RATE]);
-    let speed = |s: &alight_uav::predictor::filter::State| s[1].x[RATE].hypot(s[0].x[RATE]);
+    let heading = |s: &alight_uav::predictor::filter::FilterState| s[1].x[RATE].atan2(s[0].x[RATE]);
+    let speed = |s: &alight_uav::predictor::filter::FilterState| s[1].x[RATE].hypot(s[0].x[RATE]);
     let turned = alight_shared::frames::wrap_angle(heading(&after) - heading(&before));
     assert!((0.08..0.17).contains(&turned), "{turned}");
     assert!((speed(&after) / speed(&before) - 1.0).abs() < 0.02);
@@ -175,13 +175,13 @@ fn filter_of_a_turning_vessel() {
 #[test]
 fn newer_modes_with_vision() {
     let config = PredictorConfig::default();
-    let vessel = Vessel::moderate();
+    let vessel = SimulatedVessel::moderate();
     let mut waves = Waves::new(&config);
     waves.receive_prediction(&world::spread(1, 0.9));
     waves.receive(&world::waves(&vessel, 1, 0.9));
-    let deck = |t: f64| Observation {
+    let deck = |t: f64| DeckObservation {
         at: Time::<DroneClock>::from_secs(t),
-        kind: Kind::Tag,
+        kind: ObservationKind::Tag,
         value: [0.3, -0.2, -1.0, 0.02, -0.01, 0.1].map(|v| Some((v, 1e-5))),
         rate: [None; 6],
         lever: [0.0; 2],
@@ -214,7 +214,7 @@ fn newer_modes_with_vision() {
 fn modes_without_confidence() {
     let mut waves = Waves::new(&PredictorConfig::default());
     waves.receive_prediction(&world::spread(1, 0.9));
-    let mut model = world::waves(&Vessel::moderate(), 1, 0.9);
+    let mut model = world::waves(&SimulatedVessel::moderate(), 1, 0.9);
     let modes = core::mem::take(&mut model.modes);
     assert!(!waves.receive(&model) && !waves.are_identified());
     let heave = |waves: &Waves| -> f64 {

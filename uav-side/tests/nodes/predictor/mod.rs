@@ -13,7 +13,7 @@ use world::*;
 
 #[test]
 fn forecast_by_radio_and_vision() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let set = Setup {
         height: 3.0,
         ..Default::default()
@@ -30,7 +30,7 @@ fn forecast_by_radio_and_vision() {
 
 #[test]
 fn frame_offset_by_vision() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let set = Setup {
         seed: 3,
         ..Default::default()
@@ -52,9 +52,9 @@ fn frame_offset_by_vision() {
 fn apparent_slope_ten_seconds_ahead() {
     let mut steepest = [0.0_f64; 2];
     for (sway, steepest) in [0.0, 0.8].into_iter().zip(&mut steepest) {
-        let v = Vessel {
+        let v = SimulatedVessel {
             sway,
-            ..Vessel::moderate()
+            ..SimulatedVessel::moderate()
         };
         let r = run(&v, &Setup::default(), 40.0);
         let (mut squares, mut n) = (0.0, 0.0);
@@ -81,7 +81,7 @@ fn apparent_slope_ten_seconds_ahead() {
 
 #[test]
 fn forecast_in_silence() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let set = Setup {
         radio_until: 20.0,
         vision: (5.0, 20.0),
@@ -110,7 +110,7 @@ fn forecast_in_silence() {
 /// height that has drifted since contradicts nothing.
 #[test]
 fn rangefinder_without_a_camera() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     for seed in 1..=5 {
         let set = Setup {
             seed,
@@ -136,7 +136,7 @@ fn rangefinder_without_a_camera() {
 
 #[test]
 fn successor_too_near_to_see_the_deck() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     for seed in 1..=5 {
         let set = |remembers| Setup {
             seed,
@@ -155,7 +155,7 @@ fn successor_too_near_to_see_the_deck() {
 
 #[test]
 fn forecast_after_radio_loss() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let set = Setup {
         radio_until: 25.0,
         height: 4.0,
@@ -168,7 +168,7 @@ fn forecast_after_radio_loss() {
 
 #[test]
 fn forecast_without_any_radio() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let set = Setup {
         radio_until: 0.0,
         vision: (0.0, 1e9),
@@ -182,7 +182,7 @@ fn forecast_without_any_radio() {
 
 #[test]
 fn modes_of_a_silent_vessel_by_vision() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let (mut before, mut after) = (0.0, 0.0);
     for seed in 1..=4 {
         let set = Setup {
@@ -207,7 +207,7 @@ fn modes_of_a_silent_vessel_by_vision() {
 
 #[test]
 fn forecast_with_a_clock_error_within_its_sd() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     // 100 ms of asymmetry: an offset that is 50 ms wrong, for which the bridge states 58 ms.
     let set = Setup {
         clock_error: 0.05,
@@ -223,7 +223,7 @@ fn forecast_with_a_clock_error_within_its_sd() {
 
 #[test]
 fn forecast_with_reordered_messages() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let [(a, _), (b, reordered)] = [0.0, 0.15].map(|spread| {
         let set = Setup {
             latency: (0.06, spread),
@@ -242,7 +242,7 @@ fn forecast_with_reordered_messages() {
 
 #[test]
 fn predictor_determinism() {
-    let v = Vessel::moderate();
+    let v = SimulatedVessel::moderate();
     let forecasts = || {
         let samples = run(&v, &Setup::default(), 15.0).samples;
         samples.into_iter().map(|s| s.forecast).collect::<Vec<_>>()

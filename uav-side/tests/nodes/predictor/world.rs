@@ -33,7 +33,7 @@ pub struct Wave {
 
 /// A vessel that follows the surface: heave, orbital motion, slope. With a mean velocity north.
 #[derive(Clone)]
-pub struct Vessel {
+pub struct SimulatedVessel {
     pub waves: Vec<Wave>,
     /// Share of the water's sideways motion that it follows.
     pub sway: f64,
@@ -41,7 +41,7 @@ pub struct Vessel {
     pub heading: f64,
 }
 
-impl Vessel {
+impl SimulatedVessel {
     pub fn moderate() -> Self {
         let wave = |amplitude, omega, direction, phase| Wave {
             amplitude,
@@ -49,7 +49,7 @@ impl Vessel {
             direction,
             phase,
         };
-        Vessel {
+        SimulatedVessel {
             waves: vec![
                 wave(0.5, 1.26, 0.4, 0.3),
                 wave(0.42, 1.38, 0.8, 1.9),
@@ -181,7 +181,7 @@ pub struct Sample {
 }
 impl Sample {
     /// Errors of position and of Euler angles `ahead` seconds from now, with the stage.
-    pub fn error(&self, v: &Vessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
+    pub fn error(&self, v: &SimulatedVessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
         let s = self.forecast.at(time(self.now + ahead)).unwrap();
         let (p, e) = v.deck(self.now + ahead);
         let mut turn = Vector3::from(s.euler) - e;
@@ -206,21 +206,125 @@ fn input(message: impl FnOnce(&mut PredictorIn)) -> PredictorIn {
     i
 }
 
-pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
+/// Drift of the drone's frame, every 10 ms, m.
+fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
+    let mut drift = Markov::new(rng, 0.05, 3.0);
+    let mut frame = normal3(rng);
+    (0..(seconds * 100.0) as u32)
+        .map(|_| {
+            frame += drift.step(rng, 0.01) * 0.01;
+            frame
+        })
+        .collect()
+}
+
+/// The vessel's estimate with these errors: of its frame, of place and angles, and of their rates.
+fn estimate(
+    v: &SimulatedVessel,
+    header: Header<DroneClock>,
+    now: f64,
+    [vf, pe, ae, ve, re]: [Vector3<f64>; 5],
+) -> VesselEstimate<DroneClock> {
+    let (p, e) = v.eta(now);
+    let (vel, rates) = v.rates(now);
+    let (acc, angular) = v.accelerations(now);
+    let six = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
+    let block = |a: f64, b: f64| [a, b, 0.0].map(f16::from_f64);
+    VesselEstimate {
+        header,
+        datum: Default::default(),
+        eta: six(p + vf + pe, e + ae),
+        eta_dot: six(vel + ve, rates + re).map(|x| x as f32),
+        eta_ddot: six(acc, angular).map(f16::from_f64),
+        uncertainty: core::array::from_fn(|i| {
+            if i < 3 {
+                block(0.08, 0.08)
+            } else {
+                block(0.006, 0.004)
+            }
+        }),
+        deck_centre: [0.0, 0.0, -1.3],
+        mean_velocity: [v.speed as f32, 0.0],
+        mean_heading: [v.heading as f32, 0.0],
+    }
+}
+
+/// The state of a drone that hovers.
+fn odometry(
+    header: Header<DroneClock>,
+    position: Vector3<f64>,
+    attitude: &UnitQuaternion<f64>,
+) -> DroneState {
+    DroneState {
+        header,
+        position: position.into(),
+        velocity: [0.0; 3],
+        attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+        position_sd: [0.02; 3],
+        ..Default::default()
+    }
+}
+
+/// The tag's pose by the camera of a drone with this place and attitude.
+fn tag(
+    rng: &mut ChaCha8Rng,
+    header: Header<DroneClock>,
+    (centre, angles): (Vector3<f64>, Vector3<f64>),
+    (drone, attitude): (&Vector3<f64>, &UnitQuaternion<f64>),
+    mount: &UnitQuaternion<f64>,
+) -> TagPose {
+    let camera = attitude.to_rotation_matrix().into_inner()
+        * mount.to_rotation_matrix().into_inner()
+        * body_from_camera();
+    let lens = drone + attitude * Vector3::from(DroneGeometry::default().camera_m);
+    let relative = camera.transpose() * (centre - lens);
+    let turned = camera.transpose() * Rotation3::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
+    let z = relative.z;
+    let sd = Vector3::new(0.002 * z, 0.002 * z, 0.002 * z * z);
+    let asd = 0.01 * z;
+    let noise = UnitQuaternion::from_scaled_axis(normal3(rng) * asd);
+    let q = noise * UnitQuaternion::from_matrix(&turned);
+    TagPose {
+        header,
+        position: (relative + sd.component_mul(&normal3(rng))).into(),
+        attitude: [q.w, q.i, q.j, q.k],
+        variance: [sd.x, sd.y, sd.z, asd, asd, asd].map(|s| s * s),
+    }
+}
+
+/// The rangefinder's reading on a drone with this place and attitude.
+fn range(
+    header: Header<DroneClock>,
+    (centre, e): (Vector3<f64>, Vector3<f64>),
+    (drone, attitude): (&Vector3<f64>, &UnitQuaternion<f64>),
+) -> RangeSample {
+    let normal = Rotation3::from_euler_angles(e.x, e.y, e.z) * Vector3::z();
+    let from = drone + attitude * Vector3::from(DroneGeometry::default().rangefinder_m);
+    let beam = attitude * Vector3::z();
+    RangeSample {
+        header,
+        range_m: (centre - from).dot(&normal) / beam.dot(&normal),
+        variance: 0.03_f64.powi(2),
+    }
+}
+
+/// Adds a message that has arrived; state streams keep the newest.
+fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
+    if let Some(e) = m.estimate
+        && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
+    {
+        arrived.estimate = Some(e);
+    }
+    arrived.wave = m.wave.or(arrived.wave);
+    arrived.prediction = m.prediction.or(arrived.prediction);
+    arrived.tags.extend(m.tags);
+}
+
+pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     let mut rng = ChaCha8Rng::seed_from_u64(set.seed);
     let mut predictor = Predictor::new(&PredictorConfig::default(), 1);
-    let geometry = DroneGeometry::default();
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
-    let mut drift = Markov::new(&mut rng, 0.05, 3.0);
-    let mut frame = normal3(&mut rng);
-    let frames: Rc<Vec<Vector3<f64>>> = Rc::new(
-        (0..((seconds + 3.0) * 100.0) as u32)
-            .map(|_| {
-                frame += drift.step(&mut rng, 0.01) * 0.01;
-                frame
-            })
-            .collect(),
-    );
+    let frames = Rc::new(drifting_frames(&mut rng, seconds + 3.0));
     // The vessel's filtered errors.
     let mut position_error = Markov::new(&mut rng, 0.08, 1.0);
     let mut velocity_error = Markov::new(&mut rng, 0.08, 0.5);
@@ -235,34 +339,13 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         let now = f64::from(k) * 0.01;
         let dt = 0.01;
         let vf = vessel_frame.step(&mut rng, dt);
-        let df = frames[k as usize];
         let pe = position_error.step(&mut rng, dt);
         let ve = velocity_error.step(&mut rng, dt);
         let ae = angle_error.step(&mut rng, dt);
         let re = rate_error.step(&mut rng, dt);
-        let (p, e) = v.eta(now);
-        let (vel, rates) = v.rates(now);
         if k % 3 == 0 && now < set.radio_until {
-            let (acc, angular) = v.accelerations(now);
-            let six = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
-            let block = |a: f64, b: f64| [a, b, 0.0].map(f16::from_f64);
-            let m = VesselEstimate {
-                header: header(k, now + set.clock_error),
-                datum: Default::default(),
-                eta: six(p + vf + pe, e + ae),
-                eta_dot: six(vel + ve, rates + re).map(|x| x as f32),
-                eta_ddot: six(acc, angular).map(f16::from_f64),
-                uncertainty: core::array::from_fn(|i| {
-                    if i < 3 {
-                        block(0.08, 0.08)
-                    } else {
-                        block(0.006, 0.004)
-                    }
-                }),
-                deck_centre: [0.0, 0.0, -1.3],
-                mean_velocity: [v.speed as f32, 0.0],
-                mean_heading: [v.heading as f32, 0.0],
-            };
+            let header = header(k, now + set.clock_error);
+            let m = estimate(v, header, now, [vf, pe, ae, ve, re]);
             let late: f64 = StandardNormal.sample(&mut rng);
             let due = now + set.latency.0 + set.latency.1 * late.abs();
             in_flight.push((due, input(|i| i.estimate = Some(m))));
@@ -270,55 +353,19 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
             let (wave, spread) = (waves(v, k, now), spread(k, now));
-            in_flight.push((
-                due,
-                input(|i| (i.wave, i.prediction) = (Some(wave), Some(spread))),
-            ));
+            let model = input(|i| (i.wave, i.prediction) = (Some(wave), Some(spread)));
+            in_flight.push((due, model));
         }
         let above = v.deck(now).0;
         let drone = Vector3::new(above.x, above.y, -1.3 - set.height) + Vector3::new(0.3, -0.2, 0.0);
         let attitude = UnitQuaternion::from_euler_angles(0.02, -0.03, v.heading);
-        let state = DroneState {
-            header: header(k, now),
-            position: (drone + df).into(),
-            velocity: [0.0; 3],
-            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
-            position_sd: [0.02; 3],
-            ..Default::default()
-        };
+        let state = odometry(header(k, now), drone + frames[k as usize], &attitude);
         if k % 3 == 1 && (set.vision.0..set.vision.1).contains(&now) {
-            let camera = attitude.to_rotation_matrix().into_inner()
-                * mount.to_rotation_matrix().into_inner()
-                * body_from_camera();
-            let (centre, angles) = v.deck(now);
-            let lens = drone + attitude * Vector3::from(geometry.camera_m);
-            let relative = camera.transpose() * (centre - lens);
-            let turned =
-                camera.transpose() * Rotation3::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
-            let z = relative.z;
-            let sd = Vector3::new(0.002 * z, 0.002 * z, 0.002 * z * z);
-            let asd = 0.01 * z;
-            let noise = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * asd);
-            let q = noise * UnitQuaternion::from_matrix(&turned);
-            let tag = TagPose {
-                header: header(k, now),
-                position: (relative + sd.component_mul(&normal3(&mut rng))).into(),
-                attitude: [q.w, q.i, q.j, q.k],
-                variance: [sd.x, sd.y, sd.z, asd, asd, asd].map(|s| s * s),
-            };
+            let tag = tag(&mut rng, header(k, now), v.deck(now), (&drone, &attitude), &mount);
             in_flight.push((now + 0.05, input(|i| i.tags.push(tag))));
         }
-        let range = (k % 4 == 2 && now >= set.ranges_from).then(|| {
-            let (centre, e) = v.deck(now);
-            let normal = Rotation3::from_euler_angles(e.x, e.y, e.z) * Vector3::z();
-            let from = drone + attitude * Vector3::from(geometry.rangefinder_m);
-            let beam = attitude * Vector3::z();
-            RangeSample {
-                header: header(k, now),
-                range_m: (centre - from).dot(&normal) / beam.dot(&normal),
-                variance: 0.03_f64.powi(2),
-            }
-        });
+        let range = (k % 4 == 2 && now >= set.ranges_from)
+            .then(|| range(header(k, now), v.deck(now), (&drone, &attitude)));
         let link = (k % 10 == 0).then(|| LinkState {
             header: header(k, now),
             clock_offset_sd_s: set.clock_sd,
@@ -331,15 +378,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
             ..Default::default()
         };
         for (_, m) in in_flight.extract_if(.., |(t, _)| *t <= now) {
-            // State streams keep the newest.
-            if let Some(e) = m.estimate
-                && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
-            {
-                arrived.estimate = Some(e);
-            }
-            arrived.wave = m.wave.or(arrived.wave);
-            arrived.prediction = m.prediction.or(arrived.prediction);
-            arrived.tags.extend(m.tags);
+            receive(&mut arrived, m);
         }
         if let Some((_, remembers)) = set.restart.filter(|(at, _)| k == (at * 100.0) as u32) {
             predictor = Predictor::new(&PredictorConfig::default(), 2).as_successor();
@@ -363,7 +402,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
 }
 
 /// The wave model: the modes of these waves, identified to a tenth of a per cent.
-pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
+pub fn waves(v: &SimulatedVessel, k: u32, now: f64) -> WaveModel<DroneClock> {
     let (s, c) = v.heading.sin_cos();
     let mode = |w: &Wave| {
         let phase = Complex::from_polar(1.0, w.omega * now + w.phase);
@@ -420,7 +459,7 @@ pub struct Accuracy {
 }
 
 impl Accuracy {
-    pub fn of<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
+    pub fn of<'a>(v: &SimulatedVessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
         let (mut f, mut n) = (Accuracy::default(), 0.0);
         for s in samples {
             let (p, e, stage) = s.error(v, ahead);
@@ -452,13 +491,13 @@ impl Accuracy {
 }
 impl Run {
     /// Accuracy of the samples between two times, s.
-    pub fn accuracy(&self, v: &Vessel, between: Range<f64>, ahead: f64) -> Accuracy {
+    pub fn accuracy(&self, v: &SimulatedVessel, between: Range<f64>, ahead: f64) -> Accuracy {
         let samples = self.samples.iter().filter(|s| between.contains(&s.now));
         Accuracy::of(v, samples, ahead)
     }
 }
 /// The accuracy over several seeds from `from` s on.
-pub fn over_seeds(v: &Vessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
+pub fn over_seeds(v: &SimulatedVessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
     let runs = [0, 1, 2, 3, 4].map(|seed| run(v, &Setup { seed, ..*set }, seconds));
     let samples = runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from);
     Accuracy::of(v, samples, ahead)

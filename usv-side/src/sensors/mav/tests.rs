@@ -7,7 +7,7 @@ fn frame(sequence: u8, message: &m::MavMessage) -> Vec<u8> {
     frame_of(7, 1, sequence, message)
 }
 fn frame_of(system: u8, component: u8, sequence: u8, message: &m::MavMessage) -> Vec<u8> {
-    let from = Sender {
+    let from = MavlinkSender {
         system,
         component,
         sequence,

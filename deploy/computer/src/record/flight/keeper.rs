@@ -10,7 +10,7 @@ use alight_transport::clock::steady_ns;
 use tracing::{info, warn};
 
 use super::store::{self, Removed, Room};
-use super::summary::Summary;
+use super::summary::FlightSummary;
 use super::yield_to_flight;
 
 /// Summaries under way at most.
@@ -25,7 +25,7 @@ pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 /// A flight that is being recorded.
 pub struct FlightKeeper {
     path: PathBuf,
-    to: Option<SyncSender<Summary>>,
+    to: Option<SyncSender<FlightSummary>>,
     thread: Option<JoinHandle<()>>,
     /// While it is held, the flight runs.
     _lock: Option<File>,
@@ -63,7 +63,7 @@ impl FlightKeeper {
         &self.path
     }
     /// Writes the summary soon; false while the disk is behind.
-    pub fn sum_up(&self, summary: &Summary) -> bool {
+    pub fn sum_up(&self, summary: &FlightSummary) -> bool {
         self.to
             .as_ref()
             .is_some_and(|to| to.try_send(summary.clone()).is_ok())
@@ -80,7 +80,7 @@ impl Drop for FlightKeeper {
     }
 }
 
-fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<Summary>) {
+fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<FlightSummary>) {
     let (mut failed, mut room_ns) = (false, steady_ns());
     loop {
         match summaries.try_recv() {

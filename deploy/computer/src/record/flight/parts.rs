@@ -15,7 +15,7 @@ use tracing::{info, warn};
 use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
 use crate::record::entry::{self, PartHeader};
-use crate::record::sink::{Channel, Sink, why};
+use crate::record::sink::{ChannelId, Sink, why};
 
 const S: i64 = 1_000_000_000;
 /// A part that holds so many bytes of steps, or is so old, is finished, and another begun.
@@ -58,7 +58,7 @@ pub struct PartWriter {
     sink: Sink,
     /// A second handle of the file, to synchronise it.
     file: File,
-    channel: Channel,
+    channel: ChannelId,
     path: PathBuf,
     began_ns: i64,
     bytes: u64,
@@ -327,8 +327,8 @@ fn survive_size_limit() {
 mod tests {
     use super::*;
     use crate::record::entry::{Entry, References};
-    use crate::record::log::{Log, Order};
-    use crate::record::reading::{LogFile, Step, is_whole, parts, read_header};
+    use crate::record::log::{Log, ReplayOrder};
+    use crate::record::reading::{LogFile, LogStep, is_whole, parts, read_header};
     use alight_shared::wire;
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;
@@ -365,13 +365,13 @@ mod tests {
     fn numbers(path: &Path) -> Vec<u64> {
         let mut found = Vec::new();
         let log = Log::open(path).unwrap();
-        let each = |_, _, step: &Step<'_>| {
+        let each = |_, _, step: &LogStep<'_>| {
             let entry = step.entry::<(u64, u32)>()?;
             assert_eq!((entry.input.0, entry.output), (step.number, 2 * step.number));
             found.push(step.number);
             Ok(())
         };
-        log.steps(Order::ByStart, each).unwrap();
+        log.steps(ReplayOrder::ByStart, each).unwrap();
         found
     }
 

@@ -174,7 +174,7 @@ pub fn can_write(directory: &Path) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::log::{Log, Order};
+    use crate::record::log::{Log, ReplayOrder};
     use alight_shared::wire;
 
     #[test]
@@ -194,7 +194,7 @@ mod tests {
         drop(recorder);
         let mut read = 0;
         let log = Log::open(&directory).unwrap();
-        log.steps(Order::ByStart, |_, _, step| {
+        log.steps(ReplayOrder::ByStart, |_, _, step| {
             let entry = step.entry::<Vec<u64>>()?;
             assert_eq!(
                 (step.number, entry.now_ns, entry.input),

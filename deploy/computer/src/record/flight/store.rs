@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use time::OffsetDateTime;
 
-use super::summary::{SUMMARY_FILE, Summary};
+use super::summary::{FlightSummary, SUMMARY_FILE};
 use super::{MIN_FREE_BYTES, free_bytes};
 use crate::record::EXTENSION;
 use crate::record::reading::{is_whole, parts};
@@ -18,7 +18,7 @@ const MAX_TRIES: u32 = 100;
 
 /// A flight on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Flight {
+pub struct StoredFlight {
     /// The directory.
     pub path: PathBuf,
     /// Counts the flights of the computer, whatever the time of its clock.
@@ -27,9 +27,9 @@ pub struct Flight {
     pub begun: String,
 }
 
-impl Flight {
+impl StoredFlight {
     /// A flight in a directory with the name of one.
-    pub fn of(path: &Path) -> Option<Flight> {
+    pub fn of(path: &Path) -> Option<StoredFlight> {
         let name = path.file_name()?.to_str()?;
         let (begun, number) = name.split_once('-')?;
         let stamp = |k: usize, c: char| match k {
@@ -39,7 +39,7 @@ impl Flight {
         };
         let is_stamp = begun.len() == 16 && begun.chars().enumerate().all(|(k, c)| stamp(k, c));
         is_stamp.then_some(())?;
-        Some(Flight {
+        Some(StoredFlight {
             path: path.into(),
             number: number.parse().ok()?,
             begun: begun.into(),
@@ -60,8 +60,8 @@ impl Flight {
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
     /// The summary; where it has no end, as long as its files were written.
-    pub fn summary(&self) -> Option<Summary> {
-        let mut summary = Summary::read(&self.path)?;
+    pub fn summary(&self) -> Option<FlightSummary> {
+        let mut summary = FlightSummary::read(&self.path)?;
         let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
         let newest = parts(&self.path).ok()?.iter().filter_map(|p| written(p)).max();
         if let (false, Some(summed_up), Some(newest)) =
@@ -74,12 +74,12 @@ impl Flight {
 }
 
 /// The flights below `root`, the oldest first.
-pub fn flights(root: &Path) -> io::Result<Vec<Flight>> {
-    let mut found: Vec<Flight> = std::fs::read_dir(root)?
+pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
+    let mut found: Vec<StoredFlight> = std::fs::read_dir(root)?
         .flatten()
         // A link is no flight: what it leads to is not ours to remove.
         .filter(|e| e.file_type().is_ok_and(|t| t.is_dir()))
-        .filter_map(|e| Flight::of(&e.path()))
+        .filter_map(|e| StoredFlight::of(&e.path()))
         .take(MAX_FLIGHTS)
         .collect();
     found.sort_by(|a, b| (a.number, &a.begun).cmp(&(b.number, &b.begun)));
@@ -165,11 +165,11 @@ impl Room {
     /// Removes the oldest flights below `root` until there is room, none that runs; then, where `current` is too large
     /// by itself, its oldest parts.
     pub fn make(&self, root: &Path, current: &Path) -> io::Result<Vec<Removed>> {
-        let sized = |f: Flight| {
+        let sized = |f: StoredFlight| {
             let bytes = f.bytes();
             (f, bytes)
         };
-        let all: Vec<(Flight, u64)> = flights(root)?.into_iter().map(sized).collect();
+        let all: Vec<(StoredFlight, u64)> = flights(root)?.into_iter().map(sized).collect();
         let mut total: u64 = all.iter().map(|(_, bytes)| bytes).sum();
         let fits = |total| total <= self.max_bytes;
         let is_free = || free_bytes(root).is_none_or(|free| free >= self.min_free_bytes);
@@ -305,12 +305,12 @@ mod tests {
     fn flight_number_with_a_wrong_clock() {
         let root = root("begins", &[1, 7]);
         let (path, lock) = begin(&root);
-        let own = Flight::of(&path).unwrap();
+        let own = StoredFlight::of(&path).unwrap();
         assert!(own.number == 8 && own.is_running() && left(&root) == [1, 7, 8]);
         drop(lock);
         assert!(!own.is_running());
-        assert!(Flight::of(Path::new("notes")).is_none());
-        assert!(Flight::of(Path::new("20261125X181500Z-0001")).is_none());
+        assert!(StoredFlight::of(Path::new("notes")).is_none());
+        assert!(StoredFlight::of(Path::new("20261125X181500Z-0001")).is_none());
         std::fs::remove_dir_all(&root).unwrap();
         // A file in its place: the name is known, and why nothing is there.
         std::fs::write(&root, "").unwrap();

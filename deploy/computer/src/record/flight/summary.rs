@@ -30,7 +30,7 @@ pub struct PhaseEntry {
 /// The summary.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Summary {
+pub struct FlightSummary {
     /// Whose computer: drone-1, vessel-1.
     pub computer: String,
     /// Version of the program.
@@ -51,13 +51,13 @@ pub struct Summary {
     pub figures: BTreeMap<String, f64>,
 }
 
-impl Summary {
+impl FlightSummary {
     /// Summary of a flight of this computer that begins.
-    pub fn of(computer: &str) -> Summary {
-        Summary {
+    pub fn of(computer: &str) -> FlightSummary {
+        FlightSummary {
             computer: computer.into(),
             program: env!("CARGO_PKG_VERSION").into(),
-            ..Summary::default()
+            ..FlightSummary::default()
         }
     }
     /// A state was entered.
@@ -72,7 +72,7 @@ impl Summary {
         });
     }
     /// The summary in the flight's directory; None without one that can be read.
-    pub fn read(directory: &Path) -> Option<Summary> {
+    pub fn read(directory: &Path) -> Option<FlightSummary> {
         let mut text = String::new();
         let file = File::open(directory.join(SUMMARY_FILE)).ok()?;
         file.take(MAX_BYTES).read_to_string(&mut text).ok()?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use alight_computer::quantity::seconds;
 use alight_computer::terminal::Form;
 use alight_shared::msg::State;
-use alight_sim::harness::storm::{Kind, Moment};
+use alight_sim::harness::storm::{FaultKind, Moment};
 use clap::Args;
 
 use crate::args::{AutopilotArg, SeaArg, sea};
@@ -83,7 +83,7 @@ impl RehearseArgs {
     /// The fault of this rehearsal.
     pub fn fault(&self) -> Option<FaultSpec> {
         let vessel = FaultSpec {
-            kind: Kind::VesselRestarted,
+            kind: FaultKind::VesselRestarted,
             moment: Moment::In(State::Tracking),
         };
         self.fault.or(self.restart.as_ref().map(|_| vessel))

@@ -8,7 +8,7 @@ use alight_computer::certificates::{self, common_name};
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::config::method;
 use alight_computer::config::recorder::RecorderConfig;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
 use alight_shared::msg::LandingMode;
@@ -82,9 +82,9 @@ impl Drop for Directory {
 /// Everything that is started.
 pub struct RehearsalPlan {
     /// The vessel's computer, as it is started.
-    pub vessel: VesselComputer,
+    pub vessel: VesselComputerConfig,
     /// The drone's.
-    pub drone: DroneComputer,
+    pub drone: DroneComputerConfig,
     /// The vehicles.
     pub world: SimulatedWorld,
     /// Names of the certificates; none where the files ask for none.
@@ -103,8 +103,8 @@ impl RehearsalPlan {
             table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
         );
         // What the installer wrote is judged before anything is changed in it.
-        let vessel: VesselComputer = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
-        let drone: DroneComputer = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
+        let vessel: VesselComputerConfig = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
+        let drone: DroneComputerConfig = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
         let connect = autopilot_link(args)?;
         let directory = Directory::make(args.keep.as_deref())?;
         let names = radio(&directory, (&vessel, &mut vessel_file), (&drone, &mut drone_file))?;
@@ -156,7 +156,7 @@ fn autopilot_link(args: &RehearseArgs) -> Result<String, CliError> {
 /// Inputs, recorder, sensors and instance of the vessel's file.
 fn change_vessel(
     file: &mut Table,
-    vessel: &VesselComputer,
+    vessel: &VesselComputerConfig,
     directory: &Directory,
     sources: &[SourceConfig],
 ) -> Result<(), CliError> {
@@ -180,7 +180,7 @@ fn change_vessel(
 /// Recorder, instance, autopilot, mission and cameras of the drone's file.
 fn change_drone(
     file: &mut Table,
-    drone: &DroneComputer,
+    drone: &DroneComputerConfig,
     directory: &Directory,
     connect: String,
     camera: &Path,
@@ -265,8 +265,8 @@ fn helm(configured: &HelmConfig, file: &mut Table) -> Result<Option<String>, Cli
 /// Endpoint and, where the files ask for them, certificates of both; the names in them.
 fn radio(
     directory: &Directory,
-    (vessel, vessel_file): (&VesselComputer, &mut Table),
-    (drone, drone_file): (&DroneComputer, &mut Table),
+    (vessel, vessel_file): (&VesselComputerConfig, &mut Table),
+    (drone, drone_file): (&DroneComputerConfig, &mut Table),
 ) -> Result<Vec<String>, CliError> {
     let transport = |endpoints: &[String]| -> String {
         let first = endpoints.first().map(String::as_str).unwrap_or_default();
@@ -309,7 +309,7 @@ fn tty(name: &str) -> String {
 
 /// The installer's sensors, or, where the file has none yet, a receiver, a compass and an inertial sensor as the file
 /// describes them; each at its line.
-fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> {
+fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceConfig> {
     let mut sources = vessel.sensor.sources.clone();
     if sources.is_empty() {
         let world = Scenario::default().sensors;
@@ -354,7 +354,7 @@ fn sources(vessel: &VesselComputer, directory: &Directory) -> Vec<SourceConfig> 
 }
 
 /// Settings that vessel and drone must have alike.
-fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String> {
+fn contradictions(vessel: &VesselComputerConfig, drone: &DroneComputerConfig) -> Vec<String> {
     let mut all = Vec::new();
     // Tags are the drone's alone.
     let tags = drone.drone.tags();
@@ -371,7 +371,7 @@ fn contradictions(vessel: &VesselComputer, drone: &DroneComputer) -> Vec<String>
 /// The world that the files describe.
 fn world(
     args: &RehearseArgs,
-    (vessel, drone): (&VesselComputer, &DroneComputer),
+    (vessel, drone): (&VesselComputerConfig, &DroneComputerConfig),
     sources: &[SourceConfig],
     camera: PathBuf,
 ) -> Result<SimulatedWorld, CliError> {
@@ -408,7 +408,7 @@ fn world(
 
 fn scenario(
     args: &RehearseArgs,
-    (vessel, drone): (&VesselComputer, &DroneComputer),
+    (vessel, drone): (&VesselComputerConfig, &DroneComputerConfig),
     sources: &[SourceConfig],
     epoch_ns: i64,
 ) -> Result<Scenario, CliError> {

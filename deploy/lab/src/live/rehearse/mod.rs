@@ -20,10 +20,10 @@ use std::time::Duration;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::life::end_with_supervisor;
-use alight_computer::process::observer::{Follower, Observer};
+use alight_computer::process::observer::{InstanceFollower, Observer};
 use alight_computer::process::scheduling;
 use alight_computer::process::supervisor::pause;
-use alight_computer::situation::Situation;
+use alight_computer::situation::ObservedSituation;
 use alight_computer::terminal;
 use alight_computer::vessel::deck_file;
 use alight_shared::msg::{ReasonCode, State};
@@ -135,7 +135,7 @@ struct Rehearsal<'a> {
     vessel: Option<Service>,
     world: Service,
     /// The vessel's processes, from their first start on.
-    aboard: Follower,
+    aboard: InstanceFollower,
     /// The simulated sensors send.
     sensing: bool,
     stop: Arc<AtomicBool>,
@@ -163,7 +163,7 @@ impl<'a> Rehearsal<'a> {
             drone: None,
             vessel: None,
             world: Service::start("world", &[own()?], directory, &[])?,
-            aboard: Follower::of(&plan.vessel.instance, "rehearse")?,
+            aboard: InstanceFollower::of(&plan.vessel.instance, "rehearse")?,
             sensing: false,
             stop: end_with_supervisor(args.supervised),
             state: State::Idle,
@@ -446,9 +446,9 @@ impl<'a> Rehearsal<'a> {
         let link = self.observer.as_ref().and_then(|(_, o)| *o.snapshot.link);
         link.is_some_and(|l| l.age_s < LINK_AGE_S && l.clock_offset_sd_s < CLOCK_SD_S)
     }
-    fn vessel_status(&mut self) -> Option<Situation> {
+    fn vessel_status(&mut self) -> Option<ObservedSituation> {
         let (_, snapshot) = self.aboard.poll()?;
-        Some(Situation::of(snapshot, steady_ns())).filter(|s| s.vessel().is_some())
+        Some(ObservedSituation::of(snapshot, steady_ns())).filter(|s| s.vessel().is_some())
     }
 
     /// Commands the landing and watches it to the world's verdict.

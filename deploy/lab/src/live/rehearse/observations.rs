@@ -1,6 +1,6 @@
 //! Rows of the check list from the state of vessel, drone and simulated world.
 
-use alight_computer::situation::{Situation, SourceHealth};
+use alight_computer::situation::{ObservedSituation, SourceHealth};
 use alight_shared::metrics::{MetricName, MetricValue};
 use alight_shared::process::ProcessKind;
 use alight_shared::topics;
@@ -13,8 +13,8 @@ impl Rehearsal<'_> {
     pub(super) fn show_sources(
         &self,
         list: &mut CheckList,
-        before: Option<Situation>,
-        now: Option<Situation>,
+        before: Option<ObservedSituation>,
+        now: Option<ObservedSituation>,
     ) {
         let Some(now) = now else {
             list.add(
@@ -96,7 +96,7 @@ impl Rehearsal<'_> {
     pub(super) fn show_contact(&mut self, list: &mut CheckList) {
         let number = self.plan.drone.bridge.drone_id;
         let status = self.vessel_status();
-        let vessel = status.as_ref().and_then(Situation::vessel);
+        let vessel = status.as_ref().and_then(ObservedSituation::vessel);
         let drones = vessel.map(|(_, v)| &v.drones[..]).unwrap_or_default();
         let received = drones.iter().find(|d| d.status.header.drone == number);
         let figure = match (received, vessel.and_then(|(known, _)| known.certificate.read())) {

@@ -30,7 +30,7 @@ fn came<T: Plain>(value: T) -> Newest<T> {
     newest
 }
 fn status(snapshot: &Snapshot, now_ns: i64) -> Status {
-    Status::of(Situation::of(snapshot, now_ns))
+    Status::of(ObservedSituation::of(snapshot, now_ns))
 }
 fn reported() -> ComputerReport {
     ComputerReport {
@@ -150,7 +150,7 @@ fn silent_vessel_with_its_tags_in_sight() {
             least_vessel,
             ..mission(State::Tracking, ReasonCode::NotIdentified)
         });
-        let all = findings(&Situation::of(&s, NOW_NS));
+        let all = findings(&ObservedSituation::of(&s, NOW_NS));
         let link = all.iter().find(|f| f.topic == "link");
         assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
     }
@@ -166,7 +166,7 @@ fn silent_vessel_with_its_tags_in_sight() {
             least_vessel,
             ..mission(State::Search, ReasonCode::Searching)
         });
-        let all = findings(&Situation::of(&s, NOW_NS));
+        let all = findings(&ObservedSituation::of(&s, NOW_NS));
         let link = all.iter().find(|f| f.topic == "link");
         assert!(link.is_some_and(|f| f.stops == stops), "{all:?}");
     }

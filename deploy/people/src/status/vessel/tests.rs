@@ -89,7 +89,7 @@ fn status(v: &Vessel, now_s: i64) -> Status {
         computer: reported.into(),
         ..Snapshot::default()
     };
-    Status::of(Situation::of(&snapshot, now_s * 1_000_000_000))
+    Status::of(ObservedSituation::of(&snapshot, now_s * 1_000_000_000))
 }
 fn measured(v: &mut Vessel, metrics: &[Metric]) {
     v.process.metrics = Seq::filled(metrics.iter().copied());
@@ -348,7 +348,7 @@ fn vessel_certificate_by_its_topic_alone() {
     assert_eq!(reported.title, "vessel 1");
     let mut silent = reported.situation.snapshot.clone();
     silent.computer = Newest::default();
-    let unreported = Status::of(Situation::look(
+    let unreported = Status::of(ObservedSituation::look(
         &silent,
         &reported.situation.known,
         100_000_000_000,

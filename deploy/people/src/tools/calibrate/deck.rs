@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
-use alight_computer::record::log::{Log, Order};
+use alight_computer::record::log::{Log, ReplayOrder};
 use alight_computer::record::reading::contained;
 use alight_computer::terminal::{self, note};
 use alight_shared::config;
@@ -109,7 +109,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
         .config
         .clone()
         .unwrap_or_else(|| "/etc/alight/drone.toml".into());
-    let computer: DroneComputer = config::load(&path)?;
+    let computer: DroneComputerConfig = config::load(&path)?;
     let predictor = computer.drone.predictor();
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
@@ -168,13 +168,13 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
     contained(path, || {
         let log = Log::open(path)?.only(&["mission", "predictor"]);
         let settings = match &args.config {
-            Some(file) => config::load::<DroneComputer>(file)?.drone,
-            None => log.first("predictor")?.config::<DroneComputer>()?.drone,
+            Some(file) => config::load::<DroneComputerConfig>(file)?.drone,
+            None => log.first("predictor")?.config::<DroneComputerConfig>()?.drone,
         };
         let predictor = settings.predictor();
         let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
         let mut armed = true;
-        log.steps(Order::ByTime, |_, _, step| {
+        log.steps(ReplayOrder::ByTime, |_, _, step| {
             if step.header.process == "mission" {
                 let autopilot = step.entry::<MissionIn>()?.input.autopilot;
                 armed = autopilot.map_or(armed, |a| a.armed);

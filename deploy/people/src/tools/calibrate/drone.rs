@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::observer::Observer;
 use alight_computer::record::flight::store;
-use alight_computer::record::log::{Log, Order};
+use alight_computer::record::log::{Log, ReplayOrder};
 use alight_computer::record::reading::contained;
 use alight_computer::terminal;
 use alight_shared::config;
@@ -89,7 +89,7 @@ fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
         let log = Log::open(path)?.only(&["mission"]);
         log.first("mission")?;
         let mut newest = None;
-        log.steps(Order::ByStart, |_, _, step| {
+        log.steps(ReplayOrder::ByStart, |_, _, step| {
             let response = step.entry::<MissionIn>()?.input.set_point.map(|s| s.response);
             newest = response.filter(|r| r.identified).or(newest);
             Ok(())
@@ -100,7 +100,7 @@ fn recorded(path: &Path) -> Result<Option<AttitudeResponse>, CliError> {
 
 /// That of the running processes, else of the newest flight that they recorded.
 fn live(args: &DroneArgs) -> Result<Option<AttitudeResponse>, CliError> {
-    let computer: DroneComputer = config::load(&args.config)?;
+    let computer: DroneComputerConfig = config::load(&args.config)?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
     if !is_running(&instance) {

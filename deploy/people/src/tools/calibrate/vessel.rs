@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::record::log::{Log, Order};
+use alight_computer::record::log::{Log, ReplayOrder};
 use alight_computer::record::reading::{contained, is_mcap};
 use alight_computer::terminal;
 use alight_shared::config;
@@ -84,7 +84,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     let named = args
         .config
         .as_ref()
-        .map(|path| config::load::<VesselComputer>(path));
+        .map(|path| config::load::<VesselComputerConfig>(path));
     let named = named.transpose()?.map(|computer| computer.vessel);
     let (config, found) = read(&args.recording, named.clone())?;
     let loaded = match (&args.loaded_log, &args.weight) {
@@ -124,10 +124,10 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     let own = log.first("vessel")?;
     let config = match named {
         Some(config) => config,
-        None => own.config::<VesselComputer>()?.vessel,
+        None => own.config::<VesselComputerConfig>()?.vessel,
     };
     let mut record = Record::default();
-    log.steps(Order::ByStart, |_, _, step| {
+    log.steps(ReplayOrder::ByStart, |_, _, step| {
         record.add(&step.entry::<ComputerIn>()?.input.vessel());
         Ok(())
     })?;

@@ -1,7 +1,7 @@
 //! The autopilot's parameters, origin and heights, read as the link does before a landing. It sends heartbeats and
 //! requests, nothing else.
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::drone::autopilot::Speakers;
 use alight_computer::io::byte_link::ByteLink;
@@ -11,8 +11,8 @@ use alight_shared::mavlink::Signatures;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::message::{
-    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, CommandLong, Heartbeat, Message, NO_AUTOPILOT,
-    command, id,
+    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkMessage,
+    NO_AUTOPILOT, command, id,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Parameters;
@@ -35,7 +35,7 @@ const HEARTBEAT: Span = Span::from_millis(1000);
 
 /// Report of the autopilot; None when no heartbeat of one came. Frames are counted by their signatures.
 pub fn report(
-    computer: &DroneComputer,
+    computer: &DroneComputerConfig,
     url: &LinkUrl,
     signatures: &mut Signatures,
 ) -> Option<AutopilotReport> {
@@ -43,7 +43,7 @@ pub fn report(
 }
 
 async fn received(
-    computer: &DroneComputer,
+    computer: &DroneComputerConfig,
     url: &LinkUrl,
     signatures: &mut Signatures,
 ) -> Option<AutopilotReport> {
@@ -81,7 +81,7 @@ async fn received(
 
 /// Questions to an autopilot, and its answers.
 struct Inquiry<'a> {
-    computer: &'a DroneComputer,
+    computer: &'a DroneComputerConfig,
     heartbeat: Periodic<DroneClock>,
     origin_due: Periodic<DroneClock>,
     /// The autopilot, once a heartbeat of it came, and its parameters.
@@ -90,7 +90,7 @@ struct Inquiry<'a> {
 }
 
 impl Inquiry<'_> {
-    fn new(computer: &DroneComputer) -> Inquiry<'_> {
+    fn new(computer: &DroneComputerConfig) -> Inquiry<'_> {
         Inquiry {
             computer,
             heartbeat: Periodic::default(),
@@ -101,16 +101,16 @@ impl Inquiry<'_> {
     }
 
     /// Takes a message of the link.
-    fn receive(&mut self, sender: Address, message: &Message, now: Time<DroneClock>) {
+    fn receive(&mut self, sender: Address, message: &MavlinkMessage, now: Time<DroneClock>) {
         let vehicle = self.computer.autopilot.vehicle;
         match (message, &mut self.found) {
-            (Message::Heartbeat(h), None) if sender.component == AUTOPILOT_COMPONENT => {
+            (MavlinkMessage::Heartbeat(h), None) if sender.component == AUTOPILOT_COMPONENT => {
                 let by_attitude = self.computer.drone.pilot.output == Output::Attitude;
                 self.found = Firmware::of(h.autopilot, h.vehicle)
                     .filter(|_| vehicle == 0 || vehicle == sender.system)
                     .map(|f| (sender, Parameters::new(f, by_attitude, now)));
             }
-            (Message::Heartbeat(h), Some((own, _)))
+            (MavlinkMessage::Heartbeat(h), Some((own, _)))
                 if vehicle == 0
                     && sender.component == AUTOPILOT_COMPONENT
                     && sender.system != own.system
@@ -118,13 +118,13 @@ impl Inquiry<'_> {
             {
                 self.report.several = Some([own.system, sender.system]);
             }
-            (Message::Parameter { name, value, .. }, Some((from, p))) if *from == sender => {
+            (MavlinkMessage::Parameter { name, value, .. }, Some((from, p))) if *from == sender => {
                 p.received(name, *value);
             }
-            (Message::Origin(origin), Some((from, _))) if *from == sender => {
+            (MavlinkMessage::Origin(origin), Some((from, _))) if *from == sender => {
                 self.report.origin = Some(*origin);
             }
-            (Message::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == sender => {
+            (MavlinkMessage::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == sender => {
                 self.report.geoid_m = (*ellipsoid_m != 0.0).then_some(ellipsoid_m - sea_m);
             }
             (_, _) => {}
@@ -141,8 +141,8 @@ impl Inquiry<'_> {
     }
 
     /// Messages that are due: the heartbeat, a parameter's request, and those for origin and heights.
-    fn messages(&mut self, now: Time<DroneClock>) -> Vec<Message> {
-        let own = Message::Heartbeat(Heartbeat {
+    fn messages(&mut self, now: Time<DroneClock>) -> Vec<MavlinkMessage> {
+        let own = MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: NO_AUTOPILOT,
             vehicle: COMPANION_TYPE,
             base_mode: CUSTOM_MODE,
@@ -150,14 +150,14 @@ impl Inquiry<'_> {
         });
         let alive = self.heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
         let request = self.found.as_mut().and_then(|(to, p)| p.ask(now, *to));
-        let mut messages: Vec<Message> = alive.into_iter().chain(request).collect();
+        let mut messages: Vec<MavlinkMessage> = alive.into_iter().chain(request).collect();
         if let Some((to, _)) = &self.found
             && self.report.origin.is_none()
             && self.origin_due.is_due_spaced(now, HEARTBEAT)
         {
             let ids = [id::GPS_RAW_INT, id::GPS_GLOBAL_ORIGIN];
             messages.extend(ids.map(|message| {
-                Message::Command(CommandLong::new(
+                MavlinkMessage::Command(CommandLong::new(
                     *to,
                     command::REQUEST_MESSAGE,
                     [f64::from(message)],

@@ -1,7 +1,7 @@
 //! Equipment class of the vessel by its sensors, and fit of the drone to its deck: `docs/envelope.md` has the tables
 //! of these figures.
 
-use alight_computer::config::DroneComputer;
+use alight_computer::config::DroneComputerConfig;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::tags::are_anybodys;
 use alight_uav::camera::layout;
@@ -268,7 +268,7 @@ pub fn tags(drone: &DroneSettings) -> Finding {
 }
 
 /// Calibrations of the cameras that look as if they were of images of another size.
-pub fn lenses(drone: &DroneComputer) -> Vec<Finding> {
+pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     let (tag, markers) = (&drone.drone.camera.lens, &drone.drone.camera.uvdar.lens);
     let belly = || {
         let size_px = [tag.width_px, tag.height_px];
@@ -473,7 +473,7 @@ mod tests {
 
     #[test]
     fn lens_of_a_calibration_of_another_size() {
-        let mut drone = DroneComputer::default();
+        let mut drone = DroneComputerConfig::default();
         drone.camera.source = "/dev/video0".into();
         drone.drone.camera.lens.centre_px = [317.1, 255.8];
         assert_eq!(lenses(&drone), []);

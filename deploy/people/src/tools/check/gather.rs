@@ -12,7 +12,7 @@ use alight_computer::certificates;
 use alight_computer::config::camera::CameraSource;
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::config::method;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::{CliError, Doing};
 use alight_computer::io::digital_line::DigitalLine;
 use alight_computer::io::mavlink_key;
@@ -112,7 +112,7 @@ fn snapshot(instance: &Instance) -> Option<Snapshot> {
 }
 
 /// Each camera that is configured: looked through, or as the process reports that holds it.
-fn cameras(d: &DroneComputer, running: Option<&Snapshot>) -> Vec<CameraCheck> {
+fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraCheck> {
     let settings = &d.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
     let tags = d.drone.tags();
@@ -192,7 +192,7 @@ fn readable(name: &str) -> Result<(), String> {
 
 impl CheckFacts {
     /// Facts about the vessel's computer, whose configuration is in `path`.
-    fn vessel(&mut self, path: &Path, v: &VesselComputer) {
+    fn vessel(&mut self, path: &Path, v: &VesselComputerConfig) {
         let instance = Instance::new(&v.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
         self.radio(&v.radio);
@@ -217,7 +217,7 @@ impl CheckFacts {
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));
     }
     /// Facts about the drone's computer.
-    fn drone(&mut self, d: &DroneComputer) {
+    fn drone(&mut self, d: &DroneComputerConfig) {
         let instance = Instance::new(&d.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
         self.radio(&d.radio);
@@ -232,7 +232,7 @@ impl CheckFacts {
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));
     }
     /// Facts about the link to the drone's autopilot.
-    fn autopilot(&mut self, d: &DroneComputer, snapshot: Option<&Snapshot>) {
+    fn autopilot(&mut self, d: &DroneComputerConfig, snapshot: Option<&Snapshot>) {
         let name = d.autopilot.connect.clone();
         let url: Result<LinkUrl, String> = name.parse();
         let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);

@@ -1,7 +1,7 @@
 //! The boat's autopilot that the vessel's computer may steer by: as a running process reports it, or listened to. It is sent
 //! heartbeats and nothing else, and its server is asked for its state.
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::io::runtime;
 use alight_computer::process::snapshot::Snapshot;
 use alight_computer::vessel::helm::{HelmLink, REMEDY, signing_key};
@@ -20,7 +20,7 @@ const ROUND: Duration = Duration::from_millis(20);
 
 /// Facts about the boat's autopilot; None where no helm is configured. Next to a process that runs, as that reports it:
 /// its link is not another reader's.
-pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
+pub fn of(v: &VesselComputerConfig, snapshot: Option<&Snapshot>) -> Option<HelmCheck> {
     let helm = &v.vessel.helm;
     let report = match (helm.output, snapshot) {
         (HelmOutput::None, _) => return None,
@@ -39,7 +39,7 @@ pub fn of(v: &VesselComputer, snapshot: Option<&Snapshot>) -> Option<HelmCheck> 
     })
 }
 
-async fn listened(v: &VesselComputer) -> Result<HelmReport, alight_computer::exit::CliError> {
+async fn listened(v: &VesselComputerConfig) -> Result<HelmReport, alight_computer::exit::CliError> {
     let mut node = HelmNode::new(&v.vessel.helm);
     signing_key(v)?.into_iter().for_each(|key| node.sign(key));
     let mut link = HelmLink::open(v).await?;
@@ -118,8 +118,8 @@ mod tests {
     use alight_sim::autopilots::boat::{self, BoatAutopilot};
     use std::sync::mpsc::RecvTimeoutError;
 
-    fn computer(output: HelmOutput, connect: &str) -> VesselComputer {
-        let mut v = VesselComputer::default();
+    fn computer(output: HelmOutput, connect: &str) -> VesselComputerConfig {
+        let mut v = VesselComputerConfig::default();
         (v.vessel.helm.output, v.vessel.helm.connect) = (output, connect.into());
         v
     }

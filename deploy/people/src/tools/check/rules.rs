@@ -1,7 +1,7 @@
 //! Rules over gathered facts, pure: fine, warning, fault.
 
 use alight_computer::certificates::common_name;
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::subject::Computer;
 use alight_computer::vessel::deck_inputs;
 use alight_shared::autopilot_parameters::Severity;
@@ -109,7 +109,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
 }
 
 /// Sensors, switches and helm of a vessel.
-fn vessel_devices(facts: &CheckFacts, v: &VesselComputer) -> Vec<Finding> {
+fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> {
     let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
     all.extend(facts.held_sources.iter().flat_map(sources::of));
     for found in &facts.sources {

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::io::byte_link::ByteLink;
 use alight_computer::io::byte_links::ByteLinks;
 use alight_computer::io::peer::Speaks;
 use alight_computer::io::runtime;
 use alight_computer::process::sealed;
 use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::{Situation, SourceHealth};
+use alight_computer::situation::{ObservedSituation, SourceHealth};
 use alight_computer::vessel::sensors::{self, foreign_remark};
 use alight_shared::config;
 use alight_shared::msg::SourceStatus;
@@ -42,10 +42,10 @@ pub struct ListenedSources {
 /// vessel of another configuration all of them are others: what that one has cannot be opened, and that is their finding.
 pub fn of(
     path: &Path,
-    v: &VesselComputer,
+    v: &VesselComputerConfig,
     snapshot: Option<&Snapshot>,
 ) -> (Vec<SourceHealth>, ListenedSources) {
-    let flown: Option<VesselComputer> = snapshot
+    let flown: Option<VesselComputerConfig> = snapshot
         .and_then(|_| sealed::running(path))
         .and_then(|text| config::parse(&text, &path.display().to_string()).ok());
     let is_flown = |source: &SourceConfig| {
@@ -54,7 +54,7 @@ pub fn of(
     };
     let (held, open): (Vec<_>, Vec<_>) = v.sensor.sources.iter().cloned().partition(is_flown);
     let mut reported = snapshot.map_or_else(Vec::new, |snapshot| {
-        Situation::of(snapshot, steady_ns()).sources()
+        ObservedSituation::of(snapshot, steady_ns()).sources()
     });
     reported.retain(|r| held.iter().any(|s| s.name == r.name));
     let mut others = v.clone();
@@ -63,11 +63,11 @@ pub fn of(
 }
 
 /// Data of each source. The ports must be free: a serial port gives each byte to one reader.
-pub fn listen(computer: &VesselComputer) -> ListenedSources {
+pub fn listen(computer: &VesselComputerConfig) -> ListenedSources {
     runtime::block_on(async { Ok(received(computer).await) }).unwrap_or_default()
 }
 
-async fn received(computer: &VesselComputer) -> ListenedSources {
+async fn received(computer: &VesselComputerConfig) -> ListenedSources {
     let sources = &computer.sensor.sources;
     let (mut links, mut why) = (Vec::new(), vec![None; sources.len()]);
     for (k, source) in sources.iter().enumerate() {
@@ -162,7 +162,7 @@ mod tests {
         let name = format!("alight-check-sources-{}.toml", std::process::id());
         let path = std::env::temp_dir().join(name);
         std::fs::write(&path, file(&["imu", "compass"])).unwrap();
-        let computer: VesselComputer = config::load(&path).unwrap();
+        let computer: VesselComputerConfig = config::load(&path).unwrap();
         let mut snapshot = Snapshot {
             computer: Facts::vessel(&computer).report.into(),
             ..Snapshot::default()
@@ -173,7 +173,7 @@ mod tests {
         assert!(held.is_empty());
         assert_eq!(names(&listened.sources), ["imu", "compass"]);
 
-        let (_, sealed) = SealedConfig::begin::<VesselComputer>(&path).unwrap();
+        let (_, sealed) = SealedConfig::begin::<VesselComputerConfig>(&path).unwrap();
         let now = steady_ns();
         snapshot.vessel.set(now, Some(VesselStatus::default()));
         snapshot.sources = (0..2)
@@ -187,7 +187,7 @@ mod tests {
             .collect();
         // A source was added since the start.
         std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
-        let edited: VesselComputer = config::load(&path).unwrap();
+        let edited: VesselComputerConfig = config::load(&path).unwrap();
         let (held, listened) = of(&path, &edited, Some(&snapshot));
         assert_eq!(
             held.iter().map(|h| &*h.name).collect::<Vec<_>>(),

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_computer::certificates;
-use alight_computer::config::{DroneComputer, VesselComputer};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
 use alight_computer::exit::Exit;
 use alight_computer::io::mavlink_key;
 use alight_computer::situation::SourceHealth;
@@ -59,7 +59,7 @@ fn tls(peers: &[&str]) -> TlsConfig {
 }
 
 fn vessel() -> CheckFacts {
-    let mut computer = VesselComputer::default();
+    let mut computer = VesselComputerConfig::default();
     computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
     computer.radio.tls = tls(&["drone-1"]);
     computer.sensor.sources = vec![SourceConfig::default()];
@@ -107,7 +107,7 @@ fn vessel() -> CheckFacts {
 }
 
 fn drone() -> CheckFacts {
-    let mut computer = DroneComputer::default();
+    let mut computer = DroneComputerConfig::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
     computer.radio.tls = tls(&["vessel-1"]);
     let mut facts = vessel();
@@ -290,7 +290,7 @@ fn check_behind_a_router() {
 fn check_of_an_unprotected_radio() {
     let mut facts = vessel();
     facts.identity = None;
-    let mut computer = VesselComputer::default();
+    let mut computer = VesselComputerConfig::default();
     computer.sensor.sources = vec![SourceConfig::default()];
     facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
     assert_eq!(worst(&judge(&facts)), FindingLevel::Warning);
@@ -354,7 +354,7 @@ fn check_of_a_swapped_key_and_a_foreign_authority() {
         certificates::issue(authority, "vessel", 1, &[], 400).unwrap();
     }
     let written = |radio: &TlsConfig| {
-        let mut computer = VesselComputer::default();
+        let mut computer = VesselComputerConfig::default();
         computer.radio.listen = vec!["quic/127.0.0.1:0".into()];
         computer.radio.tls = radio.clone();
         let path = directory.join("vessel.toml");
@@ -386,7 +386,7 @@ fn sensor_check_of_silent_and_missing_sources() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let (speaks, silent) = (free(), free());
-    let mut computer = VesselComputer::default();
+    let mut computer = VesselComputerConfig::default();
     computer.sensor.sources = ["speaks", "silent", "taken", "none", "wrong"]
         .into_iter()
         .zip([
@@ -437,7 +437,11 @@ fn sensor_check_of_silent_and_missing_sources() {
     assert!(received(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
     assert!(received(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
     assert!(received(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
-    assert!(sources::listen(&VesselComputer::default()).sources.is_empty());
+    assert!(
+        sources::listen(&VesselComputerConfig::default())
+            .sources
+            .is_empty()
+    );
 }
 
 #[test]
@@ -462,7 +466,7 @@ fn check_of_a_broken_configuration() {
 /// Report of a simulated autopilot that signs with `key`, by a computer with this configuration: the report, the
 /// signatures, and what the autopilot was commanded.
 fn found_of_autopilot(
-    computer: &DroneComputer,
+    computer: &DroneComputerConfig,
     key: Option<Signing>,
 ) -> (Option<AutopilotReport>, Signatures, Vec<CommandLong>) {
     let at = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
@@ -507,7 +511,7 @@ fn autopilot_check_over_a_signed_link() {
     std::fs::write(&file, "a passphrase of the boat\n").unwrap();
     let key = mavlink_key::read("autopilot.signing_key", file.to_str().unwrap()).unwrap();
     let other = Some(Signing::new([7; 32]));
-    let mut computer = DroneComputer::default();
+    let mut computer = DroneComputerConfig::default();
     let text = |s: Signatures| s.finding().map(|(text, _)| text).unwrap_or_default();
     // Signatures were not configured: they are not checked, and their presence is reported.
     let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
@@ -529,7 +533,7 @@ fn autopilot_check_over_a_signed_link() {
 #[test]
 fn autopilot_check_over_the_link() {
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let computer = DroneComputer::default();
+    let computer = DroneComputerConfig::default();
     let silent = format!("udpin://{}", free()).parse().unwrap();
     assert_eq!(
         autopilot::report(&computer, &silent, &mut Signatures::default()),

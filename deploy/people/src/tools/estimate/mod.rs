@@ -6,9 +6,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::VesselComputer;
+use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::record::log::{Log, Order};
+use alight_computer::record::log::{Log, ReplayOrder};
 use alight_computer::record::reading::{contained, is_mcap};
 use alight_computer::terminal::{Form, note};
 use alight_shared::config;
@@ -46,7 +46,8 @@ pub struct EstimateArgs {
 
 /// Reads, estimates, reports.
 pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
-    let named: Option<VesselComputer> = args.config.as_ref().map(|path| config::load(path)).transpose()?;
+    let named: Option<VesselComputerConfig> =
+        args.config.as_ref().map(|path| config::load(path)).transpose()?;
     let origin = args.log.display().to_string();
     let mount = mount(named.as_ref(), args.source.as_deref())?;
     let (recorded, own) = recorded(&args.log, &origin, &mount)?;
@@ -108,7 +109,7 @@ fn not_started(origin: &str, review: &Review) -> String {
 }
 
 /// Mounting of the recorded sensors.
-fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
+fn mount(named: Option<&VesselComputerConfig>, name: Option<&str>) -> Result<Mount, CliError> {
     let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
     match name {
         None => Ok(sources.first().map(|s| s.mount.clone()).unwrap_or_default()),
@@ -158,10 +159,10 @@ fn recorded(
 /// Recording of the vessel's process.
 fn flown(path: &Path) -> Result<(SensorRecording, VesselNodeConfig), CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
-    let config = log.first("vessel")?.config::<VesselComputer>()?.vessel;
+    let config = log.first("vessel")?.config::<VesselComputerConfig>()?.vessel;
     let mut all = Vec::new();
     let mut decoded = Decoded::default();
-    log.steps(Order::ByStart, |_, _, step| {
+    log.steps(ReplayOrder::ByStart, |_, _, step| {
         if all.len() <= MAX_MEASUREMENTS {
             let i = step.entry::<ComputerIn>()?.input.vessel();
             decoded.good += 1;

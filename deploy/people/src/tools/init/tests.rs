@@ -21,7 +21,8 @@ fn init_without_answers_is_the_shipped_boat() {
         config::parse(include_str!("../../../../vessel/vessel.toml"), "").unwrap()
     );
     assert_eq!(drone.bridge.drone_id, 1);
-    let shipped: DroneComputer = config::parse(include_str!("../../../../drone/drone.toml"), "").unwrap();
+    let shipped: DroneComputerConfig =
+        config::parse(include_str!("../../../../drone/drone.toml"), "").unwrap();
     assert_eq!(drone.drone.airframe, shipped.drone.airframe);
     assert!(
         asked.contains("Length of the deck along the vessel, m [2.5]") && !asked.contains("lens"),

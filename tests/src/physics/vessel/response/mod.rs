@@ -28,9 +28,9 @@ use self::places::Places;
 use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
 use super::config::VesselConfig;
 use super::path::{MeanPath, PathPoint};
-use super::steering::SetPoint;
+use super::steering::SteeringSetPoint;
 use crate::physics::body::{RigidState, body_motion};
-use crate::physics::sea::{Component, Sea, sin_cos};
+use crate::physics::sea::{Sea, SeaComponent, sin_cos};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
@@ -196,7 +196,7 @@ impl ResponseVessel {
     ) -> Self {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = vessel.heading_deg.map_or(drawn, f64::to_radians);
-        let wave = |c: &Component| Wave {
+        let wave = |c: &SeaComponent| Wave {
             amplitude: c.amplitude_m,
             omega: c.frequency,
             k: c.direction * c.wave_number,
@@ -229,7 +229,7 @@ impl ResponseVessel {
         self.path.ask_change(t.secs());
     }
     /// Makes its autopilot steer to a set-point from `t` on; None: as its course has it.
-    pub fn steer_to(&mut self, t: Time<TrueTime>, set_point: Option<SetPoint>) {
+    pub fn steer_to(&mut self, t: Time<TrueTime>, set_point: Option<SteeringSetPoint>) {
         self.path.steer_to(t.secs(), set_point);
     }
     /// The state now.

@@ -11,7 +11,7 @@ use super::HullError;
 /// A place, from amidships at the still water line, along the vessel's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Place {
+pub struct HullPlace {
     /// Forward, m; negative aft.
     pub forward_m: f64,
     /// To starboard, m.
@@ -20,7 +20,7 @@ pub struct Place {
     pub above_water_m: f64,
 }
 
-impl Place {
+impl HullPlace {
     /// The place in the body frame (forward, right, down), m.
     pub fn body(&self) -> [f64; 3] {
         [self.forward_m, self.right_m, -self.above_water_m]
@@ -31,11 +31,11 @@ impl Place {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeckPlace {
-    /// Centre of the deck, as of [`Place`].
+    /// Centre of the deck, as of [`HullPlace`].
     pub forward_m: f64,
-    /// As of [`Place`].
+    /// As of [`HullPlace`].
     pub right_m: f64,
-    /// As of [`Place`].
+    /// As of [`HullPlace`].
     pub above_water_m: f64,
     /// Length along the vessel, m.
     pub length_m: f64,
@@ -64,9 +64,9 @@ pub struct Places {
     /// The attitude at rest.
     pub trim: Trim,
     /// The GNSS antenna.
-    pub antenna: Place,
+    pub antenna: HullPlace,
     /// The inertial sensor.
-    pub imu: Place,
+    pub imu: HullPlace,
 }
 
 impl Places {
@@ -87,7 +87,7 @@ impl Places {
             ("trim.pitch_deg", trim.pitch_deg, [-20.0, 20.0]),
             ("trim.roll_deg", trim.roll_deg, [-20.0, 20.0]),
         ];
-        let of_place = |name: &'static str, p: &Place| p.body().map(|v| (name, v, [-50.0, 50.0]));
+        let of_place = |name: &'static str, p: &HullPlace| p.body().map(|v| (name, v, [-50.0, 50.0]));
         let all = lengths
             .into_iter()
             .chain(of_place("antenna", &places.antenna))

@@ -128,21 +128,9 @@ impl ResponseTable {
                 None if omega > 0.0 => table.omega.push(omega),
                 None => return Err(at(line, format!("omega_radps {omega} is not above 0"))),
             }
-            if table.omega.len() == 1 {
-                if table
-                    .direction
-                    .last()
-                    .is_some_and(|d| direction.to_radians() <= *d)
-                {
-                    return Err(at(line, format!("direction_deg {direction} does not ascend")));
-                }
-                table.direction.push(direction.to_radians());
-            } else if table.direction.get(column) != Some(&direction.to_radians()) {
-                return Err(at(
-                    line,
-                    format!("direction_deg {direction} differs from the first frequency's"),
-                ));
-            }
+            table
+                .take_direction(column, direction)
+                .map_err(|message| at(line, message))?;
             column += 1;
             table.responses.push(Response {
                 re: core::array::from_fn(|d| values[2 + 2 * d]),
@@ -156,6 +144,25 @@ impl ResponseTable {
             ));
         }
         Ok(table)
+    }
+
+    /// Takes the direction of a row, deg: the first frequency's have to ascend, the others' to repeat them.
+    fn take_direction(&mut self, column: usize, direction: f64) -> Result<(), String> {
+        if self.omega.len() == 1 {
+            if self
+                .direction
+                .last()
+                .is_some_and(|d| direction.to_radians() <= *d)
+            {
+                return Err(format!("direction_deg {direction} does not ascend"));
+            }
+            self.direction.push(direction.to_radians());
+        } else if self.direction.get(column) != Some(&direction.to_radians()) {
+            return Err(format!(
+                "direction_deg {direction} differs from the first frequency's"
+            ));
+        }
+        Ok(())
     }
 
     /// Directions from 0 to 180 deg, three or more.

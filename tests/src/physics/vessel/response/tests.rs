@@ -1,7 +1,7 @@
 use super::table::COLUMNS;
 use super::*;
 use crate::physics::sea::SeaConfig;
-use crate::physics::vessel::Course;
+use crate::physics::vessel::VesselCourse;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 
@@ -9,7 +9,7 @@ fn at(s: f64) -> Time<TrueTime> {
     Time::from_secs(s)
 }
 
-fn vessel_of(hull: &str, course: Course, sea: &Sea, seed: u64) -> ResponseVessel {
+fn vessel_of(hull: &str, course: VesselCourse, sea: &Sea, seed: u64) -> ResponseVessel {
     let files = HullFiles::load(hull).unwrap();
     let vessel = VesselConfig {
         course,
@@ -135,9 +135,9 @@ fn bad_response_table() {
 fn response_in_a_long_wave() {
     // 300 m long, from astern, abeam and ahead, to either side; slope and elevation as the water's.
     for towards in [0.0, 0.8, 1.9, 3.1, -0.8, -2.2] {
-        let wave = Component::deep(2.0, 0.453, towards, 0.7);
+        let wave = SeaComponent::deep(2.0, 0.453, towards, 0.7);
         let sea = Sea::of_linear_components(vec![wave]);
-        let mut vessel = vessel_of("twin-5m", Course::Drift, &sea, 3);
+        let mut vessel = vessel_of("twin-5m", VesselCourse::Drift, &sea, 3);
         vessel.trim = [0.0; 2];
         for k in 0..60 {
             let t = at(0.5 * f64::from(k));
@@ -170,7 +170,7 @@ fn response_motion_derivatives() {
     let config = "jonswap:0.8,4.5+jonswap:1,8@60".parse::<SeaConfig>().unwrap();
     let sea = Sea::linear(&config, &Streams::new(5));
     assert!(sea.components().len() >= 240);
-    for course in Course::ALL {
+    for course in VesselCourse::ALL {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
         let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
         for k in 0..6000 {
@@ -219,12 +219,12 @@ fn response_frequency_of_encounter() {
             places: HullFiles::load("twin-5m").unwrap().places,
         };
         let vessel = VesselConfig {
-            course: Course::Straight,
+            course: VesselCourse::Straight,
             speed_mps: speed,
             heading_deg: Some(0.0),
             ..VesselConfig::default()
         };
-        let sea = Sea::of_linear_components(vec![Component::deep(0.5, omega, beta, 0.0)]);
+        let sea = Sea::of_linear_components(vec![SeaComponent::deep(0.5, omega, beta, 0.0)]);
         let mut vessel = ResponseVessel::new(&files, &HullConfig::default(), &vessel, &sea, &Streams::new(1));
         let encounter = omega - omega * omega / GRAVITY * speed * f64::cos(beta);
         // Heave equals the water's elevation at the mean place, and turns at the frequency of encounter.
@@ -251,7 +251,7 @@ fn response_frequency_of_encounter() {
 fn square_path_closure_and_speed() {
     for (speed, side) in [(2.0, 40.0), (1.0, 10.0), (6.0, 40.0)] {
         let config = VesselConfig {
-            course: Course::Square,
+            course: VesselCourse::Square,
             speed_mps: speed,
             side_m: side,
             ..VesselConfig::default()
@@ -302,7 +302,7 @@ fn sea_heights_and_periods() {
         assert!((crossing / (0.78 * 6.0) - 1.0).abs() < 0.1, "{crossing}");
         // Half of a JONSWAP's energy lies within about 0.85 to 1.25 of its peak.
         let peak = TAU / 6.0;
-        let near = |c: &&Component| (0.85..1.25).contains(&(c.frequency / peak));
+        let near = |c: &&SeaComponent| (0.85..1.25).contains(&(c.frequency / peak));
         let share = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
         assert!((0.5..0.8).contains(&share), "{share}");
     }
@@ -311,7 +311,7 @@ fn sea_heights_and_periods() {
     assert!((16.0 * sea.variance() - 0.64 - 1.0).abs() < 1e-9);
     // Each system runs its own way.
     let mean = |low: f64, high: f64| {
-        let in_band = |c: &&Component| (low..high).contains(&c.frequency);
+        let in_band = |c: &&SeaComponent| (low..high).contains(&c.frequency);
         let sum: Vector2<f64> = sea.components().iter().filter(in_band).map(|c| c.direction).sum();
         sum.y.atan2(sum.x)
     };
@@ -343,7 +343,7 @@ fn seed_draws_of_phases_directions_and_heading() {
     let config: SeaConfig = "jonswap:1,5".parse().unwrap();
     let angle = |seed: u64| {
         let sea = Sea::linear(&config, &Streams::new(seed));
-        let vessel = vessel_of("twin-5m", Course::Drift, &sea, seed);
+        let vessel = vessel_of("twin-5m", VesselCourse::Drift, &sea, seed);
         let pose = vessel.state().position.0.z;
         (
             (vessel.path.at(0.0).heading - sea.mean_direction()).rem_euclid(TAU),
@@ -364,11 +364,11 @@ fn seed_draws_of_phases_directions_and_heading() {
 fn steered_hull_in_waves() {
     let streams = Streams::new(5);
     let sea = Sea::linear(&"jonswap:1,5".parse::<SeaConfig>().unwrap(), &streams);
-    let mut vessel = vessel_of("mono-5m", Course::Straight, &sea, 5);
+    let mut vessel = vessel_of("mono-5m", VesselCourse::Straight, &sea, 5);
     let mut free = vessel.clone();
     // One that has been on the new course from the beginning.
     let born = VesselConfig {
-        course: Course::Straight,
+        course: VesselCourse::Straight,
         heading_deg: Some(wrap_angle(vessel.path.heading() + 1.0).to_degrees()),
         speed_mps: 3.0,
         ..VesselConfig::default()
@@ -379,7 +379,7 @@ fn steered_hull_in_waves() {
     let (mut highest, mut usual) = ([0.0_f64; 2], 0.0_f64);
     for k in 0..6000 {
         let t = at(tick * f64::from(k));
-        let turn = SetPoint {
+        let turn = SteeringSetPoint {
             heading: vessel.path.heading() + 1.0,
             speed: 3.0,
         };

@@ -143,7 +143,7 @@ const DRONE_WARNINGS: &[Fault] = &[
     (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
     (
         |f| {
-            let mut d = DroneComputer::default();
+            let mut d = DroneComputerConfig::default();
             d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
             d.radio.tls = tls(&["vessel-1"]);
             d.autopilot.unsigned_orders = true;
@@ -169,7 +169,7 @@ const DRONE_WARNINGS: &[Fault] = &[
     (
         |f| {
             f.reported = reported("COM_OF_LOSS_T", 1.0);
-            let mut d = DroneComputer::default();
+            let mut d = DroneComputerConfig::default();
             d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
             d.radio.tls = tls(&["vessel-1"]);
             d.autopilot.check_parameters = false;
@@ -210,7 +210,7 @@ const DRONE_BROKEN: &[Fault] = &[
     (|f| f.cameras.push(looked(Err("no image came"))), "no image came"),
     (
         |f| {
-            let mut d = DroneComputer::default();
+            let mut d = DroneComputerConfig::default();
             d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
             d.radio.tls = tls(&["vessel-2"]);
             f.computer = Ok(Computer::Drone(Box::new(d)));

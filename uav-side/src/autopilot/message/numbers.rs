@@ -1,0 +1,104 @@
+//! Numbers of MAVLink: messages, severities, bits of an estimator's status, commands.
+
+/// Numbers of messages whose rate is requested.
+pub mod id {
+    /// `HEARTBEAT`.
+    pub const HEARTBEAT: u32 = 0;
+    /// `SYS_STATUS`.
+    pub const SYS_STATUS: u32 = 1;
+    /// `SCALED_IMU`.
+    pub const SCALED_IMU: u32 = 26;
+    /// `ATTITUDE_QUATERNION`.
+    pub const ATTITUDE_QUATERNION: u32 = 31;
+    /// `LOCAL_POSITION_NED`.
+    pub const LOCAL_POSITION_NED: u32 = 32;
+    /// `RC_CHANNELS`.
+    pub const RC_CHANNELS: u32 = 65;
+    /// `SERVO_OUTPUT_RAW`.
+    pub const SERVO_OUTPUT_RAW: u32 = 36;
+    /// `ATTITUDE_TARGET`.
+    pub const ATTITUDE_TARGET: u32 = 83;
+    /// `HIGHRES_IMU`.
+    pub const HIGHRES_IMU: u32 = 105;
+    /// `GPS_RAW_INT`.
+    pub const GPS_RAW_INT: u32 = 24;
+    /// `GPS_GLOBAL_ORIGIN`.
+    pub const GPS_GLOBAL_ORIGIN: u32 = 49;
+    /// `DISTANCE_SENSOR`.
+    pub const DISTANCE_SENSOR: u32 = 132;
+    /// `BATTERY_STATUS`.
+    pub const BATTERY_STATUS: u32 = 147;
+    /// `MISSION_CURRENT`.
+    pub const MISSION_CURRENT: u32 = 42;
+    /// `MISSION_ITEM_REACHED`.
+    pub const MISSION_ITEM_REACHED: u32 = 46;
+    /// `EKF_STATUS_REPORT` (ArduPilot).
+    pub const EKF_STATUS_REPORT: u32 = alight_shared::mavlink::EKF_STATUS_REPORT.0;
+    /// `ESTIMATOR_STATUS` (PX4).
+    pub const ESTIMATOR_STATUS: u32 = 230;
+    /// `EXTENDED_SYS_STATE`.
+    pub const EXTENDED_SYS_STATE: u32 = 245;
+    /// `ODOMETRY`.
+    pub const ODOMETRY: u32 = 331;
+    /// `CURRENT_MODE`.
+    pub const CURRENT_MODE: u32 = 436;
+}
+
+/// Severities of a text (`MAV_SEVERITY`).
+pub mod severity {
+    /// Something has to be done at once.
+    pub const CRITICAL: u8 = 2;
+    /// Something went wrong.
+    pub const WARNING: u8 = 4;
+    /// Unusual, and no error.
+    pub const NOTICE: u8 = 5;
+    /// Normal.
+    pub const INFO: u8 = 6;
+}
+
+/// Bits of an estimator's status, the same of both firmwares.
+pub mod estimator {
+    /// Attitude: tilt, in ArduPilot heading too.
+    pub const ATTITUDE: u16 = 1;
+    /// Velocity, north and east.
+    pub const VELOCITY_HORIZ: u16 = 2;
+    /// Velocity down.
+    pub const VELOCITY_VERT: u16 = 4;
+    /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only once tilt and heading are aligned.
+    pub const POSITION_HORIZ_ABS: u16 = 16;
+    /// Height.
+    pub const POSITION_VERT_ABS: u16 = 32;
+    /// The position is held where it is for want of a measurement.
+    pub const CONSTANT_POSITION: u16 = 128;
+}
+
+/// Numbers of commands.
+pub mod command {
+    /// `MAV_CMD_DO_SET_MODE`.
+    pub const SET_MODE: u16 = 176;
+    /// `MAV_CMD_DO_SET_HOME`: latitude and longitude, deg, and height above the sea, m, in the last three parameters.
+    pub const SET_HOME: u16 = 179;
+    /// `MAV_CMD_MISSION_START`: from its beginning, with first and last item 0 (PX4 takes the first item from it; ArduCopter
+    /// begins again after a disarm).
+    pub const MISSION_START: u16 = 300;
+    /// `MAV_CMD_COMPONENT_ARM_DISARM`.
+    pub const ARM_DISARM: u16 = 400;
+    /// `MAV_CMD_SET_MESSAGE_INTERVAL`.
+    pub const MESSAGE_INTERVAL: u16 = 511;
+    /// `MAV_CMD_REQUEST_MESSAGE`.
+    pub const REQUEST_MESSAGE: u16 = 512;
+    /// `MAV_CMD_NAV_LAND`: to the companion, land on the vessel.
+    pub const NAV_LAND: u16 = 21;
+    /// `MAV_CMD_NAV_TAKEOFF`: to the companion, take off from the deck.
+    pub const NAV_TAKEOFF: u16 = 22;
+    /// `MAV_CMD_USER_1`: of ours, land.
+    pub const USER_1: u16 = 31010;
+    /// `MAV_CMD_USER_2`: of ours, abort.
+    pub const USER_2: u16 = 31011;
+    /// `MAV_CMD_USER_3`: of ours, hold.
+    pub const USER_3: u16 = 31012;
+    /// `MAV_CMD_USER_4`: of ours, a station: height, m; ahead and to starboard of the deck's centre, m; for how long, min.
+    pub const USER_4: u16 = 31013;
+    /// Second parameter of `ARM_DISARM`: the autopilot obeys in the air too.
+    pub const FORCE: f64 = 21196.0;
+}

@@ -1,0 +1,188 @@
+//! The situation of a step, by the newest of every input, and the odds of a landing in it.
+
+use alight_shared::landing::{Slopes, Stand, Staying};
+use alight_shared::msg::{
+    CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve, State,
+    WaitingPlace,
+};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::topics;
+
+use super::MissionNode;
+use super::outlook::Outlook;
+use super::reservation::{Promise, Reservation, stated_course};
+use super::situation::{ControlState, Deck, OwnState, Situation, rotors_carry, several, tips_rad};
+use super::take_off;
+use crate::standing::StandingVerdict;
+
+impl MissionNode {
+    /// Updates the odds of a landing from here, and the probability above which waiting on is not worth it, with each
+    /// forecast.
+    pub(super) fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
+        let forecast_at = self.forecast.get().map(|f| f.header.at);
+        match self.judged {
+            Some((at, staying, odds)) if Some(at) == forecast_at => {
+                s.staying = staying;
+                s.odds = odds.filter(|_| s.fresh_deck().is_some());
+            }
+            Some(_) | None => self.update_odds(now, s),
+        }
+        self.judged = forecast_at.map(|at| (at, s.staying, s.odds));
+        let follows = self.phase.state().phase() == Phase::Follow;
+        let identified = s.fresh_deck().is_some_and(|d| d.identified);
+        if let Some(odds) = s.odds.filter(|_| follows && identified) {
+            self.waiting.update(now, odds.whole());
+        }
+        s.worth_waiting = self.waiting.threshold(self.config.waiting_cost_per_s());
+    }
+
+    fn update_odds(&self, now: Time<DroneClock>, s: &mut Situation) {
+        let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
+        let stand = Stand::on(plate, drone, self.config.friction);
+        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
+        let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
+            return;
+        };
+        let outlook = Outlook {
+            forecast,
+            deck,
+            wind: &self.wind,
+            staying: &s.staying,
+            drone,
+            plate,
+            chooses: deck.clearance_m > self.config.flare_clearance_m,
+            response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
+        };
+        s.odds = outlook.odds(now);
+    }
+
+    /// The speed made good on the way to the deck.
+    pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
+        let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
+        self.stepped = Some(now);
+        let approaches = self.phase.state() == State::Approach;
+        if let Some(d) = s.fresh_deck() {
+            let assumed_mps = self.config.battery_air_speed_mps - d.leaving_mps;
+            let closing_mps = approaches.then_some(d.closing_mps);
+            self.battery.approach(dt, d.distance_m, closing_mps, assumed_mps);
+        }
+    }
+
+    pub(super) fn follows(&self, s: &Situation) -> bool {
+        self.phase.state().phase() == Phase::Follow
+            && s.fresh_deck()
+                .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
+    }
+
+    /// The other drones that have the waiting places, and the heights of their stations, m.
+    fn others(&self) -> [(u32, u8); PLACES] {
+        let grant = self.grant.get();
+        core::array::from_fn(|k| {
+            let of = |g: &DeckGrant<DroneClock>| Some((*g.places.get(k)?, *g.stations.get(k)?));
+            let other = grant.and_then(of).filter(|(drone, _)| *drone != self.drone_id);
+            other.unwrap_or_default()
+        })
+    }
+
+    pub(super) fn situation(&mut self, now: Time<DroneClock>) -> Situation {
+        let heights = self.heights(now);
+        let c = &self.config;
+        let drone = self.drone.get();
+        let own = drone.map(OwnState::of);
+        let deck = match (self.forecast.get(), own, drone) {
+            (Some(f), Some(own), Some(d)) => Deck::of(f, &own, &self.drone_geometry, &d.attitude(), c, now),
+            _ => None,
+        };
+        let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
+        let others = self.others();
+        Situation {
+            now,
+            flight: ControlState::of(autopilot, c.mode),
+            rejection: autopilot
+                .map(|a| a.rejection)
+                .filter(|why| why.code != ReasonCode::None),
+            moved: self
+                .moved
+                .map(|(_, by_m)| Reason::new(ReasonCode::OriginMoved, by_m, 0.0)),
+            several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
+            battery: autopilot.and_then(|_| self.battery.charge(c)),
+            battery_reserve: self.battery_reserve(deck.as_ref()),
+            own,
+            odometry_age_s: self.drone.age_s(now),
+            odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
+            deck,
+            mean_deck_z: heights.deck_z,
+            lowest_z: heights.lowest_z,
+            doubt: heights.doubt,
+            tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
+            swing_rad: self.swing.rms(),
+            staying: Staying::default(),
+            odds: None,
+            forced_descent: self.forced_descent.map(|(after, at)| at.unwrap_or(now + after)),
+            worth_waiting: 0.0,
+            water_z: heights.water_z.unwrap_or(0.0),
+            forecast_age_s: self.forecast.age_s(now),
+            forecast_limit_s: topics::FORECAST.stale_after.secs(),
+            plan_age_s: self.plan_age_s(now),
+            plan_limit_s: topics::PLAN.stale_after.secs(),
+            outside_m: deck.map_or(f64::INFINITY, |d| {
+                d.outside_m(&self.deck_geometry, &self.drone_geometry)
+            }),
+            reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
+            course: stated_course(self.grant.get(), now),
+            promise: Promise::of(self.grant.get(), now),
+            dark: self
+                .light
+                .fresh(now, topics::CAMERA_LIGHT.stale_after)
+                .and_then(CameraLight::hides_tags),
+            place: self.place(),
+            others: others.map(|(drone, _)| drone),
+            other_stations_m: others.map(|(_, height_m)| height_m),
+            motors_stopped: self
+                .set_point
+                .fresh(now, topics::SET_POINT.stale_after)
+                .is_some_and(|s| s.motors == Motors::Stop),
+            rotors_carry: autopilot.and_then(|a| rotors_carry(a, &self.drone_geometry)),
+            hard_contact_mps: self.set_point.get().and_then(|s| s.hard_contact_mps),
+            deck_wanted: (self.grant.fresh(now, topics::DECK.stale_after)).is_some_and(|g| g.wanted),
+            not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
+            on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
+            battery_for_take_off: self.battery.for_take_off(c),
+            turns_back: None,
+            seeks: None,
+            own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
+            turns_in_s: None,
+            lift_off: None,
+            risen_m: 0.0,
+            rise_measured: false,
+            standing: StandingVerdict::Unknown,
+            unwitnessed_s: 0.0,
+            rotors_turn_s: 0.0,
+            lifts_s: None,
+            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
+        }
+    }
+
+    /// Charge below which the drone has to land, over this deck.
+    fn battery_reserve(&self, deck: Option<&Deck>) -> f64 {
+        let c = &self.config;
+        deck.map_or(c.battery_reserve, |d| {
+            let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
+            self.battery.reserve(d.distance_m, assumed_mps, c)
+        })
+    }
+
+    /// Age of the newest plan that the solver found feasible, s.
+    fn plan_age_s(&self, now: Time<DroneClock>) -> f64 {
+        match self.plan.get() {
+            Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
+            Some(_) | None => f64::INFINITY,
+        }
+    }
+
+    /// The drone's waiting place by the newest grant, where decks are reserved.
+    fn place(&self) -> Option<WaitingPlace> {
+        let grant = self.grant.get().filter(|_| self.config.reservation_required);
+        grant.and_then(|g| g.place(self.drone_id))
+    }
+}

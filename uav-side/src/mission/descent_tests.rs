@@ -1,0 +1,101 @@
+//! State table of a descent and a flare.
+
+use alight_shared::msg::ReasonCode::{
+    Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings, TiltExcess,
+    TooSteep, VisionLost,
+};
+
+use State::{Descent, Flare, Tracking};
+
+use super::tests::Does::{Enter, Stay};
+use super::tests::*;
+use super::*;
+
+#[test]
+fn flare_clearance() {
+    // The deck rose to the descending drone: going on is the safer way.
+    let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
+    let low = with_deck(|d| d.clearance_m = 0.85);
+    let rows = [
+        (fair(), 0.0, Stay(Descent, Descending)),
+        (low, 0.0, Enter(Flare, FlareHeight)),
+        (risen, 0.0, Enter(Flare, FlareHeight)),
+    ];
+    table(DESCENT, rows);
+}
+
+#[test]
+fn descent_with_a_lasting_violation() {
+    for (s, why) in [
+        (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
+        (with_deck(|d| d.distance_m = 4.0), Deviated),
+        (with_odds(|p| p.tilted = 0.85), LikelyTilted),
+        (with_odds(|p| p.hard = 0.96), HarmLikely),
+        (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
+        (with(|s| s.plan_age_s = 0.6), NoPlan),
+        (with(|s| s.swing_rad = 0.2), Swings),
+    ] {
+        let rows = [(s, 0.2, Stay(Descent, why)), (s, 1.0, Enter(Tracking, why))];
+        table(DESCENT, rows);
+    }
+}
+
+#[test]
+fn descent_pause_at_the_decision_clearance() {
+    let s = with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8));
+    let d = run(DESCENT, &s, 2.0);
+    waits(&d, Descent, VisionLost);
+    assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
+    goes(&run(DESCENT, &s, 9.0), Tracking, VisionLost);
+}
+
+#[test]
+fn tilt_beyond_the_command_in_the_air() {
+    for (phase, clearance) in [(DESCENT, 4.0), (DESCENT, 1.0), (COMMITTED, 0.5)] {
+        let tilted = |excess_deg: f64, clearance: f64| Situation {
+            tilt_excess_rad: excess_deg.to_radians(),
+            ..with_deck(|d| d.clearance_m = clearance)
+        };
+        goes(&step(phase, &tilted(11.0, clearance)), Tracking, TiltExcess);
+        // The deck tilts what touches it.
+        for s in [tilted(9.0, clearance), tilted(30.0, 0.1)] {
+            assert_ne!(step(phase, &s).phase.state(), Tracking);
+        }
+    }
+}
+
+#[test]
+fn soft_violations_below_the_commit_clearance() {
+    let soft = |clearance: f64| {
+        with_deck(|d| {
+            (d.clearance_m, d.distance_m) = (clearance, 1.6);
+            (d.vision_age_s, d.radio_age_s) = (6.0, 6.0);
+        })
+    };
+    goes(&run(FREE_FLARE, &soft(0.85), 2.0), Tracking, VisionLost);
+    let rows = [
+        (soft(0.5), 2.0, Stay(Flare, VisionLost)),
+        // The deck fell away again: there is time to judge.
+        (soft(1.5), 2.0, Enter(Tracking, VisionLost)),
+    ];
+    table(COMMITTED, rows);
+}
+
+#[test]
+fn flare_without_vision() {
+    for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
+        let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
+        waits(&run(FREE_FLARE, &blind, 1.0), Flare, Flaring);
+    }
+}
+
+#[test]
+fn committed_flare_with_a_missed_deck() {
+    let off_deck = Situation {
+        outside_m: 0.4,
+        ..with_deck(|d| d.clearance_m = 0.3)
+    };
+    let missed = with_deck(|d| d.clearance_m = -0.5);
+    goes(&run(COMMITTED, &missed, 1.0), Tracking, Missed);
+    goes(&run(COMMITTED, &off_deck, 1.0), Tracking, Deviated);
+}

@@ -1,0 +1,179 @@
+//! Descent and flare: conditions under which a landing goes on, and those that break it off.
+
+use alight_shared::msg::ReasonCode::{
+    Descending, DescendingTo, Deviated, FlareHeight, Flaring, Matched, Matching, Missed, NoPlan, Swings,
+    TiltExcess, TooNear, VesselTurns, VisionLost,
+};
+use alight_shared::msg::{Course, Reason};
+
+use super::super::limits::{DECISION_TIMEOUT_S, LOST_OUTSIDE_M, exceeds, first_beyond};
+use super::super::phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting};
+use super::super::situation::{Deck, Situation};
+use super::{HYSTERESIS, MAX_SWING_RAD, blind_limit, contradicted, unlikely, widening};
+use crate::mission_config::MissionConfig;
+
+/// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
+fn withdrawn(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
+    let turns = s.course == Course::Turning && s.promise.is_none() && !progress.is_urgent();
+    (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
+}
+
+/// What forbids the flare at the decision clearance.
+fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
+    first_beyond([
+        (
+            VisionLost,
+            deck.vision_age_s.min(deck.radio_age_s),
+            c.vision_fresh_s,
+        ),
+        (VisionLost, deck.vision_age_s, c.descent_vision_s),
+    ])
+}
+
+/// A descent leaves the cone above the deck that is so wide at no clearance, m, and this much wider per metre.
+const CONE_M: f64 = 1.0;
+const CONE_SLOPE: f64 = 0.3;
+/// Going up and coming down again takes so long, s, and ends in a harmful contact so seldom: a landing goes on that is less
+/// likely than it had to be by what both cost.
+const REPEAT_S: f64 = 30.0;
+const REPEAT_RISK: f64 = 0.02;
+
+/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
+fn violation(
+    deck: &Deck,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+    blind_s: f64,
+) -> Option<Reason> {
+    let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
+    let needed = c.min_probability - REPEAT_S * c.waiting_cost_per_s() - REPEAT_RISK;
+    exceeds(VisionLost, deck.vision_age_s, blind_s)
+        .or(s.doubt)
+        .or_else(|| exceeds(Deviated, deck.distance_m, cone))
+        .or_else(|| deck.infeasible(c, HYSTERESIS * widening(progress)))
+        .or_else(|| exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD))
+        .or_else(|| contradicted(deck, progress))
+        .or_else(|| unlikely(progress, s, needed, c.max_harm + REPEAT_RISK))
+        .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
+}
+
+/// An autopilot that keeps the attitude tilts less than this beyond what is commanded, rad: 10 deg; landings reach 2.
+const MAX_TILT_EXCESS_RAD: f64 = 0.175;
+/// Below this clearance the deck may tilt a drone that touches it, m: the forecast's error.
+const MAY_TOUCH_M: f64 = 0.3;
+
+/// The attitude is being lost: more thrust, as a climb takes, gives the rotors their torque back.
+fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
+    exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
+}
+
+/// Descent: until the flare; an unmet condition of the flare pauses it at the decision clearance.
+pub(super) fn descent(
+    violated: Option<DroneTime>,
+    paused: Option<DroneTime>,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> PhaseTransition {
+    let Some(deck) = s.fresh_deck() else {
+        return PhaseTransition::BreakOff(s.no_deck());
+    };
+    if let Some(why) = attitude_lost(deck, s) {
+        return PhaseTransition::BreakOff(why);
+    }
+    let violation = violation(deck, progress, s, c, c.descent_vision_s);
+    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
+    let close = deck.clearance_m < c.commit_clearance_m;
+    // Below the commit clearance going on is safer than breaking off, while the deck is below.
+    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !close) {
+        return PhaseTransition::BreakOff(why);
+    }
+    if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
+        return PhaseTransition::BreakOff(why);
+    }
+    if let Some(why) = withdrawn(progress, s).filter(|_| !close) {
+        return PhaseTransition::BreakOff(why);
+    }
+    if let Some(lowest_m) = c.lowest_plan_m() {
+        return matching(lowest_m, violated, paused, deck, violation, s, c);
+    }
+    let rejection = not_ready_to_flare(deck, c);
+    if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
+        let flare = MissionPhase::Flare {
+            committed: close,
+            violated: None,
+        };
+        return flare.enter(Reason::new(FlareHeight, deck.clearance_m, c.flare_clearance_m));
+    }
+    let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
+    let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
+    if let Some(why) = stopped.filter(|_| waited > DECISION_TIMEOUT_S) {
+        return PhaseTransition::BreakOff(why);
+    }
+    let sinking = Reason::new(Descending, deck.clearance_m, c.flare_clearance_m);
+    MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
+}
+
+/// No further above the lowest plan than this it follows the deck there, m: what is left of the heave.
+const MATCHED_WITHIN_M: f64 = 0.5;
+
+/// The end of a descent that does not land: with the deck at the lowest plan since `matched`, then up.
+fn matching(
+    lowest_m: f64,
+    violated: Option<DroneTime>,
+    matched: Option<DroneTime>,
+    deck: &Deck,
+    violation: Option<Reason>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> PhaseTransition {
+    if deck.clearance_m < c.lowest_clearance_m {
+        let why = Reason::new(TooNear, deck.clearance_m, c.lowest_clearance_m);
+        return PhaseTransition::BreakOff(why);
+    }
+    let there = deck.clearance_m < lowest_m + MATCHED_WITHIN_M;
+    let (paused, lasted) = lasting(there, matched, s.now);
+    if lasted >= c.match_s {
+        return gave_up(s, c).enter(Reason::new(Matched, c.lowest_clearance_m, c.match_s));
+    }
+    let waits = if there {
+        Reason::new(Matching, lasted, c.match_s)
+    } else {
+        Reason::new(DescendingTo, deck.clearance_m, lowest_m)
+    };
+    MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
+}
+
+/// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
+/// committed.
+pub(super) fn flare(
+    committed: bool,
+    violated: Option<DroneTime>,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> PhaseTransition {
+    let Some(deck) = s.fresh_deck() else {
+        return PhaseTransition::BreakOff(s.no_deck());
+    };
+    // The deck may fall away again: half a metre above the commit clearance there is time to judge.
+    let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
+    let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
+        exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
+    });
+    let hard = hard.or_else(|| attitude_lost(deck, s));
+    if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
+        return PhaseTransition::BreakOff(why);
+    }
+    let violation = violation(deck, progress, s, c, blind_limit(deck));
+    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
+    if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !committed) {
+        return PhaseTransition::BreakOff(why);
+    }
+    let sinking = Reason::new(Flaring, deck.clearance_m, 0.0);
+    MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
+}
+
+/// A condition has to be violated for so long before a landing is broken off, s: several messages.
+const VIOLATION_S: f64 = 0.3;

@@ -1,0 +1,143 @@
+//! Succession of missions: from a predecessor's checkpoint, or of a drone that is found in flight, to a successor.
+
+use alight_shared::admission::CommandAdmission;
+use alight_shared::checkpoint::CheckpointRejection;
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::{CommandKind, MissionCheckpoint, MissionState, Reason, ReasonCode};
+use alight_shared::time::{DroneClock, Time};
+
+use super::checkpoint::{self, Begun};
+use super::phase::{Decision, MissionPhase};
+use super::situation::{ControlState, Situation};
+use super::{MissionIn, MissionNode};
+
+impl MissionNode {
+    /// Begins where its predecessor was, or from the start; returns the command that came meanwhile.
+    fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
+        self.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
+        if let Some(m) = &begun.checkpoint {
+            let drone = self.drone.get();
+            let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
+            // Where it goes depends on what was set.
+            self.adjust(&m.state.settings);
+            let s = self.situation(now);
+            let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
+            self.phase = phase;
+            self.progress = checkpoint::progress(m);
+            self.was_away = m.was_away;
+            self.last_vessel = m.last_vessel;
+            self.meets = m.state.meets;
+            self.previous = m.state.previous;
+            self.since = m.state.since;
+            self.entered = m.state.entered;
+            if let Some(why) = changed {
+                (self.previous, self.since, self.entered) = (m.state.state, now, why);
+            }
+            self.commands = CommandAdmission::after(m.command, m.abort);
+            if let Some((charge, known)) = m.state.battery.zip(m.battery) {
+                self.battery.resume(m.header.at, charge, &known, &self.config);
+            }
+            if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
+                self.mean_deck_z.begin(m.header.at, z);
+            }
+        }
+        if let Some(m) = &begun.aged {
+            self.progress = checkpoint::purpose(now, m);
+            self.last_vessel = m.last_vessel;
+        }
+        self.commands.first_of(now, &begun.commands)
+    }
+
+    /// The command to act on, if any, and why a predecessor's checkpoint does not count; None while it does not know yet how it
+    /// begins.
+    pub(super) fn order(
+        &mut self,
+        now: Time<DroneClock>,
+        input: &MissionIn,
+        s: &Situation,
+    ) -> Option<(Option<CommandKind>, Option<CheckpointRejection>)> {
+        let Some(beginning) = &mut self.beginning else {
+            self.resume(now, s);
+            return Some((self.commands.first_of(now, &input.commands), None));
+        };
+        // Of a disarmed drone the pilot knows whether its landing is over.
+        let complete = match s.flight {
+            ControlState::Disarmed => self.set_point.get().is_some(),
+            ControlState::Unknown => false,
+            ControlState::OnGround
+            | ControlState::Ours
+            | ControlState::Lapsed
+            | ControlState::OtherControl(_) => s.fresh_deck().is_some(),
+        };
+        let ids = [self.drone_id, self.boot];
+        let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
+        self.beginning = None;
+        Some((self.begin(now, &begun), begun.rejected))
+    }
+
+    /// A process that stood still for longer than the others wait for its state goes on as its successor would.
+    fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
+        let state = self.phase.state();
+        let stopped = self.progress.stopped;
+        let Some(at) = self.published else { return };
+        if let Some(phase) = checkpoint::interrupted(at, state, stopped, s, &self.config) {
+            let why = Reason::new(ReasonCode::StoodStill, s.clearance_m(), (now - at).secs());
+            (self.previous, self.since, self.entered) = (state, now, why);
+            self.phase = phase;
+        }
+    }
+
+    /// An idle mission's decision about a drone in flight: one that it finds there, without a checkpoint or after a loss of
+    /// set-points, and one that the vessel comes near to.
+    pub(super) fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
+        let waits = self.phase == MissionPhase::Idle;
+        // A drone that is handed over above the deck stays there.
+        self.was_away &= waits && s.flight == ControlState::Ours;
+        if !waits {
+            self.unjudged = None;
+            return None;
+        }
+        let (phase, why) = if let Some(code) = self.unjudged {
+            let found = checkpoint::safe_start(s, self.progress.landing, code, &self.config);
+            self.unjudged = self.unjudged.filter(|_| found.is_err());
+            found.ok().flatten()?
+        } else {
+            self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
+            let gives_way = checkpoint::gives_way(s, &self.config);
+            gives_way.filter(|_| self.was_away && !self.progress.landing)?
+        };
+        Some(Decision {
+            phase,
+            progress: self.progress,
+            entered: Some(why),
+            waiting: Reason::default(),
+        })
+    }
+
+    pub(super) fn checkpoint(&self, state: &MissionState) -> MissionCheckpoint {
+        MissionCheckpoint {
+            header: state.header,
+            state: *state,
+            landing: self.progress.landing,
+            started: self.progress.started,
+            ordered_below: self.progress.ordered_below,
+            low_from: self.progress.low_from,
+            battery: self.battery.memory(),
+            deck_declined: self.progress.deck_declined,
+            stopped: self.progress.stopped,
+            committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
+            disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
+            command: self.commands.newest(),
+            abort: self.commands.abort(),
+            frames: self.drone.get().map_or(0, |d| d.frames),
+            datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
+            mean_deck_z: self.mean_deck_z.value(),
+            was_away: self.was_away,
+            sortie: self.progress.sortie,
+            cycling: self.progress.cycles.on,
+            ready: self.progress.cycles.ready,
+            cycles_ended: self.progress.cycles.ended,
+            last_vessel: self.last_vessel,
+        }
+    }
+}

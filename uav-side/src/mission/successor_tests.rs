@@ -1,0 +1,164 @@
+//! A mission that takes over from another, with and without its checkpoint.
+
+use alight_shared::msg::{CommandKind, Motors};
+
+use super::node_tests::fresh_input;
+use super::tests::{at, config};
+use super::*;
+use crate::fixtures::{command, header};
+
+/// The checkpoint of a mission that is over the deck in this state.
+fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
+    let header = Header::new(1, 1, 5, 9, at(t));
+    MissionCheckpoint {
+        header,
+        state: MissionState {
+            header,
+            state,
+            attempts: 1,
+            since: at(t - 1.0),
+            hold_position: [1.0, 2.0, -16.0],
+            ..MissionState::default()
+        },
+        landing: true,
+        started: at(t - 30.0),
+        mean_deck_z: Some(-1.3),
+        ..MissionCheckpoint::default()
+    }
+}
+
+/// State in which a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the
+/// deck; and why it rejected it.
+fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+    for k in 0..100_u32 {
+        let t = at(10.0 + 0.01 * f64::from(k));
+        let z = -1.3 - drone.feet_below_m - height;
+        let input = MissionIn {
+            checkpoint,
+            ..fresh_input(k, t, [0.1, 0.0, z])
+        };
+        let out = m.step(t, &input);
+        if let Some(state) = out.state {
+            assert_eq!(out.checkpoint.map(|m| m.state), Some(state));
+            return (state, out.rejected);
+        }
+    }
+    panic!("no state for a second")
+}
+
+#[test]
+fn successor_with_a_checkpoint() {
+    for state in [
+        State::Idle,
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::Descent,
+        State::Landed,
+        State::Hold,
+        State::GaveUp,
+    ] {
+        let (s, rejected) = begun(Some(checkpoint(state, 9.8)), 3.0);
+        let wanted = if state == State::Idle {
+            State::GetAltitude
+        } else {
+            state
+        };
+        assert_eq!((s.state, rejected), (wanted, None));
+        if matches!(state, State::Hold | State::GaveUp) {
+            // Over the deck it moves with that until it is as high.
+            assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
+        }
+    }
+    for (at_s, height, state) in [
+        (9.8, 0.5, State::Flare),
+        // The pilot has left the plan since: it begins again, but not from the deck.
+        (9.0, 0.5, State::Tracking),
+        (9.0, 0.05, State::Flare),
+    ] {
+        assert_eq!(begun(Some(checkpoint(State::Flare, at_s)), height).0.state, state);
+    }
+    assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
+}
+
+/// The pilot stopped the motors while no mission ran; the successor reads its set-point one step late.
+#[test]
+fn successor_after_the_pilot_stopped_the_motors() {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+    for k in 0..10_u32 {
+        let t = at(10.0 + 0.01 * f64::from(k));
+        let mut input = fresh_input(k, t, [0.1, 0.0, -1.3 - drone.feet_below_m]);
+        input.checkpoint = Some(checkpoint(State::Flare, 9.9));
+        input.autopilot = input.autopilot.map(|a| AutopilotState { armed: false, ..a });
+        input.set_point = Some(SetPoint {
+            header: header(k, t),
+            motors: Motors::Stop,
+            ..SetPoint::default()
+        })
+        .filter(|_| k > 2);
+        m.step(t, &input);
+    }
+    assert_eq!(m.phase.state(), State::Landed);
+}
+
+#[test]
+fn successor_without_a_sound_checkpoint() {
+    let change = |f: fn(&mut MissionCheckpoint)| {
+        let mut m = checkpoint(State::Descent, 9.8);
+        f(&mut m);
+        Some(m)
+    };
+    use CheckpointRejection::{Age, Damaged, OtherDrone, Version};
+    for (bad, why) in [
+        (None, None),
+        // The keeper has none.
+        (Some(MissionCheckpoint::default()), None),
+        (change(|m| m.header.version -= 1), Some(Version)),
+        (change(|m| m.state.header.version -= 1), Some(Damaged)),
+        (change(|m| m.header.drone = 2), Some(OtherDrone)),
+        (change(|m| m.header.at = at(4.0)), Some(Age)),
+        (change(|m| m.header.at = at(11.0)), Some(Age)),
+        (change(|m| m.state.hold_position[0] = f64::NAN), Some(Damaged)),
+        (change(|m| m.mean_deck_z = Some(f64::NAN)), Some(Damaged)),
+    ] {
+        let (s, rejected) = begun(bad, 1.0);
+        assert_eq!((s.state, rejected), (State::GaveUp, why), "{bad:?}");
+        assert_eq!(s.entered.code, ReasonCode::Restarted);
+        assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
+    }
+    // On the deck the pilot's evidence decides; away from it nothing happens.
+    assert_eq!(begun(None, 0.05).0.state, State::Flare);
+    assert_eq!(begun(None, 12.0).0.state, State::Idle);
+}
+
+#[test]
+fn abort_among_many_commands_to_a_successor() {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    for abort_at in [0, 15, 16, 29] {
+        let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+        let mut entered = None;
+        for k in 0..100_u32 {
+            let t = at(10.0 + 0.01 * f64::from(k));
+            let kind = if k == abort_at {
+                CommandKind::Abort
+            } else {
+                CommandKind::Land
+            };
+            let input = MissionIn {
+                commands: (k < 30)
+                    .then(|| command(header(k + 1, t), kind))
+                    .into_iter()
+                    .collect(),
+                checkpoint: (k == 29).then(|| checkpoint(State::Tracking, 10.2)),
+                ..fresh_input(k, t, [0.1, 0.0, -8.3])
+            };
+            if let Some(state) = m.step(t, &input).state {
+                entered.get_or_insert(state.state);
+            }
+        }
+        assert_eq!(entered, Some(State::GaveUp), "abort as command {abort_at}");
+    }
+}

@@ -1,0 +1,116 @@
+//! Bounds of references and plans: the water, the deck's lowest clearance, volumes around the deck.
+
+use alight_shared::msg::DeckStage;
+use nalgebra::Vector3;
+
+use super::super::mpc_faa::{Problem, Side};
+use super::super::qp::NO_CEILING;
+use super::super::view::View;
+use super::{PlanReference, ReferenceGenerator};
+use crate::contingency::NEAR_DECK_M;
+use crate::surroundings::{Passage, margin_m};
+
+/// The reference rests on the lowest clearance, the bound of the plan lies lower by this, m: they do not pull at each other.
+const UNDERCUT_M: f64 = 0.2;
+/// The minimum altitude does not bind inside the deck's outline widened by this, m.
+const OUTLINE_MARGIN_M: f64 = 0.5;
+
+impl ReferenceGenerator {
+    /// Decides where the plan passes the volumes.
+    pub(super) fn pass(
+        &self,
+        view: &View,
+        here: &Vector3<f64>,
+        reference: &mut PlanReference,
+        problem: &Problem,
+    ) {
+        reference.passages.clear();
+        let (deck, last) = (&reference.deck, problem.reference.last());
+        if let (Some(f), Some(now), Some(then), Some(r)) = (&view.forecast, deck.first(), deck.last(), last) {
+            let there = Vector3::new(r[0], r[1], r[2]);
+            let margin = margin_m(&self.drone);
+            let passage = |v| Passage::of(v, margin, (now, here), (then, &there));
+            let volumes = f.surroundings.keep_out.iter();
+            reference.passages.extend(volumes.map(passage));
+        }
+    }
+
+    /// No reference below the minimum altitude where it is not over the deck, nor below the top of a volume there.
+    pub(in crate::planner) fn keep_above(&self, reference: &PlanReference, problem: &mut Problem) {
+        for (k, r) in problem.reference.iter_mut().enumerate() {
+            let ceiling = self.ceiling(reference, k, r[0], r[1]);
+            if r[2] > ceiling {
+                r[2] = ceiling;
+                r[8] = r[8].min(0.0);
+            }
+        }
+    }
+
+    /// Keeps references clear of the volumes that the plan passes on a side, and the plan's places.
+    pub(in crate::planner) fn keep_out(&self, reference: &PlanReference, problem: &mut Problem) {
+        problem.sides.clear();
+        if reference.passages.is_empty() {
+            return;
+        }
+        let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
+        for (stage, (r, deck)) in stages.enumerate() {
+            // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
+            let passages = reference.passages.iter();
+            let from = problem.sides.len();
+            let sides = passages.filter_map(|p| p.side(deck));
+            problem.sides.extend(sides.map(|(n, offset)| Side {
+                stage,
+                normal: n.into(),
+                offset,
+            }));
+            let sides = &problem.sides[from..];
+            for Side {
+                normal: [nx, ny, nz],
+                offset,
+                ..
+            } in sides.iter().chain(sides)
+            {
+                let push = (offset - nx * r[0] - ny * r[1] - nz * r[2]).max(0.0) / (nx * nx + ny * ny);
+                (r[0], r[1]) = (r[0] + push * nx, r[1] + push * ny);
+            }
+        }
+        self.keep_above(reference, problem);
+    }
+
+    /// Soft upper bound of z at a place: over volumes that the plan passes above, over the water outside the deck.
+    pub fn ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
+        let water_z = self.water_ceiling(reference, stage, x, y);
+        let Some(deck) = reference.deck.get(stage + 1) else {
+            return water_z;
+        };
+        let tops = reference.passages.iter().filter_map(|p| p.top_z(deck, x, y));
+        tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
+    }
+
+    /// The lowest clearance over the deck's plane near the deck, nothing where a plan may touch: `n (p - c) - l = h` solved
+    /// for the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
+    fn deck_ceiling(&self, reference: &PlanReference, deck: &DeckStage, x: f64, y: f64) -> f64 {
+        let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
+        let near = dx.hypot(dy) < NEAR_DECK_M;
+        let Some(lowest) = reference.lowest_clearance_m.filter(|_| near) else {
+            return NO_CEILING;
+        };
+        let n = deck.normal();
+        let height = lowest - UNDERCUT_M + self.drone.feet_below_m - n.x * dx - n.y * dy;
+        deck.position[2] + height / n.z.min(-0.3)
+    }
+
+    /// The minimum altitude over the water, nothing over the deck.
+    fn water_ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
+        if let Some(d) = reference.deck.get(stage + 1) {
+            let (s, c) = d.euler[2].sin_cos();
+            let (dx, dy) = (x - d.position[0], y - d.position[1]);
+            let (along, across) = (c * dx + s * dy, -s * dx + c * dy);
+            let m = OUTLINE_MARGIN_M;
+            if along.abs() <= 0.5 * self.deck.length_m + m && across.abs() <= 0.5 * self.deck.width_m + m {
+                return NO_CEILING;
+            }
+        }
+        -reference.minimum_altitude_m
+    }
+}

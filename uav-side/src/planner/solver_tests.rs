@@ -1,0 +1,161 @@
+//! The planner's solver against a dense one, and sides that it has to keep.
+
+use alight_shared::geometry::DroneGeometry;
+use nalgebra::{DMatrix, DVector, SVector};
+
+use super::condensed::{Condensed, StageCost};
+use super::mpc_faa::{Side, heading_free};
+use super::qp::{ChainLimits, NO_CEILING, QpInstance, SlackCost, SparseForm};
+use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
+use super::tests::naive;
+use super::*;
+
+/// Every tenth problem of a landing that begins 5 m aside, and whether the solver was needed.
+fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
+    let (mut all, mut count) = (Vec::new(), 0);
+    let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
+    Approach::new(MODERATE, from, 2.0).land(config, |p, plan| {
+        if count % 10 == 0 {
+            all.push((p.problem().clone(), plan.iterations > 0));
+        }
+        count += 1;
+    });
+    all
+}
+
+#[test]
+fn condensed_solution_against_dense_optimum() {
+    let c = PlannerConfig::default();
+    let mut mpc = Mpc::new(&c, &DroneGeometry::default());
+    let (mut compared, mut solution) = (0, Solution::default());
+    for (mut problem, limited) in recorded(&c) {
+        if limited {
+            continue;
+        }
+        let ceiling = problem.ceiling.clone();
+        mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
+        let dense = naive::unconstrained(&naive_data(&c, &mpc, &problem)).expect("positive definite");
+        assert!(largest_difference(&solution.inputs, &dense) < 1e-8);
+        compared += 1;
+    }
+    assert!(compared > 10, "{compared}");
+}
+
+#[test]
+fn qp_solution_against_dense_optimum() {
+    // Half the slew and less tilt than usual, so that limits are met often.
+    let mut c = PlannerConfig::default();
+    c.rotors.slew_per_s = 4.0;
+    c.limits.tilt_deg = 10.0;
+    c.limits.rates_rps = 0.5;
+    let mut mpc = Mpc::new(&c, &DroneGeometry::default());
+    let (mut compared, mut solution, mut worst) = (0, Solution::default(), 0.0_f64);
+    for (mut problem, limited) in recorded(&c) {
+        if !limited {
+            continue;
+        }
+        let ceiling = problem.ceiling.clone();
+        mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
+        assert_eq!(solution.solve, Solve::Optimal);
+        let mut data = naive_data(&c, &mpc, &problem);
+        // Inputs late in the horizon hardly matter to the cost: only a tight gap pins them down.
+        data.tolerance = 1e-12;
+        let dense = naive::constrained(&data).expect("solved");
+        worst = worst.max(largest_difference(&solution.inputs, &dense));
+        let (ours, theirs) = (naive::cost(&data, &solution.inputs), naive::cost(&data, &dense));
+        assert!(ours <= theirs + 1e-5 * (1.0 + theirs), "{ours} {theirs}");
+        compared += 1;
+    }
+    assert!(compared > 20, "{compared}");
+    // Of a range of 0.6 in tilt; our gap is 1e-9.
+    assert!(worst < 2e-3, "{worst}");
+}
+
+#[test]
+fn sparse_form_against_condensed_form() {
+    // The sparse form's optimality conditions without inequalities, by a dense LU.
+    let model = heading_free(&DroneGeometry::default()).x_chain().discrete(0.1);
+    let limits = ChainLimits {
+        input: [-0.3, 0.3],
+        slew: 0.3,
+        state: [None, Some(8.0), Some(0.8), Some(2.0)],
+        ceiling: false,
+        floor: false,
+    };
+    let slack = SlackCost {
+        linear: 1.0,
+        quadratic: 1.0,
+    };
+    let mut form = SparseForm::new(model, 20, 0.1, limits, slack);
+    let cost: Vec<_> = (0..20)
+        .map(|k| StageCost {
+            reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
+            weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
+        })
+        .collect();
+    let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
+    form.fill(&QpInstance {
+        state,
+        previous_input: 0.02,
+        cost: &cost,
+        ceiling: &[NO_CEILING; 20],
+        floor: &[],
+    });
+    let (n, m) = (form.q.len(), form.equalities);
+    let mut kkt = DMatrix::zeros(n + m, n + m);
+    let mut rhs = DVector::zeros(n + m);
+    for j in 0..n {
+        rhs[j] = -form.q[j];
+        for i in form.p.colptr[j]..form.p.colptr[j + 1] {
+            kkt[(form.p.rowval[i], j)] = form.p.nzval[i];
+            kkt[(j, form.p.rowval[i])] = form.p.nzval[i];
+        }
+        for i in form.a.colptr[j]..form.a.colptr[j + 1] {
+            let row = form.a.rowval[i];
+            if row < m {
+                kkt[(n + row, j)] = form.a.nzval[i];
+                kkt[(j, n + row)] = form.a.nzval[i];
+            }
+        }
+    }
+    rhs.rows_mut(n, m).copy_from_slice(&form.b[..m]);
+    let sparse = kkt.lu().solve(&rhs).expect("regular");
+    let mut inputs = [0.0; 20];
+    assert!(Condensed::new(model, 20, 0.1).solve(&state, 0.02, &cost, &mut inputs));
+    for (k, u) in inputs.iter().enumerate() {
+        assert!((u - sparse[k * 6]).abs() < 1e-8, "{k}: {u} {}", sparse[k * 6]);
+    }
+}
+
+/// The largest difference of two series of inputs.
+fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+/// A volume's side turns with the deck and heaves, so that a drone is on its wrong side without having moved.
+#[test]
+fn planner_on_the_wrong_side_of_a_volume() {
+    let config = PlannerConfig::default();
+    let mut mpc = Mpc::new(&config, &DroneGeometry::default());
+    let weight = config.follow.diagonal();
+    let mut problem = Problem {
+        reference: vec![[0.0; 12]; config.stages],
+        weight: vec![weight; config.stages],
+        sides: (0..config.stages)
+            .map(|stage| Side {
+                stage,
+                normal: [0.98, 0.2, 0.0],
+                offset: 3.0,
+            })
+            .collect(),
+        ..Problem::default()
+    };
+    let mut solution = Solution::default();
+    mpc.solve(&mut problem, |_, _, _| NO_CEILING, &mut solution);
+    let tilt = solution.states.iter().map(|x| x[3].abs().max(x[4].abs()));
+    let tilt = tilt.fold(0.0, f64::max);
+    assert!(tilt < 1.02 * config.limits.tilt_deg.to_radians(), "{tilt}");
+    let last = solution.states[config.stages - 1];
+    assert!(0.98 * last[0] + 0.2 * last[1] > 2.9, "{last:?}");
+}

@@ -1,0 +1,57 @@
+//! Messages of the vessel: its estimate and its wave model.
+
+use alight_shared::admission::RejectionReason;
+use alight_shared::msg::{VesselEstimate, WaveModel};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::vessel_model::YAW;
+
+use super::super::observation;
+use super::super::placement::placed;
+use super::Predictor;
+
+impl Predictor {
+    pub(super) fn wave(
+        &mut self,
+        now: Time<DroneClock>,
+        m: &WaveModel<DroneClock>,
+    ) -> Result<(), RejectionReason> {
+        Self::admit(now, m)?;
+        self.slopes = Some((m.header.at, m.slopes));
+        let identified = self.waves.receive(m);
+        self.follow_modes(m.header.at, identified);
+        Ok(())
+    }
+
+    /// The filter follows newer modes, valid at `at`; `identified`: a bank of oscillators has gone for them.
+    pub(super) fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
+        match &mut self.filter {
+            Some(f) if identified => f.adopt_modes(&self.waves),
+            Some(f) => f.rebase(&self.waves, at),
+            None => {}
+        }
+    }
+
+    pub(super) fn estimate(
+        &mut self,
+        now: Time<DroneClock>,
+        e: &VesselEstimate<DroneClock>,
+    ) -> Result<(), RejectionReason> {
+        Self::admit(now, e)?;
+        let drone = self.track.newest().ok_or(RejectionReason::NoDroneState)?;
+        let e = &placed(e, &drone.datum, &drone.datum_offset()).ok_or(RejectionReason::OutOfRange)?;
+        let known = (e.header.boot, e.header.sequence);
+        if self.radio_sequence == Some(known) {
+            return Err(RejectionReason::Duplicate);
+        }
+        let o = observation::estimate(e, self.clock_sd_s);
+        self.decks.report(&o, observation::deck_height(e));
+        self.fuse(&o)?;
+        if self.radio_at.is_none_or(|t| e.header.at > t) {
+            self.radio_at = Some(e.header.at);
+            self.radio_sequence = Some(known);
+            self.waves.set_lever_arm(e.deck_centre(), e.eta[YAW]);
+            self.stated = observation::stated(e);
+        }
+        Ok(())
+    }
+}
