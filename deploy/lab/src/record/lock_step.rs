@@ -14,7 +14,6 @@ use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
 use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::tap::Tap;
 use alight_sim::physics::body::RigidState;
 use nalgebra::Vector3;
 
@@ -68,7 +67,7 @@ impl LockStepLog {
     }
 }
 
-impl Tap for LockStepLog {
+impl alight_sim::harness::tap::Tap for LockStepLog {
     fn truth(
         &mut self,
         t: Time<TrueTime>,
