@@ -6,7 +6,6 @@ use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::tap::Tap;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::mission::MissionIn;
 use nalgebra::Vector3;
@@ -27,7 +26,7 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
 #[derive(Default)]
 struct Received(Vec<AutopilotState>);
 
-impl Tap for Received {
+impl alight_sim::harness::tap::Tap for Received {
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         self.0.extend(step.input::<MissionIn>().and_then(|i| i.autopilot));
     }

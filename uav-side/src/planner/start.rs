@@ -99,7 +99,7 @@ pub(super) fn start(
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
-                let yields = low_pass_gain(dt, yields_s);
+                let yields = low_pass_gain((now - previous.at).secs(), yields_s);
                 for i in [state::NORTH, state::EAST, state::V_NORTH, state::V_EAST] {
                     state[i] += yields * gap[i];
                 }

@@ -14,6 +14,7 @@ use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::physics::{BOOT, DRONE_ID, VESSEL_ID};
 use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::tap::Tap;
 use alight_sim::physics::body::RigidState;
 use nalgebra::Vector3;
 
@@ -67,7 +68,7 @@ impl LockStepLog {
     }
 }
 
-impl alight_sim::harness::tap::Tap for LockStepLog {
+impl Tap for LockStepLog {
     fn truth(
         &mut self,
         t: Time<TrueTime>,
