@@ -51,7 +51,11 @@ fn plan_start_with_a_drone_ahead_or_behind() {
         (lower - 0.2).abs() < 0.01 && (faster - 0.3).abs() < 0.03,
         "{lower} {faster}"
     );
-    for (kind, lower, faster) in [(PlannerKind::MpcFaa, 0.2, 0.4), (PlannerKind::MpcFaa, -0.2, -0.4)] {
+    for (kind, lower, faster) in [
+        (PlannerKind::Alight, -0.2, -0.4),
+        (PlannerKind::MpcFaa, 0.2, 0.4),
+        (PlannerKind::MpcFaa, -0.2, -0.4),
+    ] {
         let gap = begins(kind, 2, lower, faster);
         assert!(gap[0].abs() < 0.01 && gap[1].abs() < 0.03, "{kind:?} {gap:?}");
     }
