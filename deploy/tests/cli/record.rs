@@ -94,7 +94,7 @@ fn plot_of_a_recording() {
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let svg = std::fs::read_to_string(&plot).unwrap();
     for text in [
-        "as the drone believed it",
+        "own estimate",
         "time to touchdown, s",
         "yaw difference, deg",
     ] {
