@@ -44,9 +44,9 @@ const CHANGES: f64 = 1.3;
 /// maximum likelihood of their angles.
 const BANK_LEFT: f64 = 0.5;
 const UNFINISHED: f64 = 0.25;
-/// Twice the braking of the last half metre (2 m/s²) times the height of the middle of the feet when the lowest touches, of
+/// Twice the braking of the last half metre (2.5 m/s²) times the height of the middle of the feet when the lowest touches, of
 /// `w_s`: 0.45 of half a span of 0.28 m over g; the same landings.
-const FIRST_FOOT_M: f64 = 2.0 * 2.0 * 0.45 * 0.28 / GRAVITY;
+const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
 /// Odometry drifts by this without sight of the deck, m/s ...
 const DRIFT_MPS: f64 = 0.05;
 /// ... and sight ends so long before the contact, s.

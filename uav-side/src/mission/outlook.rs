@@ -79,7 +79,7 @@ impl Outlook<'_> {
     }
     /// Down from here at the plan's usual pace, s.
     fn time_to_contact_s(&self) -> f64 {
-        1.0 + self.deck.clearance_m.max(0.0) / 2.5
+        0.9 + self.deck.clearance_m.max(0.0) / 2.5
     }
     fn at(&self, start: Time<DroneClock>, ahead_s: f64) -> Option<DeckStage> {
         let stage = self.forecast.at(start + Span::from_secs(ahead_s));

@@ -46,9 +46,7 @@ config! {
         /// Greatest speed of sinking, m/s.
         pub sink_mps: f64 = 2.5;
         /// Deceleration before the soft part, m/s².
-        /// Source: 240 landings of the hardest scenes, 2.5 -> 2.0: mean contact 0.42 -> 0.38 m/s, contacts beyond 0.6 of a limit
-        /// 33 -> 24, time and place not worse.
-        pub braking_mps2: f64 = 2.0, in 0.2..=6.0;
+        pub braking_mps2: f64 = 2.5, in 0.2..=6.0;
         /// Greatest acceleration downwards, m/s².
         pub acceleration_mps2: f64 = 3.0, in 0.2..=8.0;
         /// When late, sinking at most this much faster than `sink_mps`, m/s.
@@ -93,9 +91,8 @@ config! {
         pub waiting_per_s: f64 = 0.3, in 0.0..=100.0;
         /// Another instant is taken when it costs less by this much.
         pub hysteresis: f64 = 0.2, in 0.0..=100.0;
-        /// When late, the contact may be planned sooner than by the profile by this fraction of the time left.
-        /// Source: 0.15 s at any height made late drones sink with 2.8 m/s down to 0.7 m, and meet the deck with 0.7 m/s.
-        pub hurry_fraction: f64 = 0.1, in 0.0..=0.5;
+        /// When late, the contact may be planned this much sooner than by the profile, s.
+        pub hurry_s: f64 = 0.15, in 0.0..=1.0;
         /// In the flare the contact comes at most this much later than the profile has it, s: low over the deck
         /// the tag is out of view, and a drone that waits there drifts off or is left behind.
         pub linger_s: f64 = 0.05, in 0.0..=10.0;

@@ -91,7 +91,7 @@ impl TouchdownTime {
             }
         }
         // Late: a little faster than the profile, not at any speed.
-        let soonest = now + Span::from_secs(((1.0 - c.hurry_fraction) * left).max(-10.0));
+        let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
         chosen = chosen.max(soonest);
         if flare {
             chosen = chosen.min(now + Span::from_secs(left + c.linger_s));
@@ -137,7 +137,7 @@ mod tests {
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
         // Late by half a second: put off, less the hurry.
         let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
-        assert!((late - 1.5 * (1.0 - c.hurry_fraction)).abs() < 1e-6, "{late}");
+        assert!((late - 1.275).abs() < 1e-6, "{late}");
         // Early, low over the deck: not waited for.
         let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
         assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
