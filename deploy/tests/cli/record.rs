@@ -93,11 +93,7 @@ fn plot_of_a_recording() {
     let o = replay(&plot);
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let svg = std::fs::read_to_string(&plot).unwrap();
-    for text in [
-        "own estimate",
-        "time to touchdown, s",
-        "yaw difference, deg",
-    ] {
+    for text in ["own estimate", "time to touchdown, s", "yaw difference, deg"] {
         assert!(svg.contains(text), "{text}");
     }
     let o = replay(&other);
