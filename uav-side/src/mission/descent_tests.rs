@@ -30,7 +30,7 @@ fn descent_with_a_lasting_violation() {
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
         (with_odds(|p| p.tilted = 0.85), LikelyTilted),
-        (with_odds(|p| p.hard = 0.96), HarmLikely),
+        (with_odds(|p| p.hard = 0.9), HarmLikely),
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
         (with(|s| s.swing_rad = 0.2), Swings),

@@ -47,14 +47,14 @@ fn violation(
     blind_s: f64,
 ) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
-    let needed = c.min_probability - REPEAT_S * c.waiting_cost_per_s() - REPEAT_RISK;
+    let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck.infeasible(c, HYSTERESIS * widening(progress)))
         .or_else(|| exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD))
         .or_else(|| contradicted(deck, progress))
-        .or_else(|| unlikely(progress, s, needed, c.max_harm + REPEAT_RISK))
+        .or_else(|| unlikely(progress, s, c.min_probability - repeat, c.max_harm + repeat))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
