@@ -48,6 +48,7 @@ use super::{
 use crate::geodesy::Datum;
 use crate::schema::F16;
 use crate::time::{Clock, Span};
+use crate::wire::hash_record;
 
 /// One estimate in so many has the rest.
 const REST_EVERY: u32 = 3;
@@ -103,16 +104,8 @@ pub struct EstimateRest {
 impl EstimateRest {
     /// Checksum of its datum: another datum has another one but for one chance in 65 536.
     fn datum_sum(&self) -> u16 {
-        let Datum {
-            latitude_deg,
-            longitude_deg,
-            height_m,
-        } = self.datum;
-        let mix = |sum: u64, value: f64| {
-            (sum.rotate_left(21) ^ value.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-        };
-        let mixed = [latitude_deg, longitude_deg, height_m].into_iter().fold(0, mix);
-        (mixed >> 48) as u16
+        // Three numbers always have a record.
+        hash_record(&self.datum).map_or(0, |hash| (hash >> 48) as u16)
     }
 }
 
