@@ -5,5 +5,5 @@ mod low_pass;
 mod statistics;
 
 pub use kalman::{Gaussian, LinearTransition, Update, symmetrise};
-pub use low_pass::low_pass_gain;
+pub use low_pass::{low_pass, low_pass_gain};
 pub use statistics::{ValueWithSd, median, moments, quantile};

@@ -1,6 +1,6 @@
 //! Inbound messages: heartbeats, clocks, samples, answers.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
 use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
@@ -453,8 +453,8 @@ impl AutopilotLink {
             .state
             .map_or(0.01, |s| (reported.header.at - s.header.at).secs());
         let up = -reported.specific_force[2];
-        let gain = low_pass_gain(dt.clamp(0.0, 1.0), SPECIFIC_FORCE_TIME_S);
-        self.force = Some(self.force.map_or(up, |f| f + gain * (up - f)));
+        let since = dt.clamp(0.0, 1.0);
+        self.force = Some(low_pass(self.force, up, since, SPECIFIC_FORCE_TIME_S));
         if let Some(p) = &self.peer
             && p.armed
             && p.landed(now) != LandedState::OnGround

@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::msg::{AutopilotState, KnownBattery, LandedState};
 use alight_shared::time::Span;
 
@@ -77,9 +77,8 @@ impl Gauge {
         let flies = a.armed && a.landed != LandedState::OnGround;
         let same = before.filter(|g| flies && g.moved.1 == charge);
         let moved = same.map_or((a.header.at, charge), |g| g.moved);
-        let gain = low_pass_gain(dt, VOLTAGE_TIME_S);
-        let filtered = |v: f64| before.and_then(|g| g.volts).map_or(v, |b| b + gain * (v - b));
-        let volts = a.battery_v.map(filtered);
+        let volts_before = before.and_then(|g| g.volts);
+        let volts = a.battery_v.map(|v| low_pass(volts_before, v, dt, VOLTAGE_TIME_S));
         let settled = (a.header.at - moved.0).secs() > VOLTAGE_TIME_S;
         let volts_then = same.and_then(|g| g.volts_then).or(volts).filter(|_| settled);
         Gauge {
@@ -120,8 +119,7 @@ impl BatteryMonitor {
         let now = a.header.at;
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         let dt = self.last.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
-        let gain = low_pass_gain(dt, CURRENT_TIME_S);
-        let filtered = |amps: f64| self.current_a.map_or(amps, |i| i + gain * (amps - i));
+        let filtered = |amps: f64| low_pass(self.current_a, amps, dt, CURRENT_TIME_S);
         self.current_a = a.battery_a.map(filtered).or(self.current_a).filter(|_| a.armed);
         if let Some(charge) = a.battery {
             self.gauge = Some(Gauge::follow(self.gauge, a, charge, dt));
@@ -222,10 +220,8 @@ impl BatteryMonitor {
     /// `assumed_mps` before. Wind and the vessel's way are in it.
     pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
-        self.closing_mps = closing.map(|v| {
-            let before = self.closing_mps.unwrap_or(assumed_mps);
-            before + low_pass_gain(dt, CLOSING_TIME_S) * (v - before)
-        });
+        let before = self.closing_mps.unwrap_or(assumed_mps);
+        self.closing_mps = closing.map(|v| low_pass(before, v, dt, CLOSING_TIME_S));
     }
 
     /// Charge per second, 0 to 1 per second: the current over the capacity where both are known, or the gauge's own fall;

@@ -15,7 +15,7 @@
 //! the deck's. Without a witness it stays no lower than a pilot flew it. Mean sea level is no witness where the drone
 //! itself has been lower (an inland water below the sea), and contradicts nothing that a take-off from the deck confirms.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -68,8 +68,7 @@ impl Surface {
         };
         self.observed = match self.observed.filter(same) {
             Some((since, last, level)) => {
-                let gain = low_pass_gain((at - last).secs(), SURFACE_TIME_S);
-                Some((since, at, level + gain * (z - level)))
+                Some((since, at, low_pass(level, z, (at - last).secs(), SURFACE_TIME_S)))
             }
             None => z.is_finite().then_some((at, at, z)),
         };

@@ -8,7 +8,7 @@
 //! Out of radio range the vessel is where its last velocity has brought it, to a margin that grows with the time since, and the
 //! way is that much longer.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -66,9 +66,7 @@ fn steadied(before: Option<&LastVessel>, now: LastVessel) -> LastVessel {
     if !(0.0..=KNOWN_S).contains(&dt) {
         return now;
     }
-    let gain = low_pass_gain(dt, STEADY_S);
-    let velocity =
-        core::array::from_fn(|k| before.velocity[k] + gain * (now.velocity[k] - before.velocity[k]));
+    let velocity = core::array::from_fn(|k| low_pass(before.velocity[k], now.velocity[k], dt, STEADY_S));
     LastVessel { velocity, ..now }
 }
 

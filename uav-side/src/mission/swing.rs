@@ -5,7 +5,7 @@
 //! `r = (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. What is slower than a
 //! second is an error of place, or the wind; of what is quicker, the root mean square over two seconds is the swing.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
@@ -44,8 +44,8 @@ impl SwingMonitor {
             (self.slow, self.square) = (feedback, 0.0);
             return;
         };
-        self.slow += (feedback - self.slow) * low_pass_gain(dt, SLOW_S);
-        self.square += ((feedback - self.slow).norm_squared() - self.square) * low_pass_gain(dt, AVERAGE_S);
+        self.slow = low_pass(self.slow, feedback, dt, SLOW_S);
+        self.square = low_pass(self.square, (feedback - self.slow).norm_squared(), dt, AVERAGE_S);
     }
     /// Root mean square of the quick feedback, rad.
     pub(super) fn rms(&self) -> f64 {

@@ -28,7 +28,7 @@ pub(crate) mod hover;
 pub(crate) mod origin;
 
 use alight_shared::config;
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
@@ -131,8 +131,7 @@ impl SmoothState {
     }
     fn learn_disturbance(&mut self, sample: &Vector2<f64>, dt: f64) {
         let within = |d: f64| d.clamp(-MAX_DISTURBANCE_MPS2, MAX_DISTURBANCE_MPS2);
-        let gain = low_pass_gain(dt, DISTURBANCE_S);
-        self.disturbance = (self.disturbance + (sample - self.disturbance) * gain).map(within);
+        self.disturbance = low_pass(self.disturbance, *sample, dt, DISTURBANCE_S).map(within);
     }
 }
 

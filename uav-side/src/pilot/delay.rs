@@ -9,7 +9,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::{low_pass, low_pass_gain};
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AttitudeResponse, DroneState, Plan, PlanStage};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -61,8 +61,7 @@ impl SentCommands {
         held.fold(None, |acting, ((from, command), until)| {
             let (_, u) = (*command)?;
             let dt = (until.unwrap_or(at).min(at) - *from).secs();
-            let last = acting.unwrap_or(u);
-            Some(last + low_pass_gain(dt, lag_s) * (u - last))
+            Some(low_pass(acting, u, dt, lag_s))
         })
     }
     /// The newest command sent by `at`.
@@ -101,9 +100,8 @@ impl ThrustDelay {
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
             return;
         }
-        let share = |time_s: f64| low_pass_gain(dt, time_s.max(1e-3));
-        let (slow, keep) = (share(CHANGES_S), 1.0 - share(MEMORY_S));
-        let mean = self.force.map_or(force, |mean| mean + slow * (force - mean));
+        let keep = 1.0 - low_pass_gain(dt, MEMORY_S);
+        let mean = low_pass(self.force, force, dt, CHANGES_S);
         self.force = Some(mean);
         let df = force - mean;
         self.ff = keep * self.ff + df * df;
@@ -113,13 +111,9 @@ impl ThrustDelay {
                 *c = ThrustCandidate::default();
                 continue;
             };
-            let last = c.acting.unwrap_or(u);
-            let acting = last + share(lag_s) * (u - last);
-            if c.acting.is_none() {
-                c.mean = u;
-            }
-            c.acting = Some(acting);
-            c.mean += slow * (acting - c.mean);
+            let acting = low_pass(c.acting, u, dt, lag_s.max(1e-3));
+            let mean = c.acting.replace(acting).map_or(u, |_| c.mean);
+            c.mean = low_pass(mean, acting, dt, CHANGES_S);
             let du = acting - c.mean;
             c.uu = keep * c.uu + du * du;
             c.uf = keep * c.uf + du * df;
@@ -188,10 +182,7 @@ impl Delay {
     /// New odometry arrived, `age_s` old, `dt` after the last step.
     pub(crate) fn received(&mut self, age_s: f64, dt: f64, c: &DelayConfig) {
         let age_s = age_s.clamp(0.0, c.limit_s);
-        self.age_s = Some(match self.age_s {
-            None => age_s,
-            Some(last) => last + low_pass_gain(dt, c.time_s) * (age_s - last),
-        });
+        self.age_s = Some(low_pass(self.age_s, age_s, dt, c.time_s));
     }
     /// The odometry's way, s.
     pub(crate) fn one_way_s(&self) -> f64 {
@@ -241,7 +232,6 @@ impl Delay {
         let outside = Vector3::new(push.x, push.y, GRAVITY - estimate.lift());
         let steps = (horizon_s / STEP_S).ceil().max(1.0);
         let h = horizon_s / steps;
-        let fraction = |lag_s: f64| low_pass_gain(h, lag_s);
         let [roll, pitch] = response.lag_s;
         let lags = Vector3::new(roll, pitch, 0.5 * (roll + pitch)).map(|t| t.max(0.02));
         for k in 0..steps as u32 {
@@ -255,10 +245,9 @@ impl Delay {
                 None => Vector3::zeros(),
             };
             if let Some((_, u)) = self.sent.by(at - Span::from_secs(thrust_dead_s)) {
-                let last = thrust.unwrap_or(u);
-                thrust = Some(last + fraction(dynamics.thrust_s) * (u - last));
+                thrust = Some(low_pass(thrust, u, h, dynamics.thrust_s));
             }
-            rates += (wanted - rates) * fraction(response.rate_lag_s);
+            rates = low_pass(rates, wanted, h, response.rate_lag_s);
             attitude *= UnitQuaternion::from_scaled_axis(rates * h);
             let lift = thrust.map_or(measured_force, |u| estimate.specific(u));
             let acceleration = outside - attitude * Vector3::z() * lift;
@@ -397,9 +386,9 @@ mod tests {
             let Some((command, thrust)) = k.checked_sub(one_way).and_then(|i| commands.get(i)) else {
                 continue;
             };
-            u += low_pass_gain(dt, DYNAMICS.thrust_s) * (thrust - u);
+            u = low_pass(u, *thrust, dt, DYNAMICS.thrust_s);
             let set = (q.inverse() * command).scaled_axis() / DYNAMICS.response.lag_s[0];
-            w += (set - w) * low_pass_gain(dt, DYNAMICS.response.rate_lag_s);
+            w = low_pass(w, set, dt, DYNAMICS.response.rate_lag_s);
             q *= UnitQuaternion::from_scaled_axis(w * dt);
             let a = Vector3::z() * GRAVITY - q * Vector3::z() * estimate.specific(u);
             p += v * dt + a * (0.5 * dt * dt);
@@ -444,7 +433,7 @@ mod tests {
             let mut acting = 0.4;
             for k in 0..600 {
                 let t = 0.01 * f64::from(k);
-                acting += (1.0 - f64::exp(-0.01 / 0.05)) * (command(t - dead_s) - acting);
+                acting = low_pass(acting, command(t - dead_s), 0.01, 0.05);
                 let level = UnitQuaternion::identity();
                 delay.sent.push(Time::from_secs(t), Some((level, command(t))));
                 let mut state = DroneState {

@@ -283,7 +283,7 @@ fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64
 mod tests {
     use super::*;
     use crate::fixtures::header;
-    use alight_shared::estimation::low_pass_gain;
+    use alight_shared::estimation::{low_pass, low_pass_gain};
 
     /// A drone's two axes: PX4's loop, or ArduCopter's shaping before it.
     struct Axes {
@@ -320,8 +320,7 @@ mod tests {
                     (*at - is) * 4.5 + *turning
                 }
             };
-            let step = (wanted.push(0.0) - self.rates) * low_pass_gain(dt, self.rate_s);
-            self.rates += step;
+            self.rates = low_pass(self.rates, wanted.push(0.0), dt, self.rate_s);
             self.attitude *= UnitQuaternion::from_scaled_axis(self.rates * dt);
         }
     }
@@ -430,7 +429,7 @@ mod tests {
         fn learn(&mut self, d: &DroneState) {
             let angle = (d.attitude().inverse() * self.commanded).scaled_axis().xy();
             let dt = 0.01;
-            self.left += (angle - self.left) * low_pass_gain(dt, 0.06);
+            self.left = low_pass(self.left, angle, dt, 0.06);
             let fade = low_pass_gain(dt, 10.0);
             self.square += fade * (3e-4 - self.square) + self.left.norm_squared() * dt;
             self.product +=

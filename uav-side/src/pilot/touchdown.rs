@@ -16,7 +16,7 @@
 //! followed the way down ([`RangeWitness`]) is none. Where the autopilot's report of its thrust has stopped, the command
 //! that it follows stands in for it, on a drone that stays on the deck for longer.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -290,11 +290,7 @@ impl TouchdownDetector {
     /// Takes the speed along the deck's normal.
     fn watch(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) {
         self.witness.moves(dt, e.normal_speed);
-        let gain = low_pass_gain(dt, STAYS_TIME_S);
-        self.along = e.normal_speed.map(|v| {
-            let before = self.along.unwrap_or(v);
-            before + gain * (v - before)
-        });
+        self.along = e.normal_speed.map(|v| low_pass(self.along, v, dt, STAYS_TIME_S));
         let closing = e.normal_speed.map_or(0.0, |v| -v);
         let (at, greatest) = self.closing;
         if closing >= greatest || (now - at).secs() > BEFORE_CONTACT_S {
@@ -322,15 +318,14 @@ impl TouchdownDetector {
         else {
             return 0.0;
         };
-        let fraction = low_pass_gain(dt, EXCESS_TIME_S);
         let impact = force - thrust;
         // A single impact must not fill the memory of the sustained excess.
         let bound = |v: f64| (v - self.air).clamp(-10.0, 10.0);
-        self.excess += fraction * (bound(impact) - self.excess);
-        self.sure_excess += fraction * (bound(force - sure) - self.sure_excess);
+        self.excess = low_pass(self.excess, bound(impact), dt, EXCESS_TIME_S);
+        self.sure_excess = low_pass(self.sure_excess, bound(force - sure), dt, EXCESS_TIME_S);
         if self.contact == TouchdownContact::Clear && impact.is_finite() {
             let carries = impact.clamp(0.0, MAX_AIR_MPS2);
-            self.air += low_pass_gain(dt, AIR_TIME_S) * (carries - self.air);
+            self.air = low_pass(self.air, carries, dt, AIR_TIME_S);
         }
         impact
     }

@@ -2,7 +2,7 @@
 //! radio. Neither is ever wrong alone without showing here: images that are stamped late show a heaving deck where it
 //! was, the tags of a neighbour's deck are the right tags in the wrong place.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::time::{DroneClock, Time};
 
 use super::axis::AxisNoise;
@@ -41,8 +41,7 @@ impl HeightAgreement {
             let dt = since(n.at);
             (if dt <= MEMORY_S { n.mean } else { 1.0 }, n.peak, dt)
         });
-        let gain = low_pass_gain(dt.min(MEMORY_S), MEMORY_S);
-        let mean = mean + gain * (squared - mean);
+        let mean = low_pass(mean, squared, dt.min(MEMORY_S), MEMORY_S);
         let peak = mean.max(peak * (-dt / RELEASE_S).exp());
         self.newest = Some(Averaged { at, mean, peak });
     }

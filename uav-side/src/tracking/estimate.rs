@@ -1,6 +1,6 @@
 //! Estimates of the pilot in flight: hover thrust, unmodelled lift, lateral force.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
@@ -92,17 +92,13 @@ impl FlightEstimator {
         let wrong = -(attitude * force).z - self.specific(u) * upright;
         if wrong.is_finite() {
             let max = c.lift_limit_mps2;
-            self.lift += low_pass_gain(dt, c.lift_time_s) * (wrong.clamp(-max, max) - self.lift);
+            self.lift = low_pass(self.lift, wrong.clamp(-max, max), dt, c.lift_time_s);
         }
     }
     /// First-order lag from the commanded to the acting thrust.
     pub(crate) fn commanded(&mut self, thrust: Option<f64>, dt: f64, lag: f64) {
         self.commanded_s = thrust.map_or(0.0, |_| self.commanded_s + dt);
-        self.acting = thrust.map(|u| {
-            let fraction = low_pass_gain(dt, lag);
-            let last = self.acting.unwrap_or(u);
-            last + fraction * (u - last)
-        });
+        self.acting = thrust.map(|u| low_pass(self.acting, u, dt, lag));
     }
     /// Learns from a specific force (body, m/s²) in free flight under collective `thrust`.
     pub(crate) fn learn_hover(&mut self, force: &Vector3<f64>, thrust: f64, dt: f64, c: &TrackingConfig) {
@@ -110,7 +106,7 @@ impl FlightEstimator {
             return;
         }
         if let Some(sample) = hover_sample(thrust, -force.z, [0.5, 2.0]).filter(|s| self.plausible(*s)) {
-            self.hover += low_pass_gain(dt, c.hover_time_s) * (sample - self.hover);
+            self.hover = low_pass(self.hover, sample, dt, c.hover_time_s);
         }
     }
     /// The horizontal disturbance in free flight.

@@ -4,7 +4,7 @@
 //! meanwhile, down to what a boat is off on a straight course. What lies beyond it for longer than a measurement errs is not
 //! the boat's response: somebody steers, or it does not follow.
 
-use alight_shared::estimation::low_pass_gain;
+use alight_shared::estimation::low_pass;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::MAX_HELM_TURN_S;
 use alight_shared::time::{Time, VesselClock};
@@ -101,11 +101,8 @@ impl SteeringResponse {
         self.beyond = beyond.then(|| self.beyond.unwrap_or(now));
         let steady = off[0] <= STEADY[0] && off[1] <= STEADY[1] && motion.rate_radps.abs() <= STEADY[2];
         self.steady = steady.then(|| self.steady.unwrap_or(now));
-        let part = low_pass_gain((now - self.observed).secs(), FEW_WAVES_S);
-        let errors = self.errors(motion);
-        for (mean, error) in self.mean.iter_mut().zip(errors) {
-            *mean += part * (error - *mean);
-        }
+        let (errors, dt) = (self.errors(motion), (now - self.observed).secs());
+        self.mean = core::array::from_fn(|k| low_pass(self.mean[k], errors[k], dt, FEW_WAVES_S));
         self.observed = now;
     }
     /// For too long it is not where a boat that follows would be.
