@@ -1,8 +1,8 @@
 //! Messages that the tests of several modules share: of vessel 1 to drone 1, in order.
 
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState, Header,
-    LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
+    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState,
+    FORECAST_STAGES, Header, LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 
@@ -24,11 +24,15 @@ pub(crate) fn level(position: [f64; 3]) -> DeckStage {
 
 /// Four seconds of a deck that is known from both sources; `deck` gives it so many seconds from now.
 pub(crate) fn forecast(header: Header<DroneClock>, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
+    let stages: Seq<DeckStage, FORECAST_STAGES> =
+        Seq::filled((0..FORECAST_STAGES).map(|k| deck(STEP.secs() * k as f64)));
+    let mean_z = stages.iter().map(|s| s.position[2]).sum::<f64>() / FORECAST_STAGES as f64;
     DeckForecast {
         header,
         step: STEP,
         source: Source::Both,
-        stages: Seq::filled((0..41).map(|k| deck(STEP.secs() * f64::from(k)))),
+        mean_z: Some(mean_z),
+        stages,
         ..DeckForecast::default()
     }
 }

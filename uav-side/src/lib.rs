@@ -4,7 +4,6 @@ pub mod calibrate;
 pub mod camera;
 pub mod computer;
 pub mod contingency;
-mod deck_height;
 #[cfg(test)]
 mod fixtures;
 mod flatness;

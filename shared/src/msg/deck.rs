@@ -228,6 +228,8 @@ pub struct DeckForecast {
     pub mean_heading: f64,
     /// Rate of the mean heading, rad/s.
     pub mean_heading_rate: f64,
+    /// The deck's mean level, drone's NED z, m: low-pass of its mean height over each forecast; None without a stage.
+    pub mean_z: Option<f64>,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
     /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
@@ -303,6 +305,7 @@ message!(DeckForecast, DroneClock, |m| {
     m.step > Span::ZERO => "step",
     m.surroundings.is_sound() => "surroundings",
     within([&m.mean_heading_rate], MAX_RATE_RPS) => "mean_heading_rate",
+    m.mean_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_z",
     m.height_nis.is_none_or(|n| n >= 0.0) => "height_nis",
     m.beacon.is_none_or(|b| b.iter().all(|v| (0.0..=MAX_POSITION_M).contains(v))) => "beacon",
     m.place_apart_m.is_none_or(|a| within(&a, MAX_POSITION_M)) => "place_apart_m",

@@ -103,7 +103,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 28;
+pub const MESSAGE_VERSION: u16 = 29;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

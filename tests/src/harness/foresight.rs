@@ -92,6 +92,9 @@ impl Foresight {
             let wanted = now.corrected(self.config.part, stage, &truth, t);
             *stage = mixed(stage, &wanted, &self.config);
         }
+        if let Some((z, stage)) = forecast.mean_z.as_mut().zip(forecast.stages.first()) {
+            *z += stage.position[2] - first.position[2];
+        }
     }
 }
 

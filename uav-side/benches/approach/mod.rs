@@ -76,6 +76,7 @@ impl BenchSea {
             header: Header::new(1, 1, 1, sequence, now),
             step,
             mean_heading: HEADING,
+            mean_z: Some(-1.3),
             stages: Seq::filled((0..FORECAST_STAGES).map(|k| self.deck((now + step * k as i64).secs()))),
             ..DeckForecast::default()
         }

@@ -23,16 +23,12 @@ use nalgebra::Vector3;
 
 use super::MissionNode;
 use super::phase::DroneTime;
-use crate::deck_height::forecast_mean;
 use crate::mission_config::MissionConfig;
 
-/// Time constant of the deck's mean level, s: two periods of a long swell.
-const LEVEL_TIME_S: f64 = 10.0;
-/// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
-/// times what two GNSS receivers drift apart. The minimum altitude depends on it, and a wrong
-/// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
-/// that moves for good shows in the count of origin resets.
-const LEVEL_STEP_M: f64 = 2.0;
+/// The mean level that counts follows the forecasts' no faster than this, m/s: many times what two GNSS receivers drift apart.
+/// The minimum altitude depends on it, and a wrong forecast (20 m below the water, from an estimator that had lost the
+/// tilt) must not lower it; a frame that moves for good shows in the count of origin resets.
+const LEVEL_MPS: f64 = 0.2;
 /// A deck whose height is known no better was not detected, standard deviation, m: two receivers are worse, a camera that
 /// sees the tag from the tracking height ten times better.
 const VISION_SD_M: f64 = 0.5;
@@ -83,7 +79,7 @@ impl Surface {
 /// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeightInput {
-    /// Deck's mean level by the newest forecast, NED z, m.
+    /// Deck's mean level of the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
     /// The camera sees the deck, by the forecast.
     pub(super) observed: bool,
@@ -270,7 +266,7 @@ impl MissionNode {
     pub(super) fn heights(&mut self, now: DroneTime) -> Heights {
         let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
         let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
-        let level = forecast.and_then(forecast_mean);
+        let level = forecast.and_then(|f| f.mean_z);
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
         if let Some(a) = autopilot {
             let deck = forecast.and_then(|f| f.at(now.max(f.header.at)));
@@ -293,7 +289,7 @@ impl MissionNode {
             self.heights.update(&input, &self.config);
         }
         let above_m = self.config.approach_height_m;
-        let (mean_z, deck_m) = (self.mean_deck_z.value(), self.deck_height_m());
+        let (mean_z, deck_m) = (self.mean_deck_z.map(|(_, z)| z), self.deck_height_m());
         let heights = self.heights.judge(mean_z, level, deck_m, above_m);
         let own_z = own.map(|d| d.position[2]);
         match self.surface.level(now).zip(own_z) {
@@ -304,15 +300,17 @@ impl MissionNode {
         }
     }
 
-    /// Follows the deck's mean level by a forecast's, NED z, m.
+    /// Follows the deck's mean level of a forecast, NED z, m.
     pub(super) fn follow_level(&mut self, at: DroneTime, z: f64) {
-        let mean = self.mean_deck_z.follow(at, z, LEVEL_TIME_S, LEVEL_STEP_M);
+        let mean = self.mean_deck_z.map_or(z, |(last, mean)| {
+            let limit_m = LEVEL_MPS * (at - last).secs().max(0.0);
+            mean + (z - mean).clamp(-limit_m, limit_m)
+        });
         // Vision has corrected the radio: what a second witness confirms need not be followed slowly.
         let (deck_m, w) = (self.deck_height_m(), &self.heights);
         let rises = z < mean && w.confirm(z, deck_m) && !w.confirm(mean, deck_m);
-        if rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m) {
-            self.mean_deck_z.begin(at, z);
-        }
+        let agrees = rises || w.confirm_aside(z, deck_m) && !w.confirm_aside(mean, deck_m);
+        self.mean_deck_z = Some((at, if agrees { z } else { mean }));
     }
 
     /// Takes what the rangefinder sees below the drone.

@@ -82,7 +82,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
-use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::MissionStartUp;
@@ -187,7 +186,8 @@ pub struct MissionNode {
     frame: FrameEpoch,
     /// When it moved, until a forecast has come since, and by how much.
     moved: Option<(Time<DroneClock>, f64)>,
-    mean_deck_z: MeanDeckHeight,
+    /// The deck's mean level that counts, NED z, m, and the time of its forecast.
+    mean_deck_z: Option<(Time<DroneClock>, f64)>,
     heights: HeightWitnesses,
     surface: Surface,
     wind: WindMonitor,
@@ -286,7 +286,7 @@ impl MissionNode {
             // Forecast, plan and level are of another frame.
             self.forecast.forget();
             self.plan.forget();
-            self.mean_deck_z.forget();
+            self.mean_deck_z = None;
             self.heights.forget();
             self.surface = Surface::default();
             self.moved = Some((now, self.moved.map_or(by_m, |(_, before)| by_m.max(before))));
@@ -299,7 +299,7 @@ impl MissionNode {
         {
             self.moved = None;
             self.raise_heights();
-            if let Some(z) = forecast_mean(&m) {
+            if let Some(z) = m.mean_z {
                 self.follow_level(m.header.at, z);
             }
         }

@@ -96,6 +96,7 @@ proptest! {
                 let mut input = fresh_input(n, then, b.drone);
                 let f = input.forecast.as_mut().unwrap();
                 [f.radio_age_s, f.vision_age_s] = b.ages;
+                f.mean_z = Some(b.position[2]);
                 for s in f.stages.iter_mut() {
                     s.position = b.position;
                     s.position_sd = [b.sd.abs(); 3];

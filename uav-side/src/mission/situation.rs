@@ -310,8 +310,7 @@ pub struct Situation {
     pub odometry_limit_s: f64,
     /// The deck; None when there is no forecast that reaches `now`.
     pub deck: Option<Deck>,
-    /// Low-pass of the deck's level, NED z, m, or the higher one of a witness that contradicts it; None before the first
-    /// forecast.
+    /// The deck's mean level, NED z, m, or the higher one of a witness that contradicts it; None before the first forecast.
     pub mean_deck_z: Option<f64>,
     /// No lower than this, NED z, m, while no second witness confirms the deck's height; None: as low as the state asks.
     pub lowest_z: Option<f64>,

@@ -38,7 +38,7 @@ impl MissionNode {
                 self.battery.resume(m.header.at, charge, &known, &self.config);
             }
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
-                self.mean_deck_z.begin(m.header.at, z);
+                self.mean_deck_z = Some((m.header.at, z));
             }
         }
         if let Some(m) = &begun.aged {
@@ -131,7 +131,7 @@ impl MissionNode {
             abort: self.commands.abort(),
             frames: self.drone.get().map_or(0, |d| d.frames),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
-            mean_deck_z: self.mean_deck_z.value(),
+            mean_deck_z: self.mean_deck_z.map(|(_, z)| z),
             was_away: self.was_away,
             sortie: self.progress.sortie,
             cycling: self.progress.cycles.on,

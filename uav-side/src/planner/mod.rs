@@ -166,7 +166,7 @@ impl Planner {
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
         if self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some()) {
             self.solved = None;
-            self.generator.forget();
+            self.generator.restart();
         }
         self.law
             .observe(drone.as_ref(), self.forecast.get(), &self.reference);

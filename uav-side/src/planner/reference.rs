@@ -17,16 +17,10 @@ use super::mpc_faa::Problem;
 use super::view::View;
 use super::weights::Weights;
 use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
-use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::surroundings::{Passage, way_round};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
-/// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
-const HEIGHT_JUMP_M: f64 = 3.0;
-
-/// Time constant of the deck's mean height, s.
-const MEAN_HEIGHT_S: f64 = 8.0;
 /// Nearer than this the heading towards the vessel is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
 
@@ -57,7 +51,7 @@ pub struct PlanReference {
     pub(super) passages: Vec<Passage>,
 }
 
-/// Builds references; remembers its governors and the deck's mean height.
+/// Builds references; remembers its governors.
 #[derive(Clone, Debug, Default)]
 pub struct ReferenceGenerator {
     config: PlannerConfig,
@@ -66,7 +60,6 @@ pub struct ReferenceGenerator {
     horizontal: ReferenceGovernor<2>,
     vertical: ReferenceGovernor<1>,
     yaw: ReferenceGovernor<1>,
-    mean_height: MeanDeckHeight,
     /// Place to stay at when the deck is not known but should be: position and heading.
     frozen: Option<[f64; 4]>,
     /// Within the approach sector.
@@ -123,23 +116,6 @@ impl ReferenceGenerator {
         self.yaw = ReferenceGovernor::default();
         self.frozen = None;
     }
-    /// Forgets also what was learnt of the deck's height: the frame itself has moved.
-    pub fn forget(&mut self) {
-        self.restart();
-        self.mean_height.forget();
-    }
-
-    /// Follows the deck's mean height.
-    fn mean_height(&mut self, now: Time<DroneClock>, forecast: &DeckForecast, here: f64) -> f64 {
-        match self.mean_height.value() {
-            Some(mean) if (here - mean).abs() < HEIGHT_JUMP_M => {
-                self.mean_height.follow(now, here, MEAN_HEIGHT_S, f64::INFINITY)
-            }
-            Some(_) | None => self
-                .mean_height
-                .begin(now, forecast_mean(forecast).unwrap_or(0.0)),
-        }
-    }
 
     /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state`
     /// is where the plan starts.
@@ -157,8 +133,7 @@ impl ReferenceGenerator {
         reference.deck.clear();
         let mean_z = view.forecast.as_ref().and_then(|f| {
             sample_deck(now, f, stages, step_s, &mut reference.deck);
-            let here = reference.deck.first()?.position[2];
-            Some(self.mean_height(now, f, here))
+            f.mean_z.filter(|_| !reference.deck.is_empty())
         });
         reference.mean_z = mean_z.unwrap_or(0.0);
         let place = state::position(&start);

@@ -490,6 +490,7 @@ proptest! {
             let mut forecast = MODERATE.forecast(now, 0);
             forecast.header = header;
             if !calm {
+                forecast.mean_z = Some(v[0]);
                 for s in forecast.stages.iter_mut() {
                     s.position[2] = v[0];
                     s.euler = [v[1] * 0.1, v[2] * 0.1, v[3]];

@@ -8,6 +8,7 @@
 //! - [`placement`]: the vessel's estimate in the drone's frame.
 //! - `beacon`: the vessel's place by its beacon, where nothing else is known.
 //! - `identity`: which of several decks with the same tags is the vessel's own.
+//! - `level`: the deck's mean level.
 //! - `agreement`: whether camera, rangefinder and radio contradict each other.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
@@ -28,6 +29,7 @@ mod config;
 pub mod filter;
 pub mod forecast;
 mod identity;
+mod level;
 pub mod lever_arm_heave;
 mod node;
 pub mod observation;

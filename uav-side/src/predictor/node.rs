@@ -29,6 +29,7 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::identity::{Decks, Verdict};
+use super::level::MeanDeckLevel;
 use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{self, DeckObservation, MountRotation, Plane};
 use super::own::OwnModel;
@@ -124,6 +125,7 @@ pub struct Predictor {
     /// When tags that are another vessel's were detected last, and how far from the radio's place they may be and are, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
     height: HeightAgreement,
+    level: MeanDeckLevel,
     /// Decks with the vessel's tags.
     decks: Decks,
     /// Track of the vessel by its beacon.
@@ -165,6 +167,7 @@ impl Predictor {
             range_at: None,
             elsewhere: None,
             height: HeightAgreement::default(),
+            level: MeanDeckLevel::default(),
             decks: Decks::default(),
             beacon: None,
             last_known: None,
@@ -259,6 +262,7 @@ impl Predictor {
         (self.radio_at, self.radio_sequence) = (None, None);
         (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
         self.height = HeightAgreement::default();
+        self.level = MeanDeckLevel::default();
         self.decks = Decks::default();
     }
 
@@ -470,6 +474,7 @@ impl Predictor {
             clock_var,
             (&self.waves, now),
         );
+        let mean_z = self.level.follow(now, &stages);
         if let Some((own, deck)) = self.own.as_mut().zip(stages.first())
             && vision_age_s < self.config.fresh_s
         {
@@ -497,6 +502,7 @@ impl Predictor {
             wave_confidence: self.waves.confidence,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             mean_heading_rate: axes[5].x[RATE],
+            mean_z,
             stages,
             slopes: match (self.slopes, &self.own) {
                 (Some((at, slopes)), _) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,

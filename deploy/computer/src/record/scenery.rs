@@ -16,9 +16,6 @@ use crate::record::{cloud, shapes};
 /// A place and an attitude in [`frame::NED`].
 pub type Placed = ([f64; 3], UnitQuaternion<f64>);
 
-/// The water's level follows the vessel's height by this part at each forecast (50 Hz): within half a minute.
-const LEVEL_GAIN: f64 = 1e-3;
-
 /// Deck and drone, and their channels.
 pub struct Scenery {
     deck: DeckGeometry,
@@ -30,7 +27,7 @@ pub struct Scenery {
     period_ms: i64,
     /// Whether the drone was in the shapes shown last.
     shown: Option<bool>,
-    /// The water in the drone's NED, m down, by the vessel's recent height: that NED begins at any height.
+    /// The water in the drone's NED, m down, by the deck's mean level: that NED begins at any height.
     water_m: Option<f64>,
 }
 
@@ -55,12 +52,12 @@ impl Scenery {
     }
     /// The vessel's reference point and attitude, and the water's level by it.
     fn vessel(&mut self, forecast: Option<&DeckForecast>) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
-        let stage = forecast?.stages.first()?;
+        let forecast = forecast?;
+        let stage = forecast.stages.first()?;
         let [roll, pitch, yaw] = stage.euler;
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let vessel = Vector3::from(stage.position) - q * self.deck.centre();
-        let water_m = self.water_m.get_or_insert(vessel.z);
-        *water_m += LEVEL_GAIN * (vessel.z - *water_m);
+        self.water_m = forecast.mean_z.map(|z| z - self.deck.centre().z).or(self.water_m);
         Some((vessel, q))
     }
     /// A place of the drone's NED in the scene's, which begins on the water.

@@ -26,6 +26,7 @@ impl Predictor {
         let elsewhere = (self.elsewhere).filter(|(at, _)| (now - *at).secs() < self.config.fresh_s);
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
+        let stages = known.stages(deck_z, self.config.stage_s);
         let f = DeckForecast {
             header,
             step: Span::from_secs(self.config.stage_s),
@@ -37,7 +38,8 @@ impl Predictor {
             decks_in_sight: self.decks.undecided(now),
             place_apart_m: elsewhere.map(|(_, apart)| apart),
             mean_heading: known.course_rad(),
-            stages: known.stages(deck_z, self.config.stage_s),
+            mean_z: self.level.follow(now, &stages),
+            stages,
             surroundings: self.surroundings,
             ..DeckForecast::default()
         };
