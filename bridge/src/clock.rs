@@ -19,6 +19,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::estimation::median;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::config::ClockConfig;
@@ -256,10 +257,7 @@ impl ClockOffset {
         let mut sorted: Vec<Bounds> = self.samples.iter().copied().collect();
         sorted.sort_by(|a, b| (a.high - a.low).total_cmp(&(b.high - b.low)));
         sorted.truncate(sorted.len().div_ceil(2));
-        sorted.sort_by(|a, b| (a.low + a.high).total_cmp(&(b.low + b.high)));
-        let middle = |k: usize| sorted.get(k).map_or(0.0, |b| 0.5 * (b.low + b.high));
-        let last = sorted.len().saturating_sub(1);
-        0.5 * (middle(last / 2) + middle(last.div_ceil(2)))
+        median(sorted.iter().map(|b| 0.5 * (b.low + b.high))).unwrap_or_default()
     }
 }
 

@@ -5,6 +5,7 @@
 //! least [`WAY_M`] that odometry and forecast see the drone go along the deck's normal within [`WITHIN_S`], the readings have
 //! to change by `d` with `|d - w| <= WRONG_BY |w|`. One that does not contradicts, until it has followed such a way again.
 
+use alight_shared::estimation::median;
 use alight_shared::time::{DroneClock, Time};
 
 type DroneTime = Time<DroneClock>;
@@ -56,7 +57,10 @@ impl RangeWitness {
             *newest = Some(range_m);
         }
         self.next = (self.next + 1) % MEDIAN;
-        let Some(range_m) = self.median() else { return };
+        let newest: Option<Vec<f64>> = self.newest.iter().copied().collect();
+        let Some(range_m) = newest.and_then(median) else {
+            return;
+        };
         let (from_at, from_m, read_m) = *self.from.get_or_insert((at, self.way_m, range_m));
         let way = self.way_m - from_m;
         if way.abs() >= WAY_M {
@@ -66,15 +70,6 @@ impl RangeWitness {
         } else if (at - from_at).secs() > WITHIN_S {
             self.from = Some((at, self.way_m, range_m));
         }
-    }
-    /// Median of the newest readings, m; None while they are too few.
-    fn median(&self) -> Option<f64> {
-        let mut newest = [0.0; MEDIAN];
-        for (m, r) in newest.iter_mut().zip(&self.newest) {
-            *m = (*r)?;
-        }
-        newest.sort_by(f64::total_cmp);
-        newest.get(MEDIAN / 2).copied()
     }
 }
 

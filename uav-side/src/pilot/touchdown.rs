@@ -16,7 +16,7 @@
 //! followed the way down ([`RangeWitness`]) is none. Where the autopilot's report of its thrust has stopped, the command
 //! that it follows stands in for it, on a drone that stays on the deck for longer.
 
-use alight_shared::estimation::low_pass;
+use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
@@ -248,18 +248,9 @@ impl TouchdownDetector {
         if self.witness.contradicts() {
             return None;
         }
-        let mut newest = [f64::INFINITY; MEDIAN];
-        let mut n = 0;
-        for k in 1..=MEDIAN {
-            let (at, r) = self.readings[(self.next + READINGS - k) % READINGS];
-            if now - at <= topics::RANGE.stale_after {
-                newest[n] = r;
-                n += 1;
-            }
-        }
-        let some = &mut newest[..n];
-        some.sort_by(f64::total_cmp);
-        some.get(n / 2).copied()
+        let newest = (1..=MEDIAN).map(|k| self.readings[(self.next + READINGS - k) % READINGS]);
+        let fresh = newest.filter(|(at, _)| now - *at <= topics::RANGE.stale_after);
+        median(fresh.map(|(_, r)| r))
     }
     /// All readings of the last `resting_s` average to the feet's range, none is far from it, and the drone stays there by
     /// odometry and forecast, too.

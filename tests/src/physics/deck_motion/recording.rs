@@ -4,6 +4,7 @@ mod quality;
 
 use std::path::{Path, PathBuf};
 
+use alight_shared::estimation::median;
 use alight_usv::log::table::{CsvRow, CsvTable, Quantity, TableError};
 use thiserror::Error;
 
@@ -126,21 +127,20 @@ impl Recording {
             mut remarks,
         } = Channels::of(&table).map_err(whole)?;
         unwrap_heading(&mut y);
-        let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
-        steps.sort_unstable_by(f64::total_cmp);
-        let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        let steps = t.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0);
+        let usual = median(steps).unwrap_or_default();
         let rows = t.len();
-        merge_close(&mut t, &mut y, 0.25 * median);
+        merge_close(&mut t, &mut y, 0.25 * usual);
         if t.len() < rows {
             remarks.push(format!(
                 "{} rows at (nearly) the time of the row above are averaged with it",
                 rows - t.len()
             ));
         }
-        if median > 1.0 / SLOW_HZ {
+        if usual > 1.0 / SLOW_HZ {
             remarks.push(format!(
                 "{:.1} rows a second, below 5: the deck is softer than it was",
-                1.0 / median
+                1.0 / usual
             ));
         }
         let duration = t.last().zip(t.first()).map_or(0.0, |(b, a)| b - a);
@@ -155,16 +155,16 @@ impl Recording {
             *t -= start;
         }
         // A gap is where five samples or more are missing.
-        let longest = 5.0 * median;
+        let longest = 5.0 * usual;
         let knots = Knots {
             t: &t,
             y: &mut y,
-            step: median,
+            step: usual,
             longest,
         };
         remarks.extend(quality::smooth(knots, &has));
         let mean = time_average(&t, &y, longest);
-        let (t, y, gaps) = bridge(t, y, longest, median).ok_or_else(|| {
+        let (t, y, gaps) = bridge(t, y, longest, usual).ok_or_else(|| {
             whole(format!(
                 "more than {MAX_ROWS} values would be needed to bridge its gaps"
             ))
@@ -305,9 +305,7 @@ impl Own {
                 y.push(value);
             }
         }
-        let mut steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
-        steps.sort_unstable_by(f64::total_cmp);
-        let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+        let step = median(t.windows(2).map(|w| w[1] - w[0])).unwrap_or_default();
         let rows: Vec<[f64; 1]> = y.iter().map(|v| [*v]).collect();
         let spline = Splines::through(t.clone(), rows).ok_or_else(|| {
             format!(

@@ -6,6 +6,8 @@
 //! within half a window to either side (Savitzky and Golay 1964, at any spacing), whose bandwidth is 1.25 over
 //! the window (Schafer 2011, order 3). The window is the shortest that leaves [`ACCELERATION_LIMIT`].
 
+use alight_shared::estimation::median;
+
 use super::{CHANNELS, HEADING, PITCH, QUANTITIES, ROLL};
 
 /// Error of the second derivative that may be left, m/s² or rad/s².
@@ -145,10 +147,8 @@ fn white_noise(values: &[f64]) -> Option<f64> {
             differences = differences.windows(2).map(|w| w[1] - w[0]).collect();
         }
         // The middle of the distribution: gaps and bumps do not count.
-        let mut size: Vec<f64> = differences.iter().map(|d| d.abs()).collect();
-        size.sort_unstable_by(f64::total_cmp);
-        let median = size.get(size.len() / 2)?;
-        levels.push(median / 0.6745 / norm.sqrt());
+        let size = median(differences.iter().map(|d| d.abs()))?;
+        levels.push(size / 0.6745 / norm.sqrt());
     }
     let [.., a, b, c] = levels[..] else { return None };
     (a > 0.0 && b > WHITE * a && c > WHITE * b).then_some(c)
