@@ -19,7 +19,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::median;
+use alight_shared::estimation::{OffsetBounds, median};
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::config::ClockConfig;
@@ -29,13 +29,8 @@ const MAX_SAMPLES: usize = 256;
 /// Exchanges that count as recent when looking for a step.
 const RECENT: usize = 10;
 
-/// One exchange: bounds of the offset, s, and when they were measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Bounds {
-    at: Time<DroneClock>,
-    low: f64,
-    high: f64,
-}
+/// Bounds of the drone clock less the vessel clock.
+type Bounds = OffsetBounds<DroneClock>;
 
 /// Knowledge of the offset at some instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,28 +105,21 @@ impl ClockOffset {
         t3: Time<VesselClock>,
         t4: Time<DroneClock>,
     ) -> Result<(), ExchangeRejection> {
-        let low = Span::from_nanos(t1.nanos().saturating_sub(t2.nanos())).secs();
-        let high = Span::from_nanos(t4.nanos().saturating_sub(t3.nanos())).secs();
+        let mut new = Bounds::of_exchange(t1, t2.nanos(), t3.nanos(), t4);
+        let max_drift = self.config.max_drift;
         // Over a cable the round trip is less than what two clocks may drift apart meanwhile.
-        let drift = (t4 - t1).secs().max(0.0) * self.config.max_drift + CLOCK_RESOLUTION_S;
-        let (low, high) = if (low..low + drift).contains(&high) || (high..high + drift).contains(&low) {
-            (low.min(high) - drift, high.max(low) + drift)
-        } else {
-            (low, high)
-        };
-        let round_trip = high - low;
+        let drift = Span::from_secs((t4 - t1).secs().max(0.0) * max_drift + CLOCK_RESOLUTION_S);
+        if (new.high - new.low).abs() < drift {
+            (new.low, new.high) = (new.low.min(new.high) - drift, new.low.max(new.high) + drift);
+        }
+        let round_trip = (new.high - new.low).secs();
         if t3 < t2 || t4 < t1 || !(0.0..=self.config.max_round_trip_s).contains(&round_trip) {
             return Err(ExchangeRejection::RoundTrip);
         }
-        let new = Bounds { at: t4, low, high };
-        if let Some(now) = self.combined.map(|b| self.widened(&b, t4))
-            && (new.low > now.high || new.high < now.low)
-        {
+        let contradicts = |b: Bounds| new.contradicts(b.drifted(t4, max_drift));
+        if self.combined.is_some_and(contradicts) {
             // Disjoint from everything before: believed when a second one agrees with it.
-            let agrees = self.suspect.is_some_and(|s| {
-                let s = self.widened(&s, t4);
-                new.low <= s.high && new.high >= s.low
-            });
+            let agrees = self.suspect.is_some_and(|s| !contradicts(s));
             if !agrees {
                 self.suspect = Some(new);
                 return Err(ExchangeRejection::Contradiction);
@@ -154,20 +142,16 @@ impl ClockOffset {
     /// A message valid at `at` arrived at `arrival`: an upper bound. Ignored before the first
     /// exchange and when it contradicts the exchanges.
     pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
-        let high = Span::from_nanos(arrival.nanos().saturating_sub(at.nanos())).secs();
-        let Some(now) = self.combined.map(|b| self.widened(&b, arrival)) else {
+        let new = Bounds::of_message(at.nanos(), arrival);
+        let max_drift = self.config.max_drift;
+        let Some(now) = self.combined.map(|b| b.drifted(arrival, max_drift)) else {
             return;
         };
-        if high < now.low {
+        if new.contradicts(now) {
             return;
         }
-        let new = Bounds {
-            at: arrival,
-            low: f64::NEG_INFINITY,
-            high,
-        };
         match self.one_way.back_mut() {
-            Some(b) if (arrival - b.at).secs() < 0.5 => b.high = b.high.min(high),
+            Some(b) if (arrival - b.at).secs() < 0.5 => *b = b.and(new),
             _ => {
                 if self.one_way.len() == MAX_SAMPLES {
                     self.one_way.pop_front();
@@ -175,16 +159,17 @@ impl ClockOffset {
                 self.one_way.push_back(new);
             }
         }
-        if high < now.high {
-            self.combined = Some(Bounds { high, ..now });
+        if new.high < now.high {
+            self.combined = Some(now.and(new));
         }
     }
 
     /// The offset as known at `now`; None before the first exchange.
     pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
-        let b = self.widened(self.combined.as_ref()?, now);
-        let offset_s = self.median_s.clamp(b.low, b.high);
-        let (half, off_middle) = (0.5 * (b.high - b.low), offset_s - 0.5 * (b.low + b.high));
+        let b = self.combined?.drifted(now, self.config.max_drift);
+        let (low, high) = (b.low.secs(), b.high.secs());
+        let offset_s = self.median_s.clamp(low, high);
+        let (half, off_middle) = (0.5 * (high - low), offset_s - 0.5 * (low + high));
         Some(Offset {
             offset_s,
             sd_s: (half / 3f64.sqrt()).hypot(off_middle).max(self.config.min_sd_s),
@@ -192,14 +177,10 @@ impl ClockOffset {
         })
     }
 
-    /// Bounds as they hold at `now`, after the drift since they were measured.
-    fn widened(&self, b: &Bounds, now: Time<DroneClock>) -> Bounds {
-        let drift = (now - b.at).secs().max(0.0) * self.config.max_drift;
-        Bounds {
-            at: now.max(b.at),
-            low: b.low - drift,
-            high: b.high + drift,
-        }
+    /// Bounds by all of these at `now`; None of none.
+    fn both<'a>(&self, all: impl Iterator<Item = &'a Bounds>, now: Time<DroneClock>) -> Option<Bounds> {
+        all.map(|b| b.drifted(now, self.config.max_drift))
+            .reduce(Bounds::and)
     }
 
     /// Both directions' best moved the same way by more than `step_s`: a path that changed would
@@ -209,17 +190,11 @@ impl ClockOffset {
         if n < 2 * RECENT {
             return;
         }
-        let best = |r: core::ops::Range<usize>| {
-            self.samples
-                .range(r)
-                .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
-                    let b = self.widened(b, now);
-                    (l.max(b.low), h.min(b.high))
-                })
+        let best = |r: core::ops::Range<usize>| self.both(self.samples.range(r), now);
+        let Some((old, new)) = best(0..n - RECENT).zip(best(n - RECENT..n)) else {
+            return;
         };
-        let (old_low, old_high) = best(0..n - RECENT);
-        let (new_low, new_high) = best(n - RECENT..n);
-        let (dl, dh) = (new_low - old_low, new_high - old_high);
+        let (dl, dh) = ((new.low - old.low).secs(), (new.high - old.high).secs());
         if dl * dh > 0.0 && dl.abs().min(dh.abs()) > self.config.step_s {
             self.steps = self.steps.saturating_add(1);
             self.samples.drain(..n - RECENT);
@@ -232,32 +207,22 @@ impl ClockOffset {
         let window = self.config.window_s;
         self.samples.retain(|b| (now - b.at).secs() <= window);
         self.one_way.retain(|b| (now - b.at).secs() <= window);
-        let both =
-            self.samples
-                .iter()
-                .chain(&self.one_way)
-                .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
-                    let b = self.widened(b, now);
-                    (l.max(b.low), h.min(b.high))
-                });
-        let (low, high) = match both {
-            (l, h) if l <= h => (l, h),
-            // Rounding, or a drift above its limit: the newest exchange alone is always valid.
-            _ => match self.samples.back() {
-                Some(b) => (b.low, b.high),
-                None => return,
-            },
+        let both = self.both(self.samples.iter().chain(&self.one_way), now);
+        // A drift above its limit: the newest exchange alone is always valid.
+        let valid = both.filter(|b| b.low <= b.high);
+        let Some(known) = valid.or(self.samples.back().copied()) else {
+            return;
         };
-        self.combined = Some(Bounds { at: now, low, high });
+        self.combined = Some(Bounds { at: now, ..known });
         self.median_s = self.median();
     }
 
     /// Error of the exchanges with the shorter round trips, s.
     fn median(&self) -> f64 {
         let mut sorted: Vec<Bounds> = self.samples.iter().copied().collect();
-        sorted.sort_by(|a, b| (a.high - a.low).total_cmp(&(b.high - b.low)));
+        sorted.sort_by_key(|b| b.high - b.low);
         sorted.truncate(sorted.len().div_ceil(2));
-        median(sorted.iter().map(|b| 0.5 * (b.low + b.high))).unwrap_or_default()
+        median(sorted.iter().map(|b| 0.5 * (b.low.secs() + b.high.secs()))).unwrap_or_default()
     }
 }
 

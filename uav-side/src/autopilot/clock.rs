@@ -6,8 +6,8 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Span, Time};
-use serde::{Deserialize, Serialize};
+use alight_shared::estimation::OffsetBounds;
+use alight_shared::time::{DroneClock, Span, Time};
 
 use super::DroneTime;
 
@@ -22,25 +22,11 @@ const STEPPED_S: f64 = 0.02;
 /// A sample is never older than this when it arrives, s.
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
 
-/// An exchange.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Exchange {
-    at: DroneTime,
-    offset_ns: i64,
-    round_trip: Span,
-}
-
-impl Exchange {
-    /// Present uncertainty of the offset, s.
-    fn uncertainty_s(&self, now: DroneTime) -> f64 {
-        0.5 * self.round_trip.secs() + DRIFT * (now - self.at).secs()
-    }
-}
-
 /// State of knowledge of the autopilot's clock.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
-    exchanges: VecDeque<Exchange>,
+    /// Ours minus theirs.
+    exchanges: VecDeque<OffsetBounds<DroneClock>>,
     /// Answers that were not used, samples whose time was impossible.
     pub(crate) rejected: u32,
     /// Restarts of the autopilot.
@@ -52,20 +38,15 @@ pub(crate) struct RemoteClock {
 impl RemoteClock {
     /// An answer arrived at `now`: our time in the request, the autopilot's in the answer, ns.
     pub(crate) fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
-        let round_trip = now - Time::from_nanos(asked_ns);
-        if !(0.0..=limit_s).contains(&round_trip.secs()) {
+        let asked = Time::from_nanos(asked_ns);
+        if !(0.0..=limit_s).contains(&(now - asked).secs()) {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
-        let half = round_trip / 2;
-        let exchange = Exchange {
-            at: now,
-            offset_ns: asked_ns.saturating_add(half.nanos()).saturating_sub(remote_ns),
-            round_trip,
-        };
-        if let Some((before, error_s)) = self.offset(now) {
-            let ahead_s = Span::from_nanos(before.saturating_sub(exchange.offset_ns)).secs();
-            if ahead_s.abs() > error_s + exchange.uncertainty_s(now) + STEPPED_S {
+        let exchange = OffsetBounds::of_exchange(asked, remote_ns, remote_ns, now);
+        if let Some(before) = self.best(now) {
+            let ahead_s = (before.middle() - exchange.middle()).secs();
+            if ahead_s.abs() > before.error_s() + exchange.error_s() + STEPPED_S {
                 // What was exchanged before dates nothing any more.
                 self.exchanges.clear();
             }
@@ -78,24 +59,22 @@ impl RemoteClock {
             self.exchanges.pop_front();
         }
     }
-    /// Ours minus theirs, ns.
-    fn offset_ns(&self, now: DroneTime) -> Option<i64> {
-        let best = self
-            .exchanges
-            .iter()
-            .min_by(|a, b| a.uncertainty_s(now).total_cmp(&b.uncertainty_s(now)))?;
-        Some(best.offset_ns)
+    /// Bounds by the exchange that is the most certain now.
+    fn best(&self, now: DroneTime) -> Option<OffsetBounds<DroneClock>> {
+        let exchanges = self.exchanges.iter().map(|e| e.drifted(now, DRIFT));
+        exchanges.min_by_key(|e| e.high - e.low)
     }
     /// Ours minus theirs, ns, and by how much it may be wrong, s; None while it is not known.
     pub(crate) fn offset(&self, now: DroneTime) -> Option<(i64, f64)> {
-        Some((self.offset_ns(now)?, self.uncertainty_s(now)))
+        self.best(now).map(|b| (b.middle().nanos(), b.error_s()))
     }
     /// Begins with an offset that was known at `now`, wrong by at most `error_s`.
     pub(crate) fn resume(&mut self, now: DroneTime, offset_ns: i64, error_s: f64) {
-        self.exchanges.push_back(Exchange {
+        let (middle, error) = (Span::from_nanos(offset_ns), Span::from_secs(error_s));
+        self.exchanges.push_back(OffsetBounds {
             at: now,
-            offset_ns,
-            round_trip: Span::from_secs(2.0 * error_s),
+            low: middle - error,
+            high: middle + error,
         });
     }
     /// Whether samples can be dated.
@@ -104,22 +83,19 @@ impl RemoteClock {
     }
     /// Uncertainty of the offset, s; infinite while it is not known.
     pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
-        self.exchanges
-            .iter()
-            .map(|e| e.uncertainty_s(now))
-            .fold(f64::INFINITY, f64::min)
+        self.best(now).map_or(f64::INFINITY, OffsetBounds::error_s)
     }
     /// Our time of a sample that the autopilot dates at `remote_ns`; None, and counted, when it lies
     /// ahead of `now` by more than the uncertainty or is far too old. A little ahead counts as now.
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
-        let offset = self.offset_ns(now)?;
-        let at = Time::from_nanos(remote_ns.saturating_add(offset));
-        let age = (now - at).secs();
-        if age < -(STEPPED_S + self.uncertainty_s(now)) {
+        let offset = self.best(now)?;
+        let at = Time::from_nanos(remote_ns) + offset.middle();
+        let (age, error_s) = ((now - at).secs(), offset.error_s());
+        if age < -(STEPPED_S + error_s) {
             let before = self.stood_still(now).map_or(0.0, |(_, s)| s);
             self.stood_still = Some((now, before.max(-age)));
         }
-        if !(-0.01 - self.uncertainty_s(now)..=MAX_SAMPLE_AGE_S).contains(&age) {
+        if !(-0.01 - error_s..=MAX_SAMPLE_AGE_S).contains(&age) {
             self.rejected = self.rejected.saturating_add(1);
             return None;
         }
@@ -133,10 +109,8 @@ impl RemoteClock {
     }
     /// The autopilot's time of ours, us; 0 while it is not known.
     pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
-        let ns = self
-            .offset_ns(now)
-            .map_or(0, |o| at.nanos().saturating_sub(o).max(0));
-        ns.unsigned_abs() / 1000
+        let theirs = self.best(now).map_or(Time::EPOCH, |b| at - b.middle());
+        theirs.nanos().max(0).unsigned_abs() / 1000
     }
     /// The autopilot is another one, or was away.
     pub(crate) fn forget(&mut self) {

@@ -3,6 +3,7 @@
 //! smallest delay, of which the configuration may subtract what is known of the sensor. Measurements keep the
 //! intervals that their source gives them, however they were delayed.
 
+use alight_shared::estimation::OffsetBounds;
 use alight_shared::time::{Span, Time, VesselClock};
 use time::{Date, Month};
 
@@ -28,8 +29,8 @@ pub(super) const HELD_UP_S: f64 = 10.0;
 /// The offset of a source's clock.
 #[derive(Clone, Debug, Default)]
 pub struct SourceClock {
-    /// Vessel's less source's, ns, and the time of its last update.
-    offset: Option<(i64, Time<VesselClock>)>,
+    /// Vessel's less source's, at the last update.
+    offset: Option<OffsetBounds<VesselClock>>,
     /// Another offset observed since.
     other: Option<Other>,
     /// The source time that arrived last, ns.
@@ -42,9 +43,9 @@ pub struct SourceClock {
 /// Offsets in a row that deviate from the one in use, and agree.
 #[derive(Clone, Copy, Debug)]
 struct Other {
-    /// Smallest and largest, ns.
-    min: i64,
-    max: i64,
+    /// Smallest and largest.
+    min: Span,
+    max: Span,
     count: u32,
     since: Time<VesselClock>,
     /// It began with a time that no delay explains.
@@ -126,41 +127,46 @@ impl SourceClock {
         at_ns: i64,
         latency: Span,
     ) -> Option<Time<VesselClock>> {
-        let measured = now.nanos().saturating_sub(at_ns);
-        let max_delay_ns = Span::from_secs(MAX_DELAY_S).nanos();
-        let Some((offset, updated)) = self.offset else {
-            (self.offset, self.newest_ns) = (Some((measured, now)), Some(at_ns));
+        let measured = OffsetBounds::of_message(at_ns, now);
+        let max_delay = Span::from_secs(MAX_DELAY_S);
+        let Some(known) = self.offset else {
+            (self.offset, self.newest_ns) = (Some(measured), Some(at_ns));
             return Some(now - latency);
         };
         // The smallest observed, enlarged by the drift possible since.
-        let drifted = offset.saturating_add(((now - updated).nanos() as f64 * DRIFT) as i64);
-        let excess = measured.saturating_sub(drifted);
+        let drifted = known.drifted(now, DRIFT);
+        let excess = measured.high - drifted.high;
         // A clock that is set back shows a time again while the arrivals go on.
         let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
-        if excess <= Span::from_secs(JITTER_S).nanos() && excess >= -max_delay_ns {
+        if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
             self.other = None;
-            self.offset = Some((drifted.min(measured), now));
-        } else if let Some(offset) = self.deviates(now, measured, excess, again) {
+            self.offset = Some(drifted.and(measured));
+        } else if let Some(high) = self.deviates(now, measured.high, excess, again) {
             self.restarts += 1;
-            self.step_s = drifted.saturating_sub(offset) as f64 * 1e-9;
-            self.offset = Some((offset, now));
+            self.step_s = (drifted.high - high).secs();
+            self.offset = Some(OffsetBounds { high, ..measured });
             self.other = None;
-        } else if excess.saturating_abs() > max_delay_ns {
+        } else if excess.abs() > max_delay {
             return None;
         }
-        let (offset, _) = self.offset?;
-        Some(Time::from_nanos(at_ns.saturating_add(offset)) - latency)
+        Some(Time::from_nanos(at_ns) + self.offset?.high - latency)
     }
-    /// Counts an offset that deviates by `excess` ns, of a time that came `again`; the new one once there is evidence enough.
-    fn deviates(&mut self, now: Time<VesselClock>, measured: i64, excess: i64, again: bool) -> Option<i64> {
-        let is_delay = excess.saturating_abs() <= Span::from_secs(MAX_DELAY_S).nanos();
+    /// Counts an offset that deviates by `excess`, of a time that came `again`; the new one once there is evidence enough.
+    fn deviates(
+        &mut self,
+        now: Time<VesselClock>,
+        measured: Span,
+        excess: Span,
+        again: bool,
+    ) -> Option<Span> {
+        let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
         let own = Other {
             min: measured,
             max: measured,
             count: 1,
             since: now,
             // Two messages of one time, held up together, are no clock that was set back.
-            stepped: excess < 0 || self.other.map_or(again, |o| o.stepped),
+            stepped: excess < Span::ZERO || self.other.map_or(again, |o| o.stepped),
         };
         let other = self.other.map_or(own, |o| Other {
             min: o.min.min(measured),
@@ -169,7 +175,7 @@ impl SourceClock {
             ..o
         });
         // A clock that runs: what stands still, or is being caught up with, drifts apart.
-        let agrees = other.max.saturating_sub(other.min) <= Span::from_secs(JITTER_S).nanos();
+        let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
         let other = if agrees { other } else { own };
         self.other = Some(other);
         let (enough, long_enough) = match (other.stepped, is_delay) {

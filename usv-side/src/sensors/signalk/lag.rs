@@ -1,6 +1,9 @@
 //! Whether an update was held up on its way: by how much its arrival is later than its time, compared with the smallest lag
 //! so far. A time that is cut to whole seconds is up to a second earlier than the measurement.
 
+use alight_shared::estimation::OffsetBounds;
+use alight_shared::time::{Time, VesselClock};
+
 use crate::sensors::clock::{DRIFT, HELD_UP_S, JITTER_S};
 
 /// Above the smallest lag, an update is late by more than a cut second and the arrival's jitter, ns.
@@ -9,8 +12,8 @@ const LATE_NS: i64 = 1_000_000_000 + (JITTER_S * 1e9) as i64;
 /// Lag of the updates of a clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Lag {
-    /// The smallest difference of arrival and time, and when it was, ns.
-    smallest: Option<(i64, i64)>,
+    /// The smallest difference of arrival and time, at the last update in time.
+    smallest: Option<OffsetBounds<VesselClock>>,
     /// Since when all were late, ns.
     late_since: Option<i64>,
 }
@@ -19,18 +22,14 @@ impl Lag {
     /// Takes one that is dated at `stamp_ns` and arrives at `now_ns`; whether it was held up. After some seconds it is
     /// the clock that was set back.
     pub(super) fn is_held_up(&mut self, now_ns: i64, stamp_ns: i64) -> bool {
-        let lag = now_ns.saturating_sub(stamp_ns);
-        // Two clocks drift apart meanwhile.
-        let drifted = |(smallest, at_ns): (i64, i64)| {
-            smallest.saturating_add((now_ns.saturating_sub(at_ns) as f64 * DRIFT) as i64)
-        };
-        let smallest = self.smallest.map_or(lag, drifted);
-        let is_late = lag.saturating_sub(smallest) > LATE_NS;
+        let lag = OffsetBounds::of_message(stamp_ns, Time::from_nanos(now_ns));
+        let smallest = self.smallest.map_or(lag, |s| s.drifted(lag.at, DRIFT));
+        let is_late = (lag.high - smallest.high).nanos() > LATE_NS;
         let since = *self.late_since.get_or_insert(now_ns);
         if is_late && (now_ns.saturating_sub(since) as f64) < HELD_UP_S * 1e9 {
             return true;
         }
-        self.smallest = Some((if is_late { lag } else { smallest.min(lag) }, now_ns));
+        self.smallest = Some(if is_late { lag } else { smallest.and(lag) });
         self.late_since = None;
         false
     }
