@@ -54,6 +54,37 @@ pub const fn process_reports(by_radio: bool) -> &'static Topic {
     if by_radio { &VESSEL_PROCESS } else { &PROCESS }
 }
 
+/// Period of an order's repetitions, and the time after which it is given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Retries {
+    /// Time between two.
+    pub period: Span,
+    /// Longest time without an answer.
+    pub timeout: Span,
+}
+
+impl Retries {
+    const fn of_millis(period: i64, timeout: i64) -> Retries {
+        Retries {
+            period: Span::from_millis(period),
+            timeout: Span::from_millis(timeout),
+        }
+    }
+}
+
+/// [`COMMAND`] of a ground station or the remote control, by the autopilot's link.
+pub const AUTOPILOT_RETRIES: Retries = Retries::of_millis(250, 5000);
+/// [`COMMAND`] or [`BEACON`] of a person at the computer: the states that show it come at 50 Hz.
+pub const LOCAL_RETRIES: Retries = Retries::of_millis(500, 2000);
+/// [`SETTINGS`]: a ground station asks again after a second.
+pub const SETTINGS_RETRIES: Retries = Retries::of_millis(100, 800);
+/// [`CREW`]: the vessel's process may just be started again.
+pub const CREW_RETRIES: Retries = Retries::of_millis(500, 6000);
+/// [`OPERATOR`] from ashore to the vessel: it takes a session and two radios.
+pub const ASHORE_RETRIES: Retries = Retries::of_millis(500, 12_000);
+/// [`OPERATOR`] from the vessel to a drone; an abort's have no end.
+pub const RELAY_RETRIES: Retries = Retries::of_millis(500, 10_000);
+
 /// A topic.
 #[derive(Clone, Copy, Debug)]
 pub struct Topic {

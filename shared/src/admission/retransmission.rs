@@ -1,50 +1,68 @@
-//! Retransmission of a command until its receiver shows that it has taken it.
+//! Retransmission of an order until its receiver shows that it has taken it.
 
-use crate::time::{Clock, Span, Time};
+use crate::msg::{Command, MissionState};
+use crate::time::{Clock, Time};
+use crate::topics::Retries;
 
-/// A command under way, on the sender's clock. Its repetitions bear the time at which it was given, so that its receiver
+/// An order under way, on the sender's clock `S`. Its repetitions bear the time at which it was given, so that its receiver
 /// knows them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Retransmission<C: Clock> {
-    period: Span,
-    due: Time<C>,
-    end: Time<C>,
+pub struct Retransmission<S: Clock, M> {
+    /// The order.
+    pub message: M,
+    retries: Retries,
+    due: Time<S>,
+    end: Time<S>,
 }
 
-impl<C: Clock> Retransmission<C> {
-    /// Given at `now`: sent at once, and each `period` until `timeout`.
-    pub fn new(now: Time<C>, period: Span, timeout: Span) -> Self {
+impl<S: Clock, M: Copy> Retransmission<S, M> {
+    /// Given at `now`: sent at once, and each period of `retries` until their timeout.
+    pub fn new(message: M, now: Time<S>, retries: Retries) -> Self {
         Retransmission {
-            period,
+            message,
+            retries,
             due: now,
-            end: now + timeout,
+            end: now + retries.timeout,
         }
     }
-    /// Whether it is to be sent now.
-    pub fn is_due(&mut self, now: Time<C>) -> bool {
+    /// The order where it is to be sent now.
+    pub fn due(&mut self, now: Time<S>) -> Option<M> {
         let due = now >= self.due && !self.is_over(now);
         if due {
-            self.due = now + self.period;
+            self.due = now + self.retries.period;
         }
-        due
+        due.then_some(self.message)
     }
     /// Nothing more is waited for.
-    pub fn is_over(&self, now: Time<C>) -> bool {
+    pub fn is_over(&self, now: Time<S>) -> bool {
         now > self.end
+    }
+}
+
+impl<S: Clock> Retransmission<S, Command> {
+    /// Whether the mission's state shows that it has taken the command, or that it rejects it; None: it shows neither.
+    pub fn answered(&self, mission: &MissionState) -> Option<bool> {
+        let Command { header, kind } = &self.message;
+        mission
+            .echo()
+            .answers(*kind, |echo| echo == [header.boot, header.sequence])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::time::DroneClock;
+    use crate::time::{DroneClock, Span};
 
     #[test]
     fn repetitions_until_the_timeout() {
         let at = |ms: i64| Time::<DroneClock>::from_nanos(ms * 1_000_000);
         let [period, timeout] = [500, 1900].map(Span::from_millis);
-        let mut r = Retransmission::new(at(1000), period, timeout);
-        let sent: Vec<i64> = (1000..5000).step_by(50).filter(|ms| r.is_due(at(*ms))).collect();
+        let mut r = Retransmission::new(7, at(1000), Retries { period, timeout });
+        let sent: Vec<i64> = (1000..5000)
+            .step_by(50)
+            .filter(|ms| r.due(at(*ms)) == Some(7))
+            .collect();
         assert_eq!(sent, [1000, 1500, 2000, 2500]);
         assert!(!r.is_over(at(2900)) && r.is_over(at(2901)));
     }

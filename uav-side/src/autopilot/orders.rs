@@ -3,78 +3,44 @@
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::time::DroneClock;
+use alight_shared::topics;
 
 use super::DroneTime;
 
-/// A command is repeated at this period until the mission shows that it has received it ...
-const REPEAT: Span = Span::from_millis(250);
-/// ... for no longer than this.
-const GIVEN_UP: Span = Span::from_millis(5000);
-
 /// An order under way to the mission.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct MavlinkOrder {
-    command: Command,
-    sending: Retransmission<DroneClock>,
+pub(super) type SentCommand = Retransmission<DroneClock, Command>;
+
+/// An order, given at the time of `header`.
+pub(super) fn sent(header: Header<DroneClock>, kind: CommandKind) -> SentCommand {
+    Retransmission::new(Command { header, kind }, header.at, topics::AUTOPILOT_RETRIES)
 }
 
-/// Progress of an order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum OrderProgress {
-    /// The mission has taken it.
-    Taken,
-    /// It rejects it, or has not taken it in 5 s.
-    GivenUp,
-    /// It is under way; what is to be published now.
-    UnderWay(Option<Command>),
+/// By the mission's newest state, whether it has taken the order; it has not where it rejects it or too much time has passed.
+/// None: the order is under way.
+pub(super) fn outcome(order: &SentCommand, now: DroneTime, mission: Option<&MissionState>) -> Option<bool> {
+    let answer = mission.and_then(|m| order.answered(m));
+    answer.or(order.is_over(now).then_some(false))
 }
 
-impl MavlinkOrder {
-    /// Given at the time of `header`.
-    pub(super) fn new(header: Header<DroneClock>, kind: CommandKind) -> MavlinkOrder {
-        MavlinkOrder {
-            command: Command { header, kind },
-            sending: Retransmission::new(header.at, REPEAT, GIVEN_UP),
-        }
-    }
-    /// Kind of the order.
-    pub(super) fn kind(&self) -> CommandKind {
-        self.command.kind
-    }
-    fn answered(&self, m: &MissionState) -> Option<bool> {
-        let h = &self.command.header;
-        m.echo()
-            .answers(self.command.kind, |echo| echo == [h.boot, h.sequence])
-    }
-    /// By the mission's newest state.
-    pub(super) fn poll(&mut self, now: DroneTime, mission: Option<&MissionState>) -> OrderProgress {
-        match mission.and_then(|m| self.answered(m)) {
-            Some(true) => OrderProgress::Taken,
-            Some(false) => OrderProgress::GivenUp,
-            None if self.sending.is_over(now) => OrderProgress::GivenUp,
-            None => OrderProgress::UnderWay(self.sending.is_due(now).then_some(self.command)),
-        }
-    }
-    /// Why it was given up, for people: the mission's reason in full where it rejects the order, as far as one STATUSTEXT holds it.
-    pub(super) fn refusal(&self, mission: Option<&MissionState>) -> String {
-        let (_, order) = named(self.command.kind);
-        let Some(m) = mission else {
-            return format!("{order} was not taken: no mission reports");
-        };
-        match m.rejected.filter(|_| self.answered(m).is_some()) {
-            Some(why) => {
-                let (_, name) = order.split_once(' ').unwrap_or(("", order));
-                let why = why.to_string();
-                // Some reasons name the order themselves.
-                if why.starts_with("no ") {
-                    why
-                } else {
-                    format!("no {name}: {why}")
-                }
+/// Why it was given up, for people: the mission's reason in full where it rejects the order, as far as one STATUSTEXT holds it.
+pub(super) fn refusal(order: &SentCommand, mission: Option<&MissionState>) -> String {
+    let (_, named) = named(order.message.kind);
+    let Some(m) = mission else {
+        return format!("{named} was not taken: no mission reports");
+    };
+    match m.rejected.filter(|_| order.answered(m).is_some()) {
+        Some(why) => {
+            let (_, name) = named.split_once(' ').unwrap_or(("", named));
+            let why = why.to_string();
+            // Some reasons name the order themselves.
+            if why.starts_with("no ") {
+                why
+            } else {
+                format!("no {name}: {why}")
             }
-            None => format!("{order} was not taken: {}", m.state.because(&m.waiting)),
         }
+        None => format!("{named} was not taken: {}", m.state.because(&m.waiting)),
     }
 }
 

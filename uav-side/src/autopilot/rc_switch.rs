@@ -9,7 +9,7 @@ use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
-use super::orders::{MavlinkOrder, OrderProgress};
+use super::orders::{self, SentCommand};
 
 /// Without a channel for this long the remote control is lost.
 const LOST: Span = Span::from_millis(600);
@@ -71,7 +71,7 @@ pub(super) struct RcSwitch {
     /// It reports now that its receiver does not.
     lost: bool,
     /// Order that is commanded, and when it is published.
-    given: Option<MavlinkOrder>,
+    given: Option<SentCommand>,
 }
 
 impl RcSwitch {
@@ -139,7 +139,8 @@ impl RcSwitch {
     }
     /// It aborts, or is in the abort position: no landing is admitted, from any source.
     pub(super) fn bars(&self) -> bool {
-        self.position == Some(Position::Low) || self.given.is_some_and(|o| o.kind() == CommandKind::Abort)
+        let aborts = |o: SentCommand| o.message.kind == CommandKind::Abort;
+        self.position == Some(Position::Low) || self.given.is_some_and(aborts)
     }
     /// It is held where it aborts: whoever orders a landing or a take-off, the pilot holds the drone back. One that is being moved
     /// away holds nothing back, so that what it commands then is not rejected.
@@ -149,7 +150,7 @@ impl RcSwitch {
     }
     /// A command that the switch gave.
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
-        self.given = Some(MavlinkOrder::new(header, kind));
+        self.given = Some(orders::sent(header, kind));
     }
     /// Order to publish now, by the newest mission state, and why an order was not taken; time passes for the channels too.
     pub(super) fn poll(
@@ -163,11 +164,10 @@ impl RcSwitch {
         let Some(given) = &mut self.given else {
             return (None, None);
         };
-        let text = match given.poll(now, mission) {
-            OrderProgress::UnderWay(command) => return (command, None),
-            OrderProgress::Taken => None,
-            OrderProgress::GivenUp => Some(given.refusal(mission)),
+        let Some(taken) = orders::outcome(given, now, mission) else {
+            return (given.due(now), None);
         };
+        let text = (!taken).then(|| orders::refusal(given, mission));
         self.given = None;
         (None, text)
     }

@@ -19,7 +19,7 @@ use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
 use super::message::{Address, CommandResult, MavlinkMessage, command};
-use super::orders::{MavlinkOrder, OrderProgress};
+use super::orders::{self, SentCommand};
 
 /// A command as a station gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,7 +89,7 @@ const MAX_STATIONS: usize = 4;
 #[derive(Clone, Debug)]
 struct StationOrder {
     number: u16,
-    order: MavlinkOrder,
+    order: SentCommand,
     answers: Periodic<DroneClock>,
     /// Who gave it, and who gave it again.
     stations: Vec<Address>,
@@ -165,7 +165,7 @@ impl StationOrders {
             }
             Err(answer) => return CommandOutcome::Answered(answer),
         };
-        let is_same = |g: &&mut StationOrder| g.number == number && g.order.kind() == kind;
+        let is_same = |g: &&mut StationOrder| g.number == number && g.order.message.kind == kind;
         if let Some(same) = self.given.as_mut().filter(is_same) {
             if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
                 same.stations.push(from);
@@ -201,7 +201,7 @@ impl StationOrders {
         from: Address,
         header: Header<DroneClock>,
     ) -> Option<Answer> {
-        let order = MavlinkOrder::new(header, kind);
+        let order = orders::sent(header, kind);
         let mut answers = Periodic::default();
         answers.restart(header.at, ANSWERED);
         let before = self.given.replace(StationOrder {
@@ -215,7 +215,7 @@ impl StationOrders {
     /// An abort is under way.
     pub(super) fn aborts(&self) -> bool {
         let given = self.given.as_ref();
-        given.is_some_and(|g| g.order.kind() == CommandKind::Abort)
+        given.is_some_and(|g| g.order.message.kind == CommandKind::Abort)
     }
     /// Order to publish now, and the answer where it is decided, with a text where it was not taken.
     pub(super) fn poll(
@@ -226,13 +226,14 @@ impl StationOrders {
         let Some(given) = &mut self.given else {
             return (None, None);
         };
-        let answer = match given.order.poll(now, mission) {
-            OrderProgress::UnderWay(command) => {
+        let answer = match orders::outcome(&given.order, now, mission) {
+            None => {
                 let again = given.answers.is_due_spaced(now, ANSWERED);
-                return (command, again.then(|| given.answer(CommandResult::InProgress)));
+                let answer = again.then(|| given.answer(CommandResult::InProgress));
+                return (given.order.due(now), answer);
             }
-            OrderProgress::Taken => given.answer(CommandResult::Accepted),
-            OrderProgress::GivenUp => given.rejected(mission),
+            Some(true) => given.answer(CommandResult::Accepted),
+            Some(false) => given.rejected(mission),
         };
         self.given = None;
         self.decided = Some((answer.clone(), now));
@@ -244,7 +245,7 @@ impl StationOrder {
     fn answer(&self, result: CommandResult) -> Answer {
         Answer {
             number: self.number,
-            kind: self.order.kind(),
+            kind: self.order.message.kind,
             result,
             stations: self.stations.clone(),
             text: None,
@@ -256,7 +257,7 @@ impl StationOrder {
             None => CommandResult::Failed,
         };
         Answer {
-            text: Some(self.order.refusal(mission)),
+            text: Some(orders::refusal(&self.order, mission)),
             ..self.answer(result)
         }
     }

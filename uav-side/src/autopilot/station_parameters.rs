@@ -10,7 +10,7 @@
 use alight_shared::admission::Retransmission;
 use alight_shared::config::ConfigError;
 use alight_shared::msg::{LandingMode, MissionSettings, MissionState, SettingsOrder};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::time::DroneClock;
 use alight_shared::topics;
 
 use super::message::{Address, MavlinkMessage, ParameterValue, severity};
@@ -19,10 +19,6 @@ use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
 
-/// A change is repeated at this period until the mission shows it ...
-const REPEAT: Span = Span::from_millis(100);
-/// ... for no longer than this: a station asks again after a second.
-const GIVEN_UP: Span = Span::from_millis(800);
 /// Values are rounded to a thousandth: the message's single precision has no more of a height.
 const STEPS: f64 = 1e3;
 /// Each name begins so.
@@ -141,8 +137,7 @@ impl StationParameter {
 /// A change under way to the mission.
 #[derive(Clone, Debug)]
 struct UnderWay {
-    order: SettingsOrder,
-    sending: Retransmission<DroneClock>,
+    order: Retransmission<DroneClock, SettingsOrder>,
     /// Parameters that it changes, and the station that asked last.
     changes: Vec<StationParameter>,
     station: u8,
@@ -176,8 +171,7 @@ impl StationParameters {
             changes.push(p);
         }
         self.under_way = Some(UnderWay {
-            order,
-            sending: Retransmission::new(order.header.at, REPEAT, GIVEN_UP),
+            order: Retransmission::new(order, order.header.at, topics::SETTINGS_RETRIES),
             changes,
             station,
         });
@@ -208,10 +202,10 @@ impl StationParameters {
             return polled;
         };
         // A state that is older than the order shows what may be about to change by the order before it.
-        let is_newer = mission.header.at > under_way.order.header.at;
-        let is_taken = is_newer && under_way.order.settings == *settings;
-        if !is_taken && !under_way.sending.is_over(now) {
-            polled.order = under_way.sending.is_due(now).then_some(under_way.order);
+        let ordered = under_way.order.message;
+        let is_taken = mission.header.at > ordered.header.at && ordered.settings == *settings;
+        if !is_taken && !under_way.order.is_over(now) {
+            polled.order = under_way.order.due(now);
             return polled;
         }
         let text = |p: &StationParameter| {
@@ -308,7 +302,7 @@ impl AutopilotLink {
             return Err(why.into());
         }
         let under_way = self.parameters.under_way.as_ref();
-        let wanted = under_way.map_or(mission.settings, |u| u.order.settings);
+        let wanted = under_way.map_or(mission.settings, |u| u.order.message.settings);
         p.changed(&wanted, value)
     }
     /// Why nothing may be set now.

@@ -13,29 +13,26 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::{RejectionReason, Rejections, check_identity};
+use alight_shared::admission::{RejectionReason, Rejections, Retransmission, check_identity};
 use alight_shared::msg::{
     CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
 use super::checkpoint::GivenCommand;
 
-/// Time between two repetitions.
-const REPEAT_PERIOD: Span = Span::from_millis(500);
-/// A command other than an abort that shows no effect is given up after this long.
-const TIMEOUT: Span = Span::from_millis(10_000);
 /// Most commands that are known.
 const MAX_COMMANDS: usize = 4 * MAX_DRONES;
 
 /// A command and its repetitions to the drone.
 #[derive(Clone, Copy, Debug)]
 struct Relayed {
-    given: GivenCommand,
-    next: Time<VesselClock>,
+    /// Boot and sequence are those of the operator's message.
+    given: Retransmission<VesselClock, OperatorCommand<VesselClock>>,
     /// Sequence that the first of its repetitions has at least.
     first: u32,
     progress: CommandProgress,
@@ -43,22 +40,24 @@ struct Relayed {
 
 impl Relayed {
     fn drone(&self) -> u32 {
-        self.given.command.header.drone
+        self.given.message.header.drone
     }
-    /// It is not repeated any more, for this reason.
-    fn close(&mut self, progress: CommandProgress) {
-        (self.given.open, self.progress) = (false, progress);
+    /// It is repeated.
+    fn is_open(&self) -> bool {
+        self.progress == CommandProgress::Pending
     }
     /// Whether it is the same command of the same operator.
     fn is_of(&self, h: &Header<VesselClock>) -> bool {
-        let known = &self.given.command.header;
+        let known = &self.given.message.header;
         (known.drone, known.boot, known.sequence) == (h.drone, h.boot, h.sequence)
     }
     /// Whether this abort keeps another command away.
     fn forbids(&self, command: &OperatorCommand<VesselClock>) -> bool {
-        let GivenCommand { command: own, open } = &self.given;
+        let own = &self.given.message;
         let other = own.kind == CommandKind::Abort && command.kind != CommandKind::Abort;
-        self.drone() == command.header.drone && other && (*open || command.is_unaware_of(&own.header))
+        self.drone() == command.header.drone
+            && other
+            && (self.is_open() || command.is_unaware_of(&own.header))
     }
 }
 
@@ -115,39 +114,43 @@ impl OperatorRelay {
     }
     /// Drones that have not acknowledged an abort.
     pub fn unacknowledged(&self) -> impl Iterator<Item = u32> {
-        let pending = |c: &&Relayed| c.given.open && c.given.command.kind == CommandKind::Abort;
+        let pending = |c: &&Relayed| c.is_open() && c.given.message.kind == CommandKind::Abort;
         self.commands.iter().filter(pending).map(Relayed::drone)
     }
     /// The commands that it knows, for the next start.
     pub fn given(&self) -> Vec<GivenCommand> {
-        self.commands.iter().map(|c| c.given).collect()
+        let given = |c: &Relayed| GivenCommand {
+            command: c.given.message,
+            open: c.is_open(),
+        };
+        self.commands.iter().map(given).collect()
     }
 
     fn restore(&mut self, now: Time<VesselClock>, given: &[GivenCommand]) {
         for before in given.iter().take(MAX_COMMANDS) {
-            let mut restored = *before;
-            let header = &mut restored.command.header;
+            let GivenCommand { mut command, open } = *before;
             // A restarted computer counts its time from zero: when it was given is not known any more.
-            if header.at > now {
-                header.at = now;
-                restored.open &= restored.command.kind == CommandKind::Abort;
-            }
-            let progress = if restored.open {
+            let is_dated = command.header.at <= now;
+            command.header.at = command.header.at.min(now);
+            let progress = if open && (is_dated || command.kind == CommandKind::Abort) {
                 CommandProgress::Pending
             } else {
                 CommandProgress::Unknown
             };
-            self.push(now, restored, progress);
+            self.push(command, progress);
         }
     }
-    fn push(&mut self, now: Time<VesselClock>, given: GivenCommand, progress: CommandProgress) {
+    fn push(&mut self, command: OperatorCommand<VesselClock>, progress: CommandProgress) {
         if self.commands.len() >= MAX_COMMANDS {
-            let spare = self.commands.iter().position(|c| !c.given.open);
+            let spare = self.commands.iter().position(|c| !c.is_open());
             self.commands.remove(spare.unwrap_or(0));
         }
+        let mut retries = topics::RELAY_RETRIES;
+        if command.kind == CommandKind::Abort {
+            retries.timeout = Span::MAX;
+        }
         self.commands.push_back(Relayed {
-            given,
-            next: now,
+            given: Retransmission::new(command, command.header.at, retries),
             first: self.sequence.wrapping_add(1),
             progress,
         });
@@ -167,8 +170,8 @@ impl OperatorRelay {
         if h.drone == 0 {
             return Err(RejectionReason::Drone);
         }
-        let replaced = |c: &Relayed| c.given.open && c.drone() == h.drone;
-        let open = self.commands.iter().filter(|c| c.given.open).count();
+        let replaced = |c: &Relayed| c.is_open() && c.drone() == h.drone;
+        let open = self.commands.iter().filter(|c| c.is_open()).count();
         if open >= MAX_DRONES && !self.commands.iter().any(replaced) {
             return Err(RejectionReason::Flood);
         }
@@ -179,17 +182,13 @@ impl OperatorRelay {
         // Also one that does not count is known: its repetitions do not count later.
         let forbidden = self.commands.iter().any(|c| c.forbids(&command));
         for c in self.commands.iter_mut().filter(|c| !forbidden && replaced(c)) {
-            c.close(CommandProgress::Replaced);
+            c.progress = CommandProgress::Replaced;
         }
-        let (open, progress) = if forbidden {
-            (false, CommandProgress::Forbidden)
-        } else {
-            (true, CommandProgress::Pending)
-        };
-        self.push(now, GivenCommand { command, open }, progress);
         if forbidden {
+            self.push(command, CommandProgress::Forbidden);
             return Err(RejectionReason::Unaware);
         }
+        self.push(command, CommandProgress::Pending);
         Ok(())
     }
 
@@ -205,7 +204,7 @@ impl OperatorRelay {
             let changed = before.iter().any(|(h, p)| c.is_of(h) && c.progress != *p);
             if changed || sent.iter().any(|s| c.is_of(&s.header)) {
                 self.receipts = self.receipts.wrapping_add(1);
-                let command = &c.given.command;
+                let command = &c.given.message;
                 receipts.push(CommandReceipt {
                     header: Header::new(self.vessel, c.drone(), self.boot, self.receipts, now),
                     operator: [command.header.boot, command.header.sequence],
@@ -219,7 +218,7 @@ impl OperatorRelay {
 
     /// Progress of a command that a status shows; None: none.
     fn shown(&self, c: &Relayed, status: &DroneStatus) -> Option<CommandProgress> {
-        let command = &c.given.command;
+        let command = &c.given.message;
         let is_own = |[boot, k]: [u32; 2]| boot == self.boot && k >= c.first;
         let answer = status.echo().answers(command.kind, is_own)?;
         (status.header.drone == c.drone()).then_some(if answer {
@@ -237,7 +236,7 @@ impl Node for OperatorRelay {
 
     fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
         self.restore(now, &input.given);
-        let standing = |c: &Relayed| (c.given.command.header, c.progress);
+        let standing = |c: &Relayed| (c.given.message.header, c.progress);
         let before: Vec<_> = self.commands.iter().map(standing).collect();
         let mut out = OperatorOut::default();
         for command in &input.commands {
@@ -249,19 +248,15 @@ impl Node for OperatorRelay {
             }
         }
         for k in 0..self.commands.len() {
-            let Some(mut c) = self.commands.get(k).copied().filter(|c| c.given.open) else {
+            let Some(mut c) = self.commands.get(k).copied().filter(Relayed::is_open) else {
                 continue;
             };
-            let command = c.given.command;
-            let given_up = command.kind != CommandKind::Abort && now - command.header.at > TIMEOUT;
             let shown = input.statuses.iter().find_map(|s| self.shown(&c, s));
             if let Some(shown) = shown {
-                c.close(shown);
-            } else if given_up {
-                c.close(CommandProgress::GivenUp);
-            }
-            if c.given.open && now >= c.next {
-                c.next = now + REPEAT_PERIOD;
+                c.progress = shown;
+            } else if c.given.is_over(now) {
+                c.progress = CommandProgress::GivenUp;
+            } else if let Some(command) = c.given.due(now) {
                 self.sequence = self.sequence.wrapping_add(1);
                 let (drone, at) = (c.drone(), command.header.at);
                 out.commands.push(OperatorCommand {

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{CrewOrder, DeckOrder, Header, VesselStatus};
-use alight_shared::time::{Span, SteadyClock, Time};
+use alight_shared::time::{SteadyClock, Time};
+use alight_shared::topics;
 use alight_transport::TransportError;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Memory, Publisher, Subscriber};
@@ -13,10 +14,6 @@ use alight_transport::memory::{Memory, Publisher, Subscriber};
 use crate::config::VesselComputerConfig;
 use crate::process::life::draw_boot;
 
-/// An order that is not named is repeated after this long.
-const REPEAT: Span = Span::from_millis(500);
-/// The process may just be started again.
-const TIMEOUT: Span = Span::from_millis(6000);
 /// Time between two looks for the answer.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
@@ -26,8 +23,7 @@ fn steady() -> Time<SteadyClock> {
 
 /// An order under way.
 pub struct OrderOnItsWay {
-    order: CrewOrder,
-    sending: Retransmission<SteadyClock>,
+    order: Retransmission<SteadyClock, CrewOrder>,
     orders: Publisher<CrewOrder>,
     statuses: Subscriber<VesselStatus>,
 }
@@ -41,24 +37,23 @@ impl OrderOnItsWay {
     ) -> Result<OrderOnItsWay, TransportError> {
         let header = Header::new(computer.vessel_id, 0, draw_boot(), 0, computer.clock.now());
         Ok(OrderOnItsWay {
-            order: CrewOrder { header, order },
-            sending: Retransmission::new(steady(), REPEAT, TIMEOUT),
+            order: Retransmission::new(CrewOrder { header, order }, steady(), topics::CREW_RETRIES),
             orders: memory.publisher()?,
             statuses: memory.subscriber()?,
         })
     }
     /// Sends it where it is due; the status that names it.
     pub fn poll(&mut self) -> Option<VesselStatus> {
-        let names_it = |s: &VesselStatus| s.orders.contains(&self.order.header.boot);
+        let names_it = |s: &VesselStatus| s.orders.contains(&self.order.message.header.boot);
         let answer = self.statuses.newest(steady_ns()).filter(names_it);
-        if answer.is_none() && self.sending.is_due(steady()) {
-            self.orders.send(&self.order);
+        if answer.is_none() {
+            self.orders.send_any(self.order.due(steady()).as_ref());
         }
         answer
     }
     /// Whether nothing more is waited for.
     pub fn is_over(&self) -> bool {
-        self.sending.is_over(steady())
+        self.order.is_over(steady())
     }
     /// The status that names it; None: it was not taken in time, or the waiting was ended by a signal.
     pub fn wait(mut self, memory: &Memory) -> Option<VesselStatus> {

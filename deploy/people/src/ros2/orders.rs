@@ -2,9 +2,10 @@
 //! the mission shows.
 
 use alight_computer::config::DroneComputerConfig;
-use alight_computer::process::local_command::{LocalCommand, answer};
+use alight_computer::process::local_command::{answer, give};
+use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, MissionState};
-use alight_shared::time::Span;
+use alight_shared::time::{Span, SteadyClock, Time};
 use alight_shared::topics;
 
 /// Who called a service and waits for its response.
@@ -38,9 +39,14 @@ const MAX_CALLERS: usize = 8;
 
 /// An order under way, and who waits for it.
 struct UnderWay<C> {
-    kind: CommandKind,
-    command: LocalCommand,
+    command: Retransmission<SteadyClock, Command>,
     callers: Vec<C>,
+}
+
+impl<C> UnderWay<C> {
+    fn kind(&self) -> CommandKind {
+        self.command.message.kind
+    }
 }
 
 /// Passes orders on, one at a time.
@@ -70,18 +76,19 @@ impl<C: Caller> Orders<C> {
     /// abort takes the place of another order, and nothing takes an abort's.
     pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputerConfig, now_ns: i64) {
         match &mut self.under_way {
-            Some(same) if same.kind == kind && same.callers.len() < MAX_CALLERS => same.callers.push(caller),
-            Some(other) if other.kind == kind || kind != CommandKind::Abort => {
+            Some(same) if same.kind() == kind && same.callers.len() < MAX_CALLERS => {
+                same.callers.push(caller);
+            }
+            Some(other) if other.kind() == kind || kind != CommandKind::Abort => {
                 caller.reply(
                     false,
-                    &format!("not ordered: an order ({}) is under way", name(other.kind)),
+                    &format!("not ordered: an order ({}) is under way", name(other.kind())),
                 );
             }
             Some(_) | None => {
                 self.answer(false, "an abort took the place of this order");
                 self.under_way = Some(UnderWay {
-                    kind,
-                    command: LocalCommand::new(computer, Some(kind), now_ns),
+                    command: give(computer, kind, Time::from_nanos(now_ns)),
                     callers: vec![caller],
                 });
             }
@@ -91,9 +98,10 @@ impl<C: Caller> Orders<C> {
     /// What is to be sent to it now.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
-        let taken = mission.and_then(|m| under_way.command.taken(m));
-        if taken.is_none() && !under_way.command.is_over(now_ns) {
-            return under_way.command.due(now_ns);
+        let now = Time::from_nanos(now_ns);
+        let taken = mission.and_then(|m| under_way.command.answered(m));
+        if taken.is_none() && !under_way.command.is_over(now) {
+            return under_way.command.due(now);
         }
         let taken = taken == Some(true);
         let text = mission.map_or_else(
@@ -114,7 +122,6 @@ impl<C: Caller> Orders<C> {
 mod tests {
     use super::*;
     use alight_shared::msg::{Header, State};
-    use alight_shared::time::Time;
     use std::cell::RefCell;
     use std::rc::Rc;
 

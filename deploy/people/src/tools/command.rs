@@ -13,7 +13,7 @@ use std::time::Duration;
 use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
-use alight_computer::process::local_command::{LocalCommand, answer};
+use alight_computer::process::local_command::{answer, give};
 use alight_computer::quantity::{SECOND, WrittenTime, speed_mps};
 use alight_computer::subject::{commanded_drone, commanded_vessel};
 use alight_computer::terminal::{self, WIDTH};
@@ -22,7 +22,7 @@ use alight_shared::msg::{
     AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
     Unheard, VesselStatus,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, SteadyClock, Time};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
 use clap::{Args, Command as Clap, ValueEnum};
@@ -477,15 +477,18 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     let memory = join(name, "alight-drone", "name a landing's with --instance")?;
     let mut missions: Subscriber<MissionState> = memory.subscriber()?;
     let mut commands: Publisher<Command> = memory.publisher()?;
-    let mut command = LocalCommand::new(&computer, args.kind()?, steady_ns());
+    let (kind, now) = (args.kind()?, || Time::<SteadyClock>::from_nanos(steady_ns()));
+    let mut command = give(&computer, kind.unwrap_or_default(), now());
     let mut newest: Option<MissionState> = None;
-    while !command.is_over(steady_ns()) {
-        let now: Time<DroneClock> = computer.clock.now();
-        newest = missions.newest(now.nanos()).or(newest);
-        if newest.is_some_and(|m| command.taken(&m).is_some()) {
+    while !command.is_over(now()) {
+        let at: Time<DroneClock> = computer.clock.now();
+        newest = missions.newest(at.nanos()).or(newest);
+        if newest.is_some_and(|m| kind.is_none() || command.answered(&m).is_some()) {
             break;
         }
-        commands.send_any(command.due(steady_ns()).as_ref());
+        if kind.is_some() {
+            commands.send_any(command.due(now()).as_ref());
+        }
         if !memory.wait(POLL_PERIOD) {
             return Ok(Exit::Failed);
         }
@@ -495,7 +498,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
             "no mission answers (instance \"{name}\"): alight status --instance {name} lists the processes"
         )));
     };
-    let taken = command.taken(&mission) == Some(true);
+    let taken = kind.is_none() || command.answered(&mission) == Some(true);
     if args.json {
         terminal::line(json!({ "taken": taken, "number": own, "mission": mission }));
     } else {

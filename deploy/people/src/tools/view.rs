@@ -12,14 +12,15 @@ use alight_computer::io::wall::wall_ns;
 use alight_computer::playback::{Bodies, Viewer};
 use alight_computer::process::facts::Facts;
 use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
-use alight_computer::process::local_command::LocalCommand;
+use alight_computer::process::local_command::give;
 use alight_computer::process::observer::Rejoined;
 use alight_computer::process::supervisor::pause;
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
+use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, MissionState};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, SteadyClock, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::wake::end_requested;
@@ -209,7 +210,7 @@ struct Ports {
     commands: Publisher<Command>,
     reports: Publisher<ProcessState>,
     life: Life,
-    abort: Option<(LocalCommand, PageOrder)>,
+    abort: Option<(Retransmission<SteadyClock, Command>, PageOrder)>,
 }
 
 impl Ports {
@@ -249,21 +250,19 @@ impl Ports {
         given: Option<PageOrder>,
         mission: Option<&MissionState>,
     ) -> Option<String> {
+        let now = Time::from_nanos(steady_ns());
         if let Some(order) = given {
             match self.abort {
-                None => {
-                    let command = LocalCommand::new(computer, Some(CommandKind::Abort), steady_ns());
-                    self.abort = Some((command, order));
-                }
+                None => self.abort = Some((give(computer, CommandKind::Abort, now), order)),
                 Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
             }
         }
         let (command, _) = self.abort.as_mut()?;
-        self.commands.send_any(command.due(steady_ns()).as_ref());
-        let taken = mission.filter(|m| command.taken(m) == Some(true));
+        self.commands.send_any(command.due(now).as_ref());
+        let taken = mission.filter(|m| command.answered(m) == Some(true));
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
-            None if command.is_over(steady_ns()) => Err(
+            None if command.is_over(now) => Err(
                 "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
                     .to_owned(),
             ),

@@ -35,21 +35,15 @@ const MAX_POLLS_CONTACT: u32 = 60;
 const POLLS_ALL_REPORT: u32 = 30;
 /// A status with the reason of a rejected order may come so many looks after its receipt: 2 s, at 2 Hz of statuses.
 const POLLS_REASON: u32 = 40;
-/// A command that shows no effect is repeated after this long.
-const REPEAT: Span = Span::from_millis(500);
 
 /// The time of a look, from the first on.
 fn look(poll: u32) -> Time<SteadyClock> {
     Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
 }
 
-fn sending() -> Retransmission<SteadyClock> {
-    Retransmission::new(look(0), REPEAT, look(MAX_POLLS_ASHORE) - look(0))
-}
-
 /// State of an order at the terminal ashore.
 struct Ashore {
-    order: OperatorCommand<VesselClock>,
+    order: Retransmission<SteadyClock, OperatorCommand<VesselClock>>,
     /// Nothing is commanded.
     asks_only: bool,
     /// Something of the vessel came: the session is open.
@@ -66,14 +60,31 @@ struct Ashore {
     reserved: BTreeSet<u32>,
     /// Looks since the first message of the vessel.
     looks: u32,
-    sending: Retransmission<SteadyClock>,
     sent: u32,
 }
 
 impl Ashore {
+    /// Nothing has come or gone yet; without a kind nothing is commanded.
+    fn new(header: Header<VesselClock>, kind: Option<CommandKind>, number: Option<u32>) -> Ashore {
+        let asks_only = kind.is_none();
+        let kind = kind.unwrap_or_default();
+        let order = OperatorCommand { header, kind };
+        Ashore {
+            order: Retransmission::new(order, look(0), topics::ASHORE_RETRIES),
+            asks_only,
+            contact: false,
+            receipt: None,
+            receipt_looks: 0,
+            number,
+            drones: BTreeMap::new(),
+            reserved: BTreeSet::new(),
+            looks: 0,
+            sent: 0,
+        }
+    }
     /// A receipt of this order; those of others, and of former ones, do not count.
     fn receive_receipt(&mut self, r: &CommandReceipt) {
-        let h = &self.order.header;
+        let h = &self.order.message.header;
         let own = r.operator == [h.boot, h.sequence]
             && Some(r.header.drone) == self.number
             && r.header.vessel == h.vessel;
@@ -133,14 +144,17 @@ impl Ashore {
     }
     fn name(&mut self, number: Option<u32>) {
         self.number = number;
-        self.order.header.drone = number.unwrap_or_default();
+        self.order.message.header.drone = number.unwrap_or_default();
     }
-    /// Whether to send the order at this look. Before the session is open it would be lost; a vessel that is never
+    /// The order where it is to be sent at this look. Before the session is open it would be lost; a vessel that is never
     /// received may yet receive.
-    fn is_due(&mut self, poll: u32) -> bool {
+    fn due(&mut self, poll: u32) -> Option<OperatorCommand<VesselClock>> {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
-        let due = self.number.is_some() && !self.asks_only && open && self.sending.is_due(look(poll));
-        self.sent += u32::from(due);
+        if self.number.is_none() || self.asks_only || !open {
+            return None;
+        }
+        let due = self.order.due(look(poll));
+        self.sent += u32::from(due.is_some());
         due
     }
     fn is_answered(&self) -> bool {
@@ -160,7 +174,7 @@ impl Ashore {
     }
     /// The drone's newest status states why it does not carry the order out.
     fn has_reason(&self) -> bool {
-        match self.order.kind {
+        match self.order.message.kind {
             CommandKind::Hold | CommandKind::Ready | CommandKind::Station(_) => {
                 self.drone().is_some_and(|status| status.rejected.is_some())
             }
@@ -195,7 +209,7 @@ impl Ashore {
     }
     /// Result of the order, for the operator.
     fn outcome(&self) -> &'static str {
-        let abort = self.order.kind == CommandKind::Abort;
+        let abort = self.order.message.kind == CommandKind::Abort;
         match self.receipt {
             _ if self.asks_only => "",
             Some(CommandProgress::Taken) => "the drone has taken the command",
@@ -245,36 +259,16 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
     let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
     let mut radio = Radio::open(&config, publications, Vec::from(received))?;
-    let kind = args.kind()?;
-    let mut ashore = Ashore {
-        order: OperatorCommand {
-            header: Header::new(
-                args.vessel_id,
-                args.drone.unwrap_or_default(),
-                draw_boot(),
-                1,
-                Time::EPOCH,
-            ),
-            kind: kind.unwrap_or_default(),
-        },
-        asks_only: kind.is_none(),
-        contact: false,
-        receipt: None,
-        receipt_looks: 0,
-        number: args.drone,
-        drones: BTreeMap::new(),
-        reserved: BTreeSet::new(),
-        looks: 0,
-        sending: sending(),
-        sent: 0,
-    };
+    let drone = args.drone.unwrap_or_default();
+    let header = Header::new(args.vessel_id, drone, draw_boot(), 1, Time::EPOCH);
+    let mut ashore = Ashore::new(header, args.kind()?, args.drone);
     for poll in 0..MAX_POLLS_ASHORE {
         if end_requested() || ashore.is_answered() {
             break;
         }
         ashore.choose()?;
         // The same command again is one command.
-        if let Some(Ok(bytes)) = ashore.is_due(poll).then(|| wire::encode(&ashore.order)) {
+        if let Some(Ok(bytes)) = ashore.due(poll).map(|order| wire::encode(&order)) {
             radio.send(0, bytes);
         }
         // What has come until now, and what comes within the period.
@@ -338,22 +332,7 @@ mod tests {
     use alight_shared::msg::{Reason, ReasonCode, State};
 
     fn ordered(kind: CommandKind) -> Ashore {
-        Ashore {
-            order: OperatorCommand {
-                header: Header::new(1, 3, 5, 1, Time::EPOCH),
-                kind,
-            },
-            asks_only: false,
-            contact: false,
-            receipt: None,
-            receipt_looks: 0,
-            number: Some(3),
-            drones: BTreeMap::new(),
-            reserved: BTreeSet::new(),
-            looks: 0,
-            sending: sending(),
-            sent: 0,
-        }
+        Ashore::new(Header::new(1, 3, 5, 1, Time::EPOCH), Some(kind), Some(3))
     }
     fn receipt(operator: [u32; 2], drone: u32, progress: CommandProgress) -> CommandReceipt {
         CommandReceipt {
@@ -390,14 +369,14 @@ mod tests {
     #[test]
     fn command_before_the_session_is_open() {
         let mut terminal = ordered(CommandKind::Land);
-        let early = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        let early = (0..MAX_POLLS_CONTACT).filter_map(|k| terminal.due(k)).count();
         assert_eq!((early, terminal.sent), (0, 0));
         assert_eq!(terminal.outcome(), "the command was NOT SENT");
         // A vessel that is not received is tried all the same.
-        assert!((MAX_POLLS_CONTACT..MAX_POLLS_ASHORE).any(|k| terminal.is_due(k)));
+        assert!((MAX_POLLS_CONTACT..MAX_POLLS_ASHORE).any(|k| terminal.due(k).is_some()));
         let mut terminal = ordered(CommandKind::Land);
         terminal.contact = true;
-        let sent = (0..MAX_POLLS_CONTACT).filter(|k| terminal.is_due(*k)).count();
+        let sent = (0..MAX_POLLS_CONTACT).filter_map(|k| terminal.due(k)).count();
         assert_eq!(sent, 6, "each half second for three");
     }
 
@@ -420,9 +399,12 @@ mod tests {
     #[test]
     fn command_without_a_named_drone() {
         let (mut one, chosen) = unnamed(&[2], POLLS_ALL_REPORT - 1);
-        assert!(chosen.is_ok() && !one.is_due(0), "another may be about to report");
+        assert!(
+            chosen.is_ok() && one.due(0).is_none(),
+            "another may be about to report"
+        );
         one.choose().unwrap();
-        assert!(one.is_due(0) && one.order.header.drone == 2);
+        assert!(one.due(0).is_some_and(|order| order.header.drone == 2));
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
         // Several: none is commanded, and the answer lists them.
@@ -432,10 +414,10 @@ mod tests {
             why.contains("--drone 2   Tracking") && why.contains("--drone 3"),
             "{why}"
         );
-        assert!((0..MAX_POLLS_ASHORE).all(|k| !several.is_due(k)));
+        assert!((0..MAX_POLLS_ASHORE).all(|k| several.due(k).is_none()));
         // None: no drone is commanded by a guess.
         let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
-        assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| !none.is_due(k)));
+        assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| none.due(k).is_none()));
     }
 
     #[test]
@@ -496,7 +478,7 @@ mod tests {
         assert!(terminal.outcome().contains("stays pending; if not"));
         terminal.receipt = Some(CommandProgress::Pending);
         assert!(terminal.outcome().contains("STAYS PENDING"));
-        terminal.order.kind = CommandKind::Land;
+        terminal.order.message.kind = CommandKind::Land;
         assert!(terminal.outcome().contains("gives it up"));
     }
 

@@ -6,19 +6,18 @@ use alight_computer::process::life::draw_boot;
 use alight_computer::quantity::SECOND;
 use alight_computer::subject::commanded_drone;
 use alight_computer::terminal;
+use alight_shared::admission::Retransmission;
 use alight_shared::msg::{
     BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, Message, VesselLevel,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, SteadyClock, Time};
+use alight_shared::topics;
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Publisher, Subscriber};
 use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
-/// The predictor shows that it has taken it within so many looks, 2 s, and it is sent again after so many.
-const MAX_POLLS: u32 = 40;
-const REPEAT_POLLS: u32 = 10;
 /// A vessel of which no speed is stated drifts at this, m/s; one that is stated is off by this and a tenth.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
@@ -104,21 +103,20 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let mut beacons: Publisher<DeckBeacon> = memory.publisher()?;
     let given: Time<DroneClock> = computer.clock.read(steady_ns());
     let (vessel, drone) = (computer.bridge.vessel_id, computer.bridge.drone_id);
-    let mut message = beacon(args, Header::new(vessel, drone, draw_boot(), 0, given))?;
+    let message = beacon(args, Header::new(vessel, drone, draw_boot(), 1, given))?;
+    let now = || Time::<SteadyClock>::from_nanos(steady_ns());
+    let mut sending = Retransmission::new(message, now(), topics::LOCAL_RETRIES);
     let mut taken = None;
-    for poll in 0..MAX_POLLS {
-        let now: Time<DroneClock> = computer.clock.now();
+    while !sending.is_over(now()) {
+        let at: Time<DroneClock> = computer.clock.now();
         taken = forecasts
-            .newest(now.nanos())
+            .newest(at.nanos())
             .and_then(|f| followed(&f, given))
             .or(taken);
         if taken.is_some() {
             break;
         }
-        if poll.is_multiple_of(REPEAT_POLLS) {
-            message.header.sequence += 1;
-            beacons.send_any(Some(&message));
-        }
+        beacons.send_any(sending.due(now()).as_ref());
         if !memory.wait(POLL_PERIOD) {
             return Ok(Exit::Failed);
         }
