@@ -10,7 +10,7 @@ const MAX_ARRIVALS: usize = 256;
 
 /// One admitted estimate.
 #[derive(Clone, Copy, Debug)]
-struct Arrival {
+struct Admitted {
     at: Time<DroneClock>,
     /// Sequence numbers since the one before it, itself included: 1 without loss.
     advance: u32,
@@ -21,7 +21,7 @@ struct Arrival {
 #[derive(Clone, Debug)]
 pub struct LinkStatistics {
     window_s: f64,
-    arrivals: VecDeque<Arrival>,
+    arrivals: VecDeque<Admitted>,
     /// Arrivals of estimates that a newer one had overtaken.
     out_of_order: VecDeque<Time<DroneClock>>,
     newest_valid: Option<Time<DroneClock>>,
@@ -46,7 +46,7 @@ impl LinkStatistics {
         if self.arrivals.len() == MAX_ARRIVALS {
             self.arrivals.pop_front();
         }
-        self.arrivals.push_back(Arrival {
+        self.arrivals.push_back(Admitted {
             at: arrival,
             advance: advance.max(1),
             latency_s: (arrival - valid).secs(),
