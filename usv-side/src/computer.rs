@@ -61,8 +61,8 @@ impl ComputerIn {
     /// The estimator's part of the input.
     pub fn vessel(&self) -> VesselIn {
         VesselIn {
+            readings: Readings::of(&self.sensors),
             time_requests: self.time_requests.clone(),
-            ..Readings::of(&self.sensors).input()
         }
     }
 }

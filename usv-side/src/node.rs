@@ -3,9 +3,8 @@
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
-    AttitudeFix, CourseAdvice, EstimateUpdate, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES,
-    MESSAGE_VERSION, Message, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings,
-    WaveModel, WaveSender, WaveUpdate,
+    CourseAdvice, EstimateUpdate, Header, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -17,7 +16,7 @@ use crate::VesselNodeConfig;
 use crate::advice::{Advice, Advisor};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
-use crate::sensors::{Measurement, RepeatedSamples};
+use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
 /// Most inputs of one kind in a step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
@@ -37,16 +36,19 @@ const SURROUNDINGS_PERIOD: Span = Span::from_millis(1000);
 /// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselIn {
-    /// Inertial samples.
-    pub imu: Vec<ImuSample>,
-    /// GNSS fixes.
-    pub gnss: Vec<GnssFix>,
-    /// Headings.
-    pub heading: Vec<HeadingFix>,
-    /// Attitudes.
-    pub attitude: Vec<AttitudeFix>,
+    /// Measurements.
+    pub readings: Readings,
     /// Time requests of drones.
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
+}
+
+impl From<Readings> for VesselIn {
+    fn from(readings: Readings) -> VesselIn {
+        VesselIn {
+            readings,
+            ..VesselIn::default()
+        }
+    }
 }
 
 /// Output of the vessel's node.
@@ -68,7 +70,7 @@ pub struct VesselOut {
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
 }
 
-/// Kinds of measurements, in the order of [`VesselIn`].
+/// Kinds of measurements, in the order of [`Readings`].
 pub const KINDS: [&str; 4] = ["imu", "gnss", "heading", "attitude"];
 pub(crate) const IMU: usize = 0;
 const GNSS: usize = 1;
@@ -267,10 +269,10 @@ impl VesselNode {
             .count_many(RejectionReason::Flood, inputs.saturating_sub(MAX_PER_STEP));
     }
 
-    fn take_measurements(&mut self, now: Time<VesselClock>, input: &VesselIn) {
+    fn take_measurements(&mut self, now: Time<VesselClock>, readings: &Readings) {
         let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
         // Inertial samples bring the state to the others' time, so they come first.
-        self.take(now, (IMU, MAX_IMU_AGE_S), &input.imu, |node, m| {
+        self.take(now, (IMU, MAX_IMU_AGE_S), &readings.imu, |node, m| {
             let gated = node.estimator.gated().imu;
             let used = node.in_use[0].accepts(m.source, m.header.at);
             if used {
@@ -278,18 +280,22 @@ impl VesselNode {
             }
             used.then_some(node.estimator.gated().imu > gated)
         });
-        self.take(now, (ATTITUDE, MAX_ATTITUDE_AGE_S), &input.attitude, |node, m| {
-            let accepted = node.in_use[1].accepts(m.source, m.header.at);
-            let (used, gated) = accepted.then(|| node.estimator.attitude(m))?;
-            used.then_some(gated > 0)
-        });
-        self.take(now, (GNSS, ages.0), &input.gnss, |node, m| {
+        self.take(
+            now,
+            (ATTITUDE, MAX_ATTITUDE_AGE_S),
+            &readings.attitude,
+            |node, m| {
+                let accepted = node.in_use[1].accepts(m.source, m.header.at);
+                let (used, gated) = accepted.then(|| node.estimator.attitude(m))?;
+                used.then_some(gated > 0)
+            },
+        );
+        self.take(now, (GNSS, ages.0), &readings.gnss, |node, m| {
             Some(node.estimator.gnss(m) > 0)
         });
-        self.take(now, (HEADING, ages.1), &input.heading, |node, m| {
+        self.take(now, (HEADING, ages.1), &readings.heading, |node, m| {
             Some(!node.estimator.heading(m))
         });
-        self.count_flood(input.time_requests.len());
     }
 
     fn surroundings(&mut self, now: Time<VesselClock>) -> Option<VesselSurroundings<VesselClock>> {
@@ -354,7 +360,8 @@ impl Node for VesselNode {
     type Out = VesselOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
-        self.take_measurements(now, input);
+        self.take_measurements(now, &input.readings);
+        self.count_flood(input.time_requests.len());
         self.estimator.tick(now);
         let mut out = VesselOut {
             time_replies: self.reply(now, input),

@@ -74,7 +74,7 @@ pub fn run(
             eta_dot: [v.x, v.y, v.z, rates.x, rates.y, rates.z],
             heave: state.position.0.z,
         });
-        let predicted = node.step(now, &readings.input());
+        let predicted = node.step(now, &readings.into());
         if (first..last).contains(&k) {
             out.estimates.extend(predicted.estimate.map(|e| (k, e)));
             if let Some(p) = predicted.prediction {

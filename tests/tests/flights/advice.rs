@@ -43,7 +43,7 @@ fn node_after(
     let mut node = VesselNode::new(&nodes.vessel, 1, 1);
     for _ in 0..(seconds / TICK.secs()) as usize {
         let now = physics.vessel_now();
-        node.step(now, &physics.vessel_readings().input());
+        node.step(now, &physics.vessel_readings().into());
         physics.advance();
     }
     node

@@ -16,6 +16,7 @@ use alight_uav::predictor::PredictorIn;
 use alight_usv::ComputerIn;
 use alight_usv::calibrate::incline::{inertia, stiffness};
 use alight_usv::calibrate::{DOF_NAMES, NotObservable, Record, Weight};
+use alight_usv::sensors::Readings;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Hands the calibration what the predictor reads, once the drone stands.
@@ -153,7 +154,7 @@ struct Recorder(Record);
 impl Tap for Recorder {
     fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
         if let Some(input) = step.input::<ComputerIn>() {
-            self.0.add(&input.vessel());
+            self.0.add(&Readings::of(&input.sensors));
         }
     }
 }

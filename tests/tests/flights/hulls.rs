@@ -113,7 +113,7 @@ fn deck_tilt_on_the_quietest_heading() {
         let mut node = VesselNode::new(&nodes.vessel, 1, 1);
         for _ in 0..(150.0 / TICK.secs()) as usize {
             let now = physics.vessel_now();
-            node.step(now, &physics.vessel_readings().input());
+            node.step(now, &physics.vessel_readings().into());
             physics.advance();
         }
         let advisor = node.advisor();

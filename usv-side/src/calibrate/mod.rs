@@ -19,7 +19,8 @@ use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message};
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::{VesselIn, VesselNodeConfig};
+use crate::VesselNodeConfig;
+use crate::sensors::Readings;
 pub use alight_shared::estimation::ValueWithSd;
 pub use decay::{Decay, DecayOrder, DecaySignal, NotObservable};
 pub use incline::{RestTilt, Stiffness, Weight};
@@ -77,11 +78,11 @@ fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
 }
 
 impl Record {
-    /// Adds what the vessel's node took in a step.
-    pub fn add(&mut self, input: &VesselIn) {
-        input.imu.iter().for_each(|m| push(&mut self.imu, m));
-        input.gnss.iter().for_each(|m| push(&mut self.gnss, m));
-        input.heading.iter().for_each(|m| push(&mut self.heading, m));
+    /// Adds the measurements of a step.
+    pub fn add(&mut self, readings: &Readings) {
+        readings.imu.iter().for_each(|m| push(&mut self.imu, m));
+        readings.gnss.iter().for_each(|m| push(&mut self.gnss, m));
+        readings.heading.iter().for_each(|m| push(&mut self.heading, m));
     }
 
     /// Identifies the parameters of the vessel of `config`.

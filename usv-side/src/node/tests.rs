@@ -1,7 +1,7 @@
 //! Bad input to the node: counted, no panic, no unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
-use alight_shared::msg::{Message, NOT_MEASURED_SD};
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
@@ -47,13 +47,13 @@ fn heading(tick: i64) -> HeadingFix {
     }
 }
 /// Measurements of a vessel at rest at a tick.
-fn rest(tick: i64) -> VesselIn {
+fn rest(tick: i64) -> Readings {
     let tenth = tick % 10 == 0;
-    VesselIn {
+    Readings {
         imu: vec![imu(tick)],
         gnss: if tenth { vec![fix(tick)] } else { vec![] },
         heading: if tenth { vec![heading(tick)] } else { vec![] },
-        ..VesselIn::default()
+        ..Readings::default()
     }
 }
 fn node() -> VesselNode {
@@ -70,7 +70,7 @@ fn stuck_inertial_sensor_with_a_good_one() {
     let mut n = node();
     let mut step = |k: i64, with: &dyn Fn(i64) -> Vec<ImuSample>| {
         let imu = with(k);
-        n.step(time(k), &VesselIn { imu, ..rest(k) });
+        n.step(time(k), &Readings { imu, ..rest(k) }.into());
         (n.source(IMU, 0), n.source(IMU, 1))
     };
     for k in 0..500 {
@@ -103,7 +103,7 @@ fn accelerometer_that_clips_for_a_while() {
             let mut input = rest(k);
             let imu = input.imu.iter_mut();
             imu.for_each(|m| m.accelerometer[2] = m.accelerometer[2].max(-most));
-            estimates.extend(n.step(time(k), &input).estimate);
+            estimates.extend(n.step(time(k), &input.into()).estimate);
         }
         estimates
     };
@@ -130,7 +130,7 @@ fn estimate_of_a_vessel_at_rest() {
     let mut last = None;
     let (mut estimates, mut waves, mut predictions) = (0, 0, 0);
     for k in 0..2000 {
-        let out = n.step(time(k), &rest(k));
+        let out = n.step(time(k), &rest(k).into());
         estimates += usize::from(out.estimate.is_some());
         waves += usize::from(out.wave.is_some());
         predictions += usize::from(out.prediction.is_some());
@@ -160,7 +160,10 @@ fn height_of(
     for k in ticks {
         let rest = rest(k);
         let gnss = rest.gnss.iter().flat_map(|g| with(*g)).collect();
-        last = n.step(time(k), &VesselIn { gnss, ..rest }).estimate.or(last);
+        last = n
+            .step(time(k), &Readings { gnss, ..rest }.into())
+            .estimate
+            .or(last);
     }
     let e = last.unwrap();
     [e.datum.height_m - e.eta[HEAVE], e.covariance(HEAVE)[0].sqrt()]
@@ -222,7 +225,7 @@ fn lateral_push_observed_by_gnss_only() {
             fix.position[1] += speed * since;
             fix.velocity[1] = speed;
         }
-        last = n.step(time(k), &input).estimate.or(last);
+        last = n.step(time(k), &input.into()).estimate.or(last);
     }
     let e = last.unwrap();
     assert!((e.eta[SWAY] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
@@ -262,7 +265,7 @@ fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
         if silent.contains(&k) {
             input.imu.clear();
         }
-        n.step(time(k), &input);
+        n.step(time(k), &input.into());
     }
     let modes = n.estimator.filter().unwrap().motion.modes().unwrap();
     let roll = |m: &alight_shared::vessel_model::Mode| m.shape[3].norm().max(m.shape[4].norm());
@@ -290,7 +293,7 @@ fn modes_half_a_second_after_an_inertial_gap() {
 }
 
 /// Measurements of a vessel on a circle at 2 m/s and 0.05 rad/s that rolls by 3 deg in 2.5 s about a heel of 3 deg.
-fn circling(k: i64) -> VesselIn {
+fn circling(k: i64) -> Readings {
     let (speed, turn, omega) = (2.0, 0.05, 2.0 * core::f64::consts::PI / 2.5);
     let t = k as f64 * 1e-2;
     let ((s, c), yaw) = ((omega * t).sin_cos(), turn * t);
@@ -321,7 +324,7 @@ fn prediction_that_begins_at_the_estimate() {
     let mut n = node();
     let (mut estimates, mut predictions) = (Vec::new(), Vec::new());
     for k in 0..12_000 {
-        let out = n.step(time(k), &circling(k));
+        let out = n.step(time(k), &circling(k).into());
         estimates.extend(out.estimate);
         predictions.extend(out.prediction.filter(|_| k > 4000));
     }
@@ -376,7 +379,7 @@ fn start_with_a_slow_and_late_receiver() {
     for k in 0..3000 {
         let mut input = rest(k);
         input.gnss = if k % 100 == 50 { vec![fix(k - 50)] } else { vec![] };
-        last = n.step(time(k), &input).estimate.or(last);
+        last = n.step(time(k), &input.into()).estimate.or(last);
     }
     let e = last.unwrap();
     assert!(
@@ -390,14 +393,14 @@ fn start_with_a_slow_and_late_receiver() {
 fn output_before_all_sensors_and_after_imu_loss() {
     let mut n = node();
     for k in 0..100 {
-        let only = VesselIn {
+        let only = Readings {
             imu: vec![imu(k)],
-            ..VesselIn::default()
+            ..Readings::default()
         };
-        assert!(n.step(time(k), &only).estimate.is_none());
+        assert!(n.step(time(k), &only.into()).estimate.is_none());
     }
     for k in 100..400 {
-        n.step(time(k), &rest(k));
+        n.step(time(k), &rest(k).into());
     }
     // Then silence: the estimate is withheld after a second.
     for k in 400..700 {
@@ -407,7 +410,7 @@ fn output_before_all_sensors_and_after_imu_loss() {
     // And comes back.
     let mut back = false;
     for k in 700..900 {
-        back |= n.step(time(k), &rest(k)).estimate.is_some();
+        back |= n.step(time(k), &rest(k).into()).estimate.is_some();
     }
     assert!(back);
 }
@@ -420,8 +423,8 @@ fn repeated_and_reordered_samples() {
         let mut twice = input.clone();
         twice.imu.push(imu(k));
         twice.imu.push(imu(k - 3));
-        let a = clean.step(time(k), &input);
-        let b = dirty.step(time(k), &twice);
+        let a = clean.step(time(k), &input.into());
+        let b = dirty.step(time(k), &twice.into());
         assert_eq!(a.estimate, b.estimate);
     }
     assert_eq!(dirty.rejected().of(RejectionReason::OutOfOrder), 1000);
@@ -472,7 +475,7 @@ fn modes_of_identified_motion() {
                 sample.gyro = sample.gyro.map(|v| noisy(v, 0.002));
                 sample.accelerometer = sample.accelerometer.map(|v| noisy(v, 0.03));
             }
-            n.step(time(k), &input).wave
+            n.step(time(k), &input.into()).wave
         })
         .map(|w| w.modes.len())
         .collect();
@@ -485,7 +488,7 @@ fn modes_of_identified_motion() {
 fn vessel_message_encoding() {
     let (mut n, mut slopes) = (node(), 0);
     for k in 0..200 {
-        let out = n.step(time(k), &rest(k));
+        let out = n.step(time(k), &rest(k).into());
         if let Some(w) = out.wave {
             assert_eq!(decode::<WaveModel<VesselClock>>(&encode(&w).unwrap()).unwrap(), w);
             slopes = w.slopes.len();
@@ -537,7 +540,7 @@ proptest! {
                     }),
                 }
             }
-            let out = n.step(time(k), &input);
+            let out = n.step(time(k), &input.into());
             if let Some(e) = out.estimate {
                 prop_assert!(e.check().is_ok());
             }
@@ -551,7 +554,7 @@ proptest! {
         // It has returned to the vessel at rest, or publishes nothing.
         let mut last = None;
         for k in 700..2200 {
-            last = n.step(time(k), &rest(k)).estimate.or(last);
+            last = n.step(time(k), &rest(k).into()).estimate.or(last);
         }
         let e = last.unwrap();
         prop_assert!((e.eta[SURGE] - 10.0).abs() < 1.0 && (e.eta[SWAY] - 20.0).abs() < 1.0, "{:?}", e.eta);

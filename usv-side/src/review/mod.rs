@@ -17,8 +17,8 @@ use crate::VesselNodeConfig;
 use crate::advice::CourseOutlook;
 use crate::estimator::{Consistency, InnovationChannel, InnovationStatistics};
 use crate::log::SensorRecording;
-use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
-use crate::sensors::Measurement;
+use crate::node::{KINDS, SourceCounts, VesselNode};
+use crate::sensors::{Measurement, Readings};
 use predictions::Predictions;
 pub use predictions::{HORIZONS_S, PredictionReview};
 
@@ -176,17 +176,12 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
         if (next.at() - now).secs() > JUMP_S {
             now = next.at();
         }
-        let mut input = VesselIn::default();
+        let mut readings = Readings::default();
         while let Some(m) = coming.next_if(|m| m.at() <= now) {
-            match m {
-                Measurement::Imu(m) => input.imu.push(*m),
-                Measurement::Gnss(m) => input.gnss.push(*m),
-                Measurement::Heading(m) => input.heading.push(*m),
-                Measurement::Attitude(m) => input.attitude.push(*m),
-            }
+            readings.push(**m);
         }
-        substitute.add(now, &mut input);
-        evaluation.step(&mut node, now, &input);
+        substitute.add(now, &mut readings);
+        evaluation.step(&mut node, now, readings);
         now += TICK;
     }
     Review {
@@ -246,7 +241,7 @@ struct Substitute {
 }
 
 impl Substitute {
-    fn add(&mut self, now: Time<VesselClock>, input: &mut VesselIn) {
+    fn add(&mut self, now: Time<VesselClock>, readings: &mut Readings) {
         if now < self.next || !(self.place || self.heading) {
             return;
         }
@@ -254,7 +249,7 @@ impl Substitute {
         let header = alight_shared::msg::Header::new(1, 0, 1, 0, now);
         if self.place {
             let [place, velocity] = STANDING_SD;
-            input.gnss.push(GnssFix {
+            readings.gnss.push(GnssFix {
                 header,
                 position_sd: [place, place, NOT_MEASURED_SD],
                 velocity_sd: [velocity, velocity, NOT_MEASURED_SD],
@@ -263,7 +258,7 @@ impl Substitute {
             });
         }
         if self.heading {
-            input.heading.push(HeadingFix {
+            readings.heading.push(HeadingFix {
                 header,
                 heading: 0.0,
                 heading_sd: UNKNOWN_HEADING_SD,
@@ -333,8 +328,8 @@ struct Evaluation {
 
 impl Evaluation {
     /// Steps the node and collects what it publishes.
-    fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, input: &VesselIn) {
-        let out = node.step(now, input);
+    fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, readings: Readings) {
+        let out = node.step(now, &readings.into());
         let counted = now >= self.from;
         let level = node.estimator().level_and_sd(0.0).map_or(0.0, |l| l.0);
         if counted && self.before.is_none() {

@@ -35,8 +35,6 @@ use alight_shared::msg::{AttitudeFix, Decoded, GnssFix, Header, HeadingFix, ImuS
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
-use crate::VesselIn;
-
 /// Measurements that arrived together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Readings {
@@ -51,16 +49,6 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// As the vessel's node takes them.
-    pub fn input(self) -> VesselIn {
-        VesselIn {
-            imu: self.imu,
-            gnss: self.gnss,
-            heading: self.heading,
-            attitude: self.attitude,
-            ..VesselIn::default()
-        }
-    }
     /// Adds one.
     pub fn push(&mut self, measurement: Measurement) {
         match measurement {

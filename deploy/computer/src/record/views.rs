@@ -13,7 +13,8 @@ use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::PlannerOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::{VesselIn, VesselOut};
+use alight_usv::VesselOut;
+use alight_usv::sensors::Readings;
 use foxglove::Encode;
 use foxglove::messages::{
     FrameTransform, FrameTransforms, Log, Odometry, PointCloud, Pose, PoseInFrame, PosesInFrame, Timestamp,
@@ -183,7 +184,7 @@ impl Views {
     /// A step of any node.
     pub fn step(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, step: NodeStep<'_>) {
         match step {
-            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &i.vessel(), &o.vessel),
+            NodeStep::Vessel(_, i, o) => self.vessel(sink, t, &Readings::of(&i.sensors), &o.vessel),
             NodeStep::Bridge(_, _, o) => self.bridge(sink, t, o),
             NodeStep::Predictor(_, i, o) => self.predictor(sink, t, i, o),
             NodeStep::Mission(_, i, o) => self.mission(sink, t, i, o),
@@ -193,7 +194,7 @@ impl Views {
     }
 
     /// The vessel's sensors and its broadcast.
-    fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
+    fn vessel(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, i: &Readings, o: &VesselOut) {
         if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
             let view = schema::Imu {
                 gyro_radps: imu.gyro,

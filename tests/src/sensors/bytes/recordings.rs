@@ -172,7 +172,7 @@ fn estimates(all: &[(i64, Measurement)]) -> Vec<VesselEstimate<VesselClock>> {
         while let Some(m) = coming.next_if(|m| m.at() <= now) {
             readings.push(m);
         }
-        found.extend(node.step(now, &readings.input()).estimate);
+        found.extend(node.step(now, &readings.into()).estimate);
         now += TICK;
     }
     found

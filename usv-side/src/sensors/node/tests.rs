@@ -293,8 +293,8 @@ proptest! {
                 *due > k
             });
             let now = at(k) + Span::from_millis(20);
-            let input = step(&mut sensors, now, &[&bytes]).input();
-            last = vessel.step(now, &input).estimate.map(|e| (k, e)).or(last);
+            let readings = step(&mut sensors, now, &[&bytes]);
+            last = vessel.step(now, &readings.into()).estimate.map(|e| (k, e)).or(last);
         }
         let (k, e) = last.unwrap();
         prop_assert!(k >= 610, "silent since {k}");

@@ -15,6 +15,7 @@ use alight_usv::calibrate::{
     identify,
 };
 use alight_usv::log::table::{CsvTable, Quantity};
+use alight_usv::sensors::Readings;
 use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
@@ -128,7 +129,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     };
     let mut record = Record::default();
     log.steps(ReplayOrder::ByStart, |_, _, step| {
-        record.add(&step.entry::<ComputerIn>()?.input.vessel());
+        record.add(&Readings::of(&step.entry::<ComputerIn>()?.input.sensors));
         Ok(())
     })?;
     let found = record.identify(&config);
