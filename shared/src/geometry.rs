@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::config;
+use crate::msg::DeckDimensions;
 use crate::tags::{DeckTag, Tags, suggested};
 
 /// Standard gravity, m/s².
@@ -72,7 +73,14 @@ impl DeckGeometry {
             ..self
         }
     }
-    /// Side of the largest of them, m.
+    /// Dimensions as messages have them.
+    pub fn dimensions(&self) -> DeckDimensions {
+        DeckDimensions {
+            centre: self.centre_m.map(|x| x as f32),
+            size: [self.length_m, self.width_m].map(|x| x as f32),
+        }
+    }
+    /// Side of the largest of its tags, m.
     pub fn largest_tag_m(&self) -> f64 {
         self.tags().iter().fold(0.0, |most, tag| tag.side_m.max(most))
     }

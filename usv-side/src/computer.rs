@@ -400,6 +400,7 @@ impl Node for VesselComputer {
                 orders,
                 inputs: input.deck_inputs,
                 helm: self.helm.status(),
+                dimensions: Some(self.node.dimensions()),
                 turns_back: self.helm.turns_back(),
                 checkpoint: left.map(|c| c.deck.clone()),
             },

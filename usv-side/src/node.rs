@@ -3,8 +3,8 @@
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
-    CourseAdvice, EstimateUpdate, Header, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate,
+    CourseAdvice, DeckDimensions, EstimateUpdate, Header, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
+    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -184,6 +184,10 @@ impl VesselNode {
             advisor: Advisor::new(&config.model, &config.deck),
             wind: None,
         }
+    }
+    /// Dimensions of the deck.
+    pub fn dimensions(&self) -> DeckDimensions {
+        self.config.deck.dimensions()
     }
     /// Inputs that were not admitted, by reason.
     pub fn rejected(&self) -> Rejections {

@@ -88,7 +88,7 @@ fn watcher(
         title: format!("trial, sea {}, seed {}", scene.sea, args.seed)
             .as_str()
             .into(),
-        deck_size_m: Some([deck.length_m, deck.width_m]),
+        deck: Some(scene.nodes.drone.deck.dimensions()),
         disarm_s: Some(scene.nodes.autopilot.disarm.longest_s()),
         ..ComputerReport::default()
     };

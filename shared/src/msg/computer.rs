@@ -5,7 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, Line, MAX_DEVICES, Seq, Text};
+use super::{DeckDimensions, Header, Line, MAX_DEVICES, Seq, Text};
 use crate::process::ProcessKind;
 use crate::time::{SteadyClock, Time, VesselClock};
 
@@ -120,8 +120,8 @@ pub struct ComputerReport {
     pub title: Line,
     /// Number of the drone whose computer it is; None: a vessel's.
     pub drone_id: Option<u32>,
-    /// Length of the deck along the vessel and its width, m; None: not known.
-    pub deck_size_m: Option<[f64; 2]>,
+    /// Dimensions of the deck by a drone's configuration; None: not known.
+    pub deck: Option<DeckDimensions>,
     /// The longest time that a disarm on the deck takes, s; None: not known.
     pub disarm_s: Option<f64>,
     /// Processes that report while it runs.

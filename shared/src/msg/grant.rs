@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, HelmStatus};
+use super::{Header, HelmStatus, Reason, ReasonCode, within};
 use crate::time::{Clock, Time};
 
 /// In the place of a drone's number: the deck is closed to all.
@@ -75,6 +75,39 @@ impl Course {
     }
 }
 
+/// Dimensions of a deck in two files that are apart by more than this are of different decks, m: more than a tape measure errs.
+const SAME_DECK_M: f64 = 0.05;
+
+/// Dimensions of the vessel's deck by a configuration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DeckDimensions {
+    /// Centre of the deck's surface in the vessel's body frame, m.
+    pub centre: [f32; 3],
+    /// Length along the vessel and width across her, m.
+    pub size: [f32; 2],
+}
+
+impl DeckDimensions {
+    /// Coordinates of the centre, length and width, m, to the millimetre.
+    pub fn all_m(&self) -> [f64; 5] {
+        let ([x, y, z], [length, width]) = (self.centre, self.size);
+        [x, y, z, length, width].map(|v| (f64::from(v) * 1e3).round() / 1e3)
+    }
+    /// Why no drone whose configuration has these dimensions descends to a deck with those of `vessel`: the two that differ
+    /// most, m. None: they are alike.
+    pub fn differs_from(&self, vessel: &DeckDimensions) -> Option<Reason> {
+        let apart = |(own, other): &(f64, f64)| (own - other).abs();
+        let pairs = self.all_m().into_iter().zip(vessel.all_m());
+        let most = pairs.max_by(|a, b| apart(a).total_cmp(&apart(b)));
+        let (own, other) = most.filter(|pair| apart(pair) > SAME_DECK_M)?;
+        Some(Reason::new(ReasonCode::DeckDiffers, own, other))
+    }
+    fn is_sound(&self) -> bool {
+        within(self.centre.iter().chain(&self.size), 100.0)
+    }
+}
+
 /// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
 /// on a fresh grant that names it, and breaks a descent off on one that names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -100,6 +133,8 @@ pub struct DeckGrant<C: Clock> {
     pub take_off: bool,
     /// Another drone asks for the deck on which its owner stands.
     pub wanted: bool,
+    /// Dimensions of the deck by the vessel's configuration; None: she does not state them.
+    pub dimensions: Option<DeckDimensions>,
 }
 
 impl<C: Clock> DeckGrant<C> {
@@ -118,7 +153,8 @@ restamped!(DeckGrant {
     course,
     helm,
     take_off,
-    wanted
+    wanted,
+    dimensions
 });
 message!(@C DeckGrant<C>, C, |m| {
     match m.course {
@@ -126,4 +162,39 @@ message!(@C DeckGrant<C>, C, |m| {
         Course::Steady(for_s) => (0.0..=MAX_STEADY_S).contains(&for_s),
     } => "course",
     m.helm.is_sound() => "helm",
+    m.dimensions.is_none_or(|d| d.is_sound()) => "dimensions",
 });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::DeckGeometry;
+    use crate::msg::Message;
+    use crate::time::VesselClock;
+    use crate::{topics, wire};
+
+    #[test]
+    fn deck_of_other_dimensions() {
+        let (mut deck, own) = (DeckGeometry::default(), DeckGeometry::default().dimensions());
+        let differs = |vessel: &DeckGeometry| own.differs_from(&vessel.dimensions());
+        deck.width_m = 1.74;
+        assert_eq!(differs(&deck), None);
+        deck.width_m = 1.8;
+        assert_eq!(differs(&deck), Some(Reason::new(ReasonCode::DeckDiffers, 1.7, 1.8)));
+        deck.centre_m = [0.0, 0.0, -1.0];
+        let why = differs(&deck).unwrap().to_string();
+        assert!(why.contains("-1.30 m") && why.contains("-1.00 m"), "{why}");
+    }
+
+    #[test]
+    fn longest_grant_on_the_radio() {
+        let grant = DeckGrant::<VesselClock> {
+            course: Course::Steady(60.0),
+            dimensions: Some(DeckGeometry::default().dimensions()),
+            ..DeckGrant::default()
+        };
+        assert_eq!(grant.check(), Ok(()));
+        let length = wire::encode(&grant).unwrap().len();
+        assert!(length <= topics::DECK.bytes, "{length}");
+    }
+}

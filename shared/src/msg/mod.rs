@@ -75,8 +75,8 @@ pub use drone::{
     Solve,
 };
 pub use grant::{
-    Course, DECK_CLOSED, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M, WAITING_DISTANCE_M,
-    WaitingPlace,
+    Course, DECK_CLOSED, DeckDimensions, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M,
+    WAITING_DISTANCE_M, WaitingPlace,
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;

@@ -268,6 +268,9 @@ pub enum ReasonCode {
     StoodStill,
     /// An unsafe contact is too likely: its probability.
     HarmLikely,
+    /// The deck's dimensions in the drone's configuration are not the vessel's: those that differ most, the drone's and, as the
+    /// limit, the vessel's, m.
+    DeckDiffers,
 }
 
 /// A reason with the figure that decided and its limit.

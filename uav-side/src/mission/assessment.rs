@@ -129,6 +129,8 @@ impl MissionNode {
                 d.outside_m(&self.deck_geometry, &self.drone_geometry)
             }),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
+            other_deck: (self.grant.get().and_then(|g| g.dimensions))
+                .and_then(|vessel| self.deck_geometry.dimensions().differs_from(&vessel)),
             course: stated_course(self.grant.get(), now),
             promise: Promise::of(self.grant.get(), now),
             dark: self

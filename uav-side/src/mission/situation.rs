@@ -342,6 +342,8 @@ pub struct Situation {
     pub outside_m: f64,
     /// Whether the deck is ours to descend to.
     pub reservation: Reservation,
+    /// By the vessel the deck has other dimensions than in the drone's configuration.
+    pub other_deck: Option<Reason>,
     /// Course of the vessel as its helm states it, from now on.
     pub course: Course,
     /// The steady course that she turns to.

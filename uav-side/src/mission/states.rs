@@ -366,7 +366,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
         if progress.is_urgent() {
             return None;
         }
-        (s.rejection)
+        (s.rejection.or(s.other_deck))
             .or_else(|| (!deck.identified).then(|| NotIdentified.into()))
             .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))

@@ -1,12 +1,12 @@
 //! State table: situation to state and reason, but for a descent and a flare.
 
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckGrantStale,
-    DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached, InSight, Infeasible,
-    KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved, Permitted,
-    Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast, TooSteep,
-    Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
+    DeckGrantStale, DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached,
+    InSight, Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted,
+    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
+    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast,
+    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, OwnMission, PLACES,
@@ -99,6 +99,7 @@ pub(super) fn fair() -> Situation {
         plan_limit_s: 0.5,
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
+        other_deck: None,
         course: Course::Unknown,
         promise: None,
         place: None,
@@ -471,6 +472,10 @@ fn reasons_not_to_descend() {
         (promised(15.0), stays(CourseEnds)),
         (with(|s| s.plan_age_s = f64::INFINITY), stays(NoPlan)),
         (rejected(), stays(AutopilotParameter)),
+        (
+            with(|s| s.other_deck = Some(DeckDiffers.into())),
+            stays(DeckDiffers),
+        ),
         (with(|s| s.swing_rad = 0.1), stays(Swings)),
         (others, stays(DeckReserved)),
         (unknown, stays(DeckGrantStale)),

@@ -31,8 +31,8 @@ use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
-    Closure, Course, DECK_CLOSED, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus, LandedState, PLACES,
-    STATION_APART_M, Starved, State, Unheard,
+    Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus,
+    LandedState, PLACES, STATION_APART_M, Starved, State, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -74,6 +74,8 @@ pub struct ArbiterIn {
     pub inputs: DeckInputs,
     /// State of the handshake about the helm.
     pub helm: HelmStatus,
+    /// Dimensions of the deck.
+    pub dimensions: Option<DeckDimensions>,
     /// By its end the vessel turns back to the course of its own autopilot.
     pub turns_back: bool,
     /// At the first step, that of the former start.
@@ -538,6 +540,7 @@ impl Node for DeckArbiter {
                 helm: input.helm,
                 take_off,
                 wanted: self.is_wanted(now),
+                dimensions: input.dimensions,
                 occupied: self.occupied(now),
                 stations,
                 places: core::array::from_fn(|k| {

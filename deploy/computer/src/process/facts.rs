@@ -32,14 +32,14 @@ pub struct Facts {
 impl Facts {
     /// Facts of a drone's computer.
     pub fn drone(computer: &DroneComputerConfig) -> Facts {
-        let (bridge, deck) = (&computer.bridge, &computer.drone.deck);
+        let bridge = &computer.bridge;
         let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
         Facts {
             report: ComputerReport {
                 header: Header::new(bridge.vessel_id, bridge.drone_id, 0, 0, Time::EPOCH),
                 title: title.as_str().into(),
                 drone_id: Some(bridge.drone_id),
-                deck_size_m: Some([deck.length_m, deck.width_m]),
+                deck: Some(computer.drone.deck.dimensions()),
                 disarm_s: Some(computer.autopilot.disarm.longest_s()),
                 processes: Seq::filled(computer.processes()),
                 knots: computer.view.knots,

@@ -43,7 +43,7 @@ impl VesselStatusReport {
     /// A step of the node at `now_ns` of the steady clock.
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
-        let (input, out) = (input.vessel(), &out.vessel);
+        let (input, out) = (input.vessel().readings, &out.vessel);
         let arrived = [
             // An attitude sensor stands in where there is no inertial one.
             !(input.imu.is_empty() && input.attitude.is_empty()),

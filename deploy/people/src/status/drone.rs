@@ -59,6 +59,11 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
         let remedy = "its crew opens it: alight command deck open";
         all.push(FindingTopic("deck").stopping("the vessel has closed it: nothing descends", remedy));
     }
+    let vessel = (*s.snapshot.grant).and_then(|g| g.dimensions);
+    if let Some(why) = s.known.deck.and_then(|own| own.differs_from(&vessel?)) {
+        let found = format!("no descent: {why}");
+        all.push(FindingTopic("deck").stopping(found, advice(why.code)));
+    }
     all.extend(s.snapshot.frame().map(frame));
     all
 }

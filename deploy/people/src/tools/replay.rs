@@ -174,9 +174,7 @@ fn watcher(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Vi
         .transpose()?;
     let known = ComputerReport {
         title: format!("replay of {}", args.path.display()).as_str().into(),
-        deck_size_m: drone
-            .as_ref()
-            .map(|d| [d.drone.deck.length_m, d.drone.deck.width_m]),
+        deck: drone.as_ref().map(|d| d.drone.deck.dimensions()),
         ..ComputerReport::default()
     };
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use alight_bridge::BridgeOut;
 use alight_computer::process::snapshot::minutes;
 use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::{ComputerReport, MissionState, ReasonCode, State, VesselEstimate};
+use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, VesselEstimate};
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::topics;
@@ -259,8 +259,12 @@ impl Board {
     }
 
     fn scene(&self, t: Time<TrueTime>) -> Option<SceneView> {
+        let size_m = |deck: DeckDimensions| {
+            let [.., length, width] = deck.all_m();
+            [length, width]
+        };
         Some(SceneView {
-            size_m: self.situation.known.deck_size_m,
+            size_m: self.situation.known.deck.map(size_m),
             feet_m: self.heights_m.map(|[feet, _]| feet),
             freeboard_m: self.heights_m.map(|[_, freeboard]| freeboard),
             flare_m: self.flare_m,

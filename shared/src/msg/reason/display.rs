@@ -345,6 +345,10 @@ impl fmt::Display for Reason {
                 f,
                 "the deck is detected {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?"
             ),
+            ReasonCode::DeckDiffers => write!(
+                f,
+                "a dimension of the deck is {v:.2} m in the drone's configuration and {l:.2} m in the vessel's"
+            ),
             ReasonCode::HeightContradicted => write!(
                 f,
                 "rangefinder and camera contradict each other about the deck's height: by {v:.1} times what they err (limit {l:.1})"

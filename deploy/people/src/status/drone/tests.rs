@@ -4,7 +4,8 @@ use alight_computer::exit::Exit;
 use alight_computer::process::snapshot::Newest;
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{
-    ComputerReport, DeckForecast, Header, LinkState, MissionSettings, Reason, Seq, WaveModel,
+    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, Header, LinkState, MissionSettings, Reason, Seq,
+    WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessState;
@@ -277,4 +278,35 @@ fn go_of_a_drone_by_what_is_known() {
     by_tag.least_vessel = VesselLevel::Tag;
     snapshot.mission = came(by_tag);
     assert_eq!(go(&snapshot).0, Some(true));
+}
+
+#[test]
+fn deck_of_other_dimensions_by_the_vessel() {
+    let own = DeckDimensions {
+        size: [2.5, 1.7],
+        ..DeckDimensions::default()
+    };
+    let names_both = |width| {
+        let vessel = DeckDimensions {
+            size: [2.5, width],
+            ..own
+        };
+        let grant = DeckGrant {
+            dimensions: Some(vessel),
+            ..DeckGrant::default()
+        };
+        let computer = ComputerReport {
+            deck: Some(own),
+            ..reported()
+        };
+        let snapshot = Snapshot {
+            grant: came(grant),
+            computer: computer.into(),
+            ..flying()
+        };
+        let all = findings(&ObservedSituation::of(&snapshot, NOW_NS));
+        all.iter()
+            .any(|f| f.found.contains("1.70 m") && f.found.contains("1.90 m"))
+    };
+    assert!(names_both(1.9) && !names_both(1.7));
 }

@@ -3,11 +3,13 @@
 
 use alight_computer::config::DroneComputerConfig;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::DeckDimensions;
 use alight_shared::tags::are_anybodys;
 use alight_uav::camera::layout;
 use alight_uav::camera::strangers::Stranger;
 use alight_uav::settings::DroneSettings;
 
+use crate::explain::advice;
 use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{CameraImages, SourceCheck};
 use crate::tools::check::received::{KindStatistics, SensorStatistics};
@@ -190,9 +192,13 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
     })
 }
 
-/// Whether 99 of 100 landings have all feet on the deck, on a vessel of the class with the largest errors.
-pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry) -> Finding {
+/// Whether the deck has the dimensions that the vessel states, and 99 of 100 landings have all feet on it, on a vessel of the class
+/// with the largest errors.
+pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimensions>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("deck");
+    if let Some(why) = vessel.and_then(|vessel| deck.dimensions().differs_from(&vessel)) {
+        return TOPIC.broken(why.to_string(), advice(why.code));
+    }
     let p99 = VesselClass::ALL
         .map(VesselClass::p99_m)
         .into_iter()
@@ -498,8 +504,18 @@ mod tests {
             width_m: side,
             ..DeckGeometry::default()
         };
-        assert_eq!(deck(&of(1.7), &drone).level, FindingLevel::Fine);
-        let small = deck(&of(0.6), &drone);
+        assert_eq!(
+            deck(&of(1.7), &drone, Some(of(1.7).dimensions())).level,
+            FindingLevel::Fine
+        );
+        let other = deck(&of(1.7), &drone, Some(of(1.9).dimensions()));
+        assert_eq!(other.level, FindingLevel::Broken);
+        assert!(
+            other.found.contains("1.70 m") && other.found.contains("1.90 m"),
+            "{}",
+            other.found
+        );
+        let small = deck(&of(0.6), &drone, None);
         assert_eq!(small.level, FindingLevel::Broken);
         assert!(
             small.found.contains("drone.deck.width_m 0.60 m leaves 0.10 m"),

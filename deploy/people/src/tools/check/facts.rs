@@ -7,7 +7,7 @@ use alight_computer::subject::Computer;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
-use alight_shared::msg::{Certificate, Reason, SourceStatus};
+use alight_shared::msg::{Certificate, DeckDimensions, Reason, SourceStatus};
 use alight_uav::camera::metering::Setting;
 use alight_uav::camera::strangers::Stranger;
 use alight_usv::helm::HelmBearings;
@@ -224,6 +224,8 @@ pub struct CheckFacts {
     pub frame: Option<(Datum, Option<f64>)>,
     /// Dead time and time constant of the attitude that the newest flight with a response identified, s; None without one.
     pub flown: Option<[f64; 2]>,
+    /// Dimensions of the deck as the vessel states them to running processes; None: not received.
+    pub vessel_deck: Option<DeckDimensions>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
     /// The vessel's real sensors that were listened to.

@@ -63,6 +63,7 @@ pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
         reported: None,
         frame: None,
         flown: None,
+        vessel_deck: None,
         cameras: Vec::new(),
         sources: Vec::new(),
         measured: SensorStatistics::default(),
@@ -227,6 +228,7 @@ impl CheckFacts {
             self.autopilot(d, snapshot.as_ref());
         }
         self.frame = snapshot.as_ref().and_then(Snapshot::frame);
+        self.vessel_deck = snapshot.as_ref().and_then(|s| (*s.grant)?.dimensions);
         self.flown = flown(&d.recorder.directory);
         self.cameras = cameras(d, snapshot.as_ref());
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));

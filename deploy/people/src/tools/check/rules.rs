@@ -95,7 +95,11 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
                 .flown
                 .map(|flown| response(flown, d.drone.airframe.attitude_lag_s)),
         );
-        all.push(equipment::deck(&d.drone.deck, &d.drone.airframe));
+        all.push(equipment::deck(
+            &d.drone.deck,
+            &d.drone.airframe,
+            facts.vessel_deck,
+        ));
         all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
         all.extend(equipment::lenses(d));
     }

@@ -94,6 +94,7 @@ fn vessel() -> CheckFacts {
         reported: None,
         frame: None,
         flown: None,
+        vessel_deck: None,
         cameras: Vec::new(),
         sources: Vec::new(),
         measured: SensorStatistics::default(),

@@ -166,10 +166,10 @@ fn flown(path: &Path) -> Result<(SensorRecording, VesselNodeConfig), CliError> {
         if all.len() <= MAX_MEASUREMENTS {
             let i = step.entry::<ComputerIn>()?.input.vessel();
             decoded.good += 1;
-            all.extend(i.imu.into_iter().map(Measurement::Imu));
-            all.extend(i.attitude.into_iter().map(Measurement::Attitude));
-            all.extend(i.gnss.into_iter().map(Measurement::Gnss));
-            all.extend(i.heading.into_iter().map(Measurement::Heading));
+            all.extend(i.readings.imu.into_iter().map(Measurement::Imu));
+            all.extend(i.readings.attitude.into_iter().map(Measurement::Attitude));
+            all.extend(i.readings.gnss.into_iter().map(Measurement::Gnss));
+            all.extend(i.readings.heading.into_iter().map(Measurement::Heading));
         }
         Ok(())
     })?;
