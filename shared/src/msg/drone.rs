@@ -5,12 +5,11 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FRACTION, Header, LandingMode, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS,
-    MAX_SPEED_MPS, Reason, Seq, deviations, within,
+    FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
+    Reason, Seq, deviations, within,
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
-use crate::mavlink::SigningTimes;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.
@@ -94,6 +93,11 @@ impl DroneState {
     /// Horizontal acceleration that is not the rotors', NED, m/s².
     pub fn disturbance(&self) -> Vector2<f64> {
         Vector2::from(self.disturbance)
+    }
+    /// Distance of the origin from that of the state `before`, m; None: both are in the same frame.
+    pub fn origin_moved_m(&self, before: &DroneState) -> Option<f64> {
+        let same = (self.frames, self.datum) == (before.frames, before.datum);
+        (!same).then(|| before.datum.distance_m(&self.datum))
     }
     /// Roll, pitch, yaw, rad.
     pub fn euler(&self) -> Vector3<f64> {
@@ -202,72 +206,6 @@ pub struct ShadowComparison {
     pub apart_rad: f64,
     /// Between the velocities, m/s.
     pub apart_mps: f64,
-}
-
-/// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
-///
-/// It is published 50 times a second, and validated by the successor before it counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
-#[repr(C)]
-pub struct LinkCheckpoint {
-    /// Identity of the writer and time of writing; boot 0: no checkpoint.
-    pub header: Header<DroneClock>,
-    /// The autopilot follows our set-points: armed, and in the mode that a pilot gave.
-    pub commanding: bool,
-    /// The vehicle's MAVLink system.
-    pub vehicle: u8,
-    /// `MAV_AUTOPILOT` of the autopilot.
-    pub autopilot: u8,
-    /// Landing mode of the mission, by its newest state; None: no state was received.
-    pub mode: Option<LandingMode>,
-    /// State by the autopilot's land detector.
-    pub landed: LandedState,
-    /// Our clock less the autopilot's, ns.
-    pub clock_offset_ns: i64,
-    /// By how much that errs at most, s.
-    pub clock_error_s: f64,
-    /// Origin of its NED.
-    pub datum: Datum,
-    /// Height of the sea above the ellipsoid by which it was found, m.
-    pub geoid_m: f64,
-    /// [`DroneState::frames`].
-    pub frames: u8,
-    /// Jumps of its estimate as it counts them, where it does.
-    pub reported_resets: Option<u8>,
-    /// Sum of the jumps of its estimate: [`DroneState::datum_offset`], m, and ...
-    pub datum_offset: [f64; 3],
-    /// ... [`DroneState::heading_jumps`], rad.
-    pub heading_jumps: f64,
-    /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; the bias of its acceleration, m/s²; and
-    /// the disturbance, m/s², its third component 0.
-    pub smoothing: [[f64; 3]; 4],
-    /// Collective thrust that hovers, 0 to 1.
-    pub hover_thrust: f64,
-    /// For so long it was identified, s.
-    pub hover_learned_s: f64,
-    /// It has ended the autopilot's own mission in this flight, by the battery, because it was done, by an order: who chooses
-    /// that again has it.
-    pub ended_missions: [bool; 3],
-    /// The times of its signed frames.
-    pub signing: SigningTimes,
-    /// In this flight the autopilot has flown its own mission, and no other mode was chosen since.
-    pub own_mission: bool,
-}
-
-impl LinkCheckpoint {
-    /// Part that outlives the computer's boot, and with that its clock; None: nothing.
-    pub fn lasting(&self) -> Option<LinkCheckpoint> {
-        let signed = self.signing != SigningTimes::default();
-        let lasts = signed || self.own_mission || self.ended_missions.contains(&true);
-        lasts.then(|| LinkCheckpoint {
-            header: self.header.outdated(),
-            mode: self.mode,
-            ended_missions: self.ended_missions,
-            own_mission: self.own_mission,
-            signing: self.signing,
-            ..LinkCheckpoint::default()
-        })
-    }
 }
 
 /// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not
@@ -541,15 +479,6 @@ message!(AutopilotState, DroneClock, |m| {
     m.thrust.is_none_or(|t| FRACTION.contains(&t)) => "thrust",
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
 });
-message!(LinkCheckpoint, DroneClock, |m| {
-    within([&m.geoid_m], 1e3) => "geoid_m",
-    (0.0..=1.0).contains(&m.clock_error_s) => "clock_error_s",
-    m.datum.is_on_earth() => "datum",
-    within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
-        "datum_offset or heading_jumps",
-    m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
-    FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
-});
 message!(PredictorCheckpoint, DroneClock, |m| {
     m.datum.is_on_earth() => "datum",
     within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
@@ -578,3 +507,31 @@ message!(SetPoint, DroneClock, |m| {
     within([&m.response.dead_time_s, &m.response.rate_lag_s], 2.0) && within(&m.response.lag_s, 2.0) => "response",
     m.hard_contact_mps.is_none_or(|v| (0.0..=MAX_SPEED_MPS).contains(&v)) => "hard_contact_mps",
 });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn origin_of_another_frame() {
+        let before = DroneState {
+            datum: Datum::new(43.5, 16.3, 12.0),
+            ..DroneState::default()
+        };
+        // A jump of the estimate alone.
+        let jumped = DroneState {
+            datum_offset: [5.0, 0.0, 0.0],
+            position: [5.0, 0.0, 0.0],
+            ..before
+        };
+        assert_eq!(jumped.origin_moved_m(&before), None);
+        let restarted = DroneState { frames: 1, ..before };
+        assert_eq!(restarted.origin_moved_m(&before), Some(0.0));
+        let higher = DroneState {
+            datum: Datum::new(43.5, 16.3, 15.0),
+            ..before
+        };
+        let moved_m = higher.origin_moved_m(&before).unwrap();
+        assert!((moved_m - 3.0).abs() < 1e-6, "{moved_m}");
+    }
+}

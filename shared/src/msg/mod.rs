@@ -44,6 +44,7 @@ mod drone_status;
 pub use drone_status::still_armed_s;
 mod grant;
 mod helm;
+mod link_checkpoint;
 mod mission;
 mod reason;
 mod sensors;
@@ -70,9 +71,8 @@ pub use deck::{
     PREDICTED_SLOPES, RangeSample, SILENT_S, Source, TagPose, UvdarFix,
 };
 pub use drone::{
-    AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors,
-    OwnMission, PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison,
-    Solve,
+    AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, Motors, OwnMission,
+    PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
 };
 pub use grant::{
     Course, DECK_CLOSED, DeckDimensions, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M,
@@ -81,6 +81,7 @@ pub use grant::{
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
+pub use link_checkpoint::LinkCheckpoint;
 pub use mission::{
     BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,

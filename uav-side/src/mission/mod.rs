@@ -82,7 +82,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
-use crate::odometry::origin::FrameEpoch;
 use battery::BatteryMonitor;
 use checkpoint::MissionStartUp;
 use height::{HeightWitnesses, Surface};
@@ -183,8 +182,7 @@ pub struct MissionNode {
     grant: Latest<DeckGrant<DroneClock>>,
     light: Latest<CameraLight>,
     commands: CommandAdmission<DroneClock>,
-    frame: FrameEpoch,
-    /// When it moved, until a forecast has come since, and by how much.
+    /// When the drone's frame moved, until a forecast has come since, and by how much.
     moved: Option<(Time<DroneClock>, f64)>,
     /// The deck's mean level that counts, NED z, m, and the time of its forecast.
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
@@ -276,11 +274,12 @@ impl MissionNode {
         {
             self.battery.update(m, &self.config);
         }
+        let before = self.drone.get().copied();
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
             self.wind.update(m, self.follows);
-            moved_m = self.frame.moved_m(m);
+            moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
             // Forecast, plan and level are of another frame.

@@ -1,7 +1,5 @@
-//! Jumps of the autopilot's origin or its estimate of position and heading, which put everything in its frame elsewhere.
+//! Jumps of the autopilot's estimate of its heading, which put everything in its frame elsewhere.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::DroneState;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// A heading that differs by more than this from what the gyroscopes turned it to is a reset of the autopilot's estimate,
@@ -22,18 +20,6 @@ pub(crate) fn yaw_jump(
     // In an impact the rates change between two samples, and their mean may be wrong by all of that.
     let limit = YAW_JUMP_RAD + (now.1 - before.1).norm() * dt;
     (dt > 0.0 && dt < YAW_STEP_S && yaw.abs() > limit).then_some(yaw)
-}
-
-/// The frame of the last odometry.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct FrameEpoch(Option<(u8, Datum)>);
-
-impl FrameEpoch {
-    /// By how much the origin has moved, m, where the frame is another than that of the last odometry; None: it is the same.
-    pub(crate) fn moved_m(&mut self, d: &DroneState) -> Option<f64> {
-        let (frames, datum) = self.0.replace((d.frames, d.datum))?;
-        ((frames, datum) != (d.frames, d.datum)).then(|| datum.distance_m(&d.datum))
-    }
 }
 
 #[cfg(test)]

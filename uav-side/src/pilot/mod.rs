@@ -37,7 +37,6 @@ use crate::contingency::{
     Body, ContactOutcomes, ContingencyAction, ContingencyInput, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold,
 };
 use crate::lift_off::Rise;
-use crate::odometry::origin::FrameEpoch;
 use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
 use response::ResponseEstimator;
@@ -110,7 +109,6 @@ pub struct Pilot {
     drone: Latest<DroneState>,
     autopilot: Latest<AutopilotState>,
     range: Latest<RangeSample>,
-    frame: FrameEpoch,
 
     estimate: FlightEstimator,
     response: ResponseEstimator,
@@ -158,7 +156,6 @@ impl Pilot {
             drone: Latest::default(),
             autopilot: Latest::default(),
             range: Latest::default(),
-            frame: FrameEpoch::default(),
             estimate: FlightEstimator::new(hover),
             response: ResponseEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
@@ -177,8 +174,9 @@ impl Pilot {
 
     /// Takes the inputs; gives the odometry when it is new.
     fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
+        let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
-        if drone.is_some_and(|m| self.frame.moved_m(&m).is_some()) {
+        if (before.zip(drone)).is_some_and(|(before, d)| d.origin_moved_m(&before).is_some()) {
             self.forget_frame();
         }
         if let Some(m) = &input.autopilot

@@ -47,7 +47,6 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
-use crate::odometry::origin::FrameEpoch;
 use alignment::FaaAlignment;
 use law::{Law, View};
 use model::{INPUTS, ModelState, clearance, state, tilt_of, up_of};
@@ -107,7 +106,6 @@ pub struct Planner {
     forecast: Latest<DeckForecast>,
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
-    frame: FrameEpoch,
     /// Starts from the measured state.
     resets: u32,
 }
@@ -146,7 +144,6 @@ impl Planner {
             forecast: Latest::default(),
             mission: Latest::default(),
             drone: Latest::default(),
-            frame: FrameEpoch::default(),
             resets: 0,
         }
     }
@@ -163,8 +160,9 @@ impl Planner {
         if let Some(m) = &input.mission {
             self.mission.offer(now, m);
         }
+        let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
-        if self.drone.get().is_some_and(|d| self.frame.moved_m(d).is_some()) {
+        if (before.zip(drone)).is_some_and(|(before, d)| d.origin_moved_m(&before).is_some()) {
             self.solved = None;
             self.generator.restart();
         }
