@@ -57,6 +57,7 @@ impl StatusReport {
         let still_armed_s = still_armed_s(now, mission, armed, self.disarm_s);
         Some(DroneStatus {
             still_armed_s: still_armed_s.map(|s| s as f32),
+            wind: (self.drone.and_then(|d| d.wind)).map(|w| w.map(|v| v as f32)),
             ..DroneStatus::of(header, mission, self.autopilot.as_ref(), distance_m)
         })
     }

@@ -4,6 +4,8 @@ use core::f64::consts::FRAC_1_SQRT_2;
 
 use nalgebra::{Matrix2, Vector2};
 
+use crate::msg::DroneState;
+
 /// A drag per mass that is taken before any is learnt, 1/m: a multirotor of 3.5 kg that leans by 16 deg in 10 m/s.
 pub const DRAG_PER_M: f64 = 0.03;
 /// Below this speed through the air drag is linear, m/s.
@@ -33,6 +35,13 @@ pub struct WindPush {
 }
 
 impl WindPush {
+    /// Effect of the wind over the deck that the drone's odometry has measured.
+    pub fn of(drone: &DroneState) -> WindPush {
+        WindPush {
+            mean: drone.wind_push.into(),
+            gust_sd: drone.gust_sd,
+        }
+    }
     /// Effect of a true wind towards `wind` (NED, m/s) over a vessel that makes `way` (NED, m/s), on a drone of usual
     /// drag: the way adds to the mean, and the gusts are the wind's alone.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {

@@ -44,6 +44,14 @@ pub struct DroneState {
     pub specific_force: [f64; 3],
     /// Horizontal acceleration that is not the rotors', NED, m/s²: wind, and the errors of attitude and accelerometers.
     pub disturbance: [f64; 2],
+    /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
+    pub wind: Option<[f64; 2]>,
+    /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
+    pub wind_sd_mps: Option<f64>,
+    /// Mean disturbance of the drone while it followed the deck, NED, m/s²: that of the wind and the vessel's way; 0 before.
+    pub wind_push: [f64; 2],
+    /// Gusts about it: standard deviation of one axis, m/s²; 0 before.
+    pub gust_sd: f64,
     /// Standard deviations of `position` (without the common GNSS offset), m.
     pub position_sd: [f64; 3],
     /// Standard deviations of `velocity`, m/s.
@@ -66,6 +74,10 @@ impl Default for DroneState {
             rates: [0.0; 3],
             specific_force: [0.0, 0.0, -9.81],
             disturbance: [0.0; 2],
+            wind: None,
+            wind_sd_mps: None,
+            wind_push: [0.0; 2],
+            gust_sd: 0.0,
             position_sd: [0.0; 3],
             velocity_sd: [0.0; 3],
             euler_sd: [0.0; 3],
@@ -463,6 +475,10 @@ message!(DroneState, DroneClock, |m| {
     within(&m.rates, MAX_RATE_RPS) => "rates",
     within(&m.specific_force, 1e3) => "specific_force",
     within(&m.disturbance, MAX_ACCELERATION_MPS2) => "disturbance",
+    m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    m.wind_sd_mps.is_none_or(|sd| (0.0..=MAX_SPEED_MPS).contains(&sd)) => "wind_sd_mps",
+    within(&m.wind_push, MAX_ACCELERATION_MPS2) && (0.0..f64::INFINITY).contains(&m.gust_sd) =>
+        "wind_push or gust_sd",
     deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",
 });
 message!(AutopilotState, DroneClock, |m| {

@@ -33,7 +33,7 @@ impl DroneStatus {
             armed: autopilot.is_some_and(|a| a.armed),
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
-            wind: mission.wind.map(|w| w.map(|v| v as f32)),
+            wind: None,
             station: mission.station.map(|kept| kept.station),
         }
     }

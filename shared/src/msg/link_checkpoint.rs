@@ -4,7 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FRACTION, Header, LandedState, LandingMode, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_SPEED_MPS, within,
+    FRACTION, Header, LandedState, LandingMode, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_SPEED_MPS, deviations,
+    within,
 };
 use crate::geodesy::Datum;
 use crate::mavlink::SigningTimes;
@@ -47,6 +48,8 @@ pub struct LinkCheckpoint {
     /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; the bias of its acceleration, m/s²; and
     /// the disturbance, m/s², its third component 0.
     pub smoothing: [[f64; 3]; 4],
+    /// The wind as it has learnt it.
+    pub wind: WindCheckpoint,
     /// Collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
     /// For so long it was identified, s.
@@ -58,6 +61,36 @@ pub struct LinkCheckpoint {
     pub signing: SigningTimes,
     /// In this flight the autopilot has flown its own mission, and no other mode was chosen since.
     pub own_mission: bool,
+}
+
+/// Wind and drag that odometry has shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct WindCheckpoint {
+    /// Logarithm of the drag per mass in 1/m; mean wind and gust, north and east, m/s; None before the first sample.
+    pub state: Option<[f64; 5]>,
+    /// Covariance of the state.
+    pub covariance: [[f64; 5]; 5],
+    /// The drone has followed the deck for so long, s, ...
+    pub known_s: f64,
+    /// ... at this mean velocity, NED, m/s, ...
+    pub way: [f64; 2],
+    /// ... with this mean disturbance, NED, m/s², ...
+    pub mean: [f64; 2],
+    /// ... whose variance along one axis is this, (m/s²)².
+    pub variance: f64,
+}
+
+impl WindCheckpoint {
+    fn is_sane(&self) -> bool {
+        let learnt = self
+            .state
+            .iter()
+            .flatten()
+            .chain(self.covariance.iter().flatten());
+        within(learnt.chain(&self.way).chain(&self.mean), 1e4)
+            && deviations([&[self.known_s, self.variance]], 1e4)
+    }
 }
 
 impl LinkCheckpoint {
@@ -83,5 +116,6 @@ message!(LinkCheckpoint, DroneClock, |m| {
     within(&m.datum_offset, MAX_POSITION_M) && within([&m.heading_jumps], MAX_ANGLE_RAD) =>
         "datum_offset or heading_jumps",
     m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
+    m.wind.is_sane() => "wind",
     FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
 });

@@ -147,10 +147,6 @@ pub struct MissionState {
     pub likelihood: Option<f64>,
     /// Probability that the contact of a landing from here is unsafe, 0 to 1; None while that is not known.
     pub harm: Option<f64>,
-    /// The true wind apart from the drone's own way, towards north and east, m/s; None until it is known to 3 m/s.
-    pub wind: Option<[f64; 2]>,
-    /// Standard deviation of the wind along the axis that is known worse, m/s; None until the wind is known.
-    pub wind_sd_mps: Option<f64>,
     /// Place at which the feet are to meet the deck, from its centre, NED, m: upwind in strong wind, which moves the drone.
     pub meets: [f64; 2],
     /// Landing place, once the battery is below the reserve.
@@ -407,7 +403,7 @@ pub struct DroneStatus {
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state when this was sent, s: its process may have ended, or hang.
     pub mission_age_s: f32,
-    /// The true wind, towards north and east, m/s, as far as the mission knows it.
+    /// The true wind, towards north and east, m/s, once the drone knows it to 3 m/s.
     pub wind: Option<[f32; 2]>,
     /// The station that it keeps, or flies to.
     pub station: Option<Station>,
@@ -495,8 +491,6 @@ message!(MissionState, DroneClock, |m| {
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.harm.is_none_or(|p| FRACTION.contains(&p)) => "harm",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
-    m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
-    m.wind_sd_mps.is_none_or(|sd| (0.0..=MAX_SPEED_MPS).contains(&sd)) => "wind_sd_mps",
     within(&m.meets, 10.0) => "meets",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });

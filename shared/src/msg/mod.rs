@@ -81,7 +81,7 @@ pub use grant::{
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
-pub use link_checkpoint::LinkCheckpoint;
+pub use link_checkpoint::{LinkCheckpoint, WindCheckpoint};
 pub use mission::{
     BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,

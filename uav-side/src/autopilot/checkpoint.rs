@@ -14,6 +14,7 @@ use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::odometry::Jumps;
+use crate::odometry::wind::WindMonitor;
 use alight_shared::checkpoint::{CheckpointRejection, validate};
 
 /// Period of writing.
@@ -88,6 +89,7 @@ impl AutopilotLink {
             heading: m.heading_jumps,
         };
         self.smooth.resume(m.smoothing, jumps);
+        self.wind = WindMonitor::resume(&m.wind);
         self.heading.resume();
         self.hover.resume(m.hover_thrust, m.hover_learned_s);
         self.authority.resume();
@@ -118,6 +120,7 @@ impl AutopilotLink {
             datum_offset: self.smooth.jumps().offset.into(),
             heading_jumps: self.smooth.jumps().heading,
             smoothing: self.smooth.difference(),
+            wind: self.wind.checkpoint(),
             hover_thrust,
             hover_learned_s,
             ended_missions: self.mission_ends.map(|end| end.is_over()),

@@ -3,10 +3,10 @@
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{DeckStage, SetPoint, SetPointKind, VesselLevel};
+use alight_shared::msg::{DeckStage, Phase, SetPoint, SetPointKind, VesselLevel};
 use alight_shared::time::Span;
 use alight_shared::topics;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::DeckMessage;
 use super::message::command::SET_HOME;
@@ -30,6 +30,13 @@ impl AutopilotLink {
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
+    }
+    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s; None: above none.
+    pub(super) fn followed_deck(&self, now: DroneTime) -> Option<Vector2<f64>> {
+        let follows = self.fresh_mission(now)?.state.phase() == Phase::Follow;
+        let known = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
+        let deck = self.deck(now).filter(|_| follows && known)?;
+        Some(Vector3::from(deck.velocity).xy())
     }
     /// The deck is known by more than a beacon: an unauthenticated position is not passed on.
     fn is_known(&self, now: DroneTime) -> bool {
@@ -172,4 +179,31 @@ fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
 }
 fn quaternion(q: &UnitQuaternion<f64>) -> [f64; 4] {
     [q.w, q.i, q.j, q.k]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{forecast, header, mission};
+    use alight_shared::msg::State;
+
+    #[test]
+    fn deck_that_the_mission_follows() {
+        let moving = |_| DeckStage {
+            velocity: [2.0, 1.0, 0.3],
+            ..DeckStage::default()
+        };
+        let (mut link, now) = (AutopilotLink::default(), DroneTime::EPOCH);
+        assert_eq!(link.followed_deck(now), None);
+        link.forecast.offer(now, &forecast(header(1, now), moving));
+        link.mission
+            .offer(now, &mission(header(1, now), State::Tracking, 0.0));
+        let later = now + topics::FORECAST.stale_after + Span::from_millis(1);
+        let velocity = Some(Vector2::new(2.0, 1.0));
+        assert_eq!([now, later].map(|t| link.followed_deck(t)), [velocity, None]);
+        let next = now + Span::from_millis(20);
+        link.mission
+            .offer(next, &mission(header(2, next), State::Descent, 0.0));
+        assert_eq!(link.followed_deck(next), None);
+    }
 }

@@ -1,7 +1,6 @@
 //! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
 //! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
 
-use alight_shared::geodesy::Datum;
 use alight_shared::msg::{DroneState, Header, Message as _, RangeSample};
 use alight_shared::time::Span;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -155,18 +154,15 @@ impl DroneStateAssembler {
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
             frames: self.frames,
-            datum: Datum::default(),
-            datum_offset: [0.0; 3],
-            heading_jumps: 0.0,
             position,
             velocity,
             attitude: [q.w, q.i, q.j, q.k],
             rates: rates.into(),
             specific_force: force.into(),
-            disturbance: [0.0; 2],
             position_sd: sd(variances.map(|v| v[0]), p),
             velocity_sd: sd(variances.map(|v| v[2]), v),
             euler_sd: sd(variances.map(|v| v[1]), a),
+            ..DroneState::default()
         };
         if state.check().is_err() {
             return self.reject();

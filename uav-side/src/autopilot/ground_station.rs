@@ -66,7 +66,7 @@ impl AutopilotLink {
             return;
         }
         let time_ms = (self.clock.remote_time_us(now, now) / 1000) as u32;
-        let wind = self.mission.get().and_then(|m| m.wind).map(Wind::towards);
+        let wind = self.state.and_then(|s| s.wind).map(Wind::towards);
         let values = [
             (DISTANCE, self.deck_distance_m(now)),
             (AGE, self.link_age_s(now)),

@@ -437,7 +437,7 @@ impl AutopilotLink {
         self.smooth.restart();
     }
 
-    /// New odometry: smooths it, learns the hover thrust from it and publishes it.
+    /// New odometry: smooths it, learns hover thrust and wind from it and publishes it.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
         let Some(mut reported) = reported else { return };
         self.heading.watch(&reported);
@@ -476,6 +476,8 @@ impl AutopilotLink {
             self.timers.origin = Default::default();
         }
         state.header = self.header(Output::Odometry, reported.header.at);
+        let deck = self.followed_deck(now);
+        self.wind.update(&mut state, deck);
         self.state = Some(state);
         let speed = self.relative_to_deck(now).map(|(_, _, away)| away);
         self.range_witness.moves(dt.clamp(0.0, 0.1), speed);

@@ -63,6 +63,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
 use crate::range_witness::RangeWitness;
 use alight_shared::checkpoint::Recovery;
@@ -236,6 +237,7 @@ pub struct AutopilotLink {
     resets: u8,
     heading: HeadingAlignment,
     smooth: Odometry,
+    wind: WindMonitor,
     state: Option<DroneState>,
     /// Origin of the autopilot's NED, which is the drone's; None until it has reported that.
     datum: Option<Datum>,

@@ -1,6 +1,6 @@
 //! The situation of a step, by the newest of every input, and the odds of a landing in it.
 
-use alight_shared::landing::{Slopes, Stand, Staying};
+use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
 use alight_shared::msg::{
     CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve, State,
     WaitingPlace,
@@ -39,14 +39,14 @@ impl MissionNode {
     fn update_odds(&self, now: Time<DroneClock>, s: &mut Situation) {
         let (plate, drone) = (&self.deck_geometry, &self.drone_geometry);
         let stand = Stand::on(plate, drone, self.config.friction);
-        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind.push()), &stand);
+        s.staying = Staying::of(&Slopes::of(self.forecast.get(), &self.wind()), &stand);
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };
         let outlook = Outlook {
             forecast,
             deck,
-            wind: &self.wind,
+            wind: self.wind(),
             staying: &s.staying,
             drone,
             plate,
@@ -68,10 +68,9 @@ impl MissionNode {
         }
     }
 
-    pub(super) fn follows(&self, s: &Situation) -> bool {
-        self.phase.state().phase() == Phase::Follow
-            && s.fresh_deck()
-                .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
+    /// Effect of the wind over the deck on a drone that follows the vessel, by the odometry.
+    pub(super) fn wind(&self) -> WindPush {
+        self.drone.get().map(WindPush::of).unwrap_or_default()
     }
 
     /// The other drones that have the waiting places, and the heights of their stations, m.

@@ -145,7 +145,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         // A search begins again from the beacon's place.
         State::Approach | State::Search => MissionPhase::APPROACH,
-        // The wind estimate is lost: it is measured again from the start.
+        // Whether it is steady is judged again from the start.
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
         State::Flare => MissionPhase::Flare {

@@ -57,7 +57,7 @@ impl MissionNode {
         ) {
             let jump = LiftOffConditions {
                 forecast,
-                wind: &self.wind,
+                wind: self.wind(),
                 drone: &self.drone_geometry,
             };
             s.lift_off = jump.moments(now);

@@ -12,13 +12,12 @@
 //! open at every time `s` of the forecast. A deck that is level and has just risen passes both best: it falls away under the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::landing::MAX_MPS;
 use alight_shared::landing::normal::{below, inside, norm, smaller};
+use alight_shared::landing::{MAX_MPS, WindPush};
 use alight_shared::msg::{DeckForecast, DeckStage, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 
-use super::wind::WindMonitor;
 use crate::contingency::Climb;
 use crate::mission_config::MissionConfig;
 
@@ -100,7 +99,7 @@ pub(super) struct LiftOffConditions<'a> {
     /// The deck's forecast.
     pub(super) forecast: &'a DeckForecast,
     /// The wind, where a flight before this one has found it.
-    pub(super) wind: &'a WindMonitor,
+    pub(super) wind: WindPush,
     /// The drone.
     pub(super) drone: &'a DroneGeometry,
 }
@@ -138,13 +137,13 @@ impl LiftOffConditions<'_> {
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);
-        let parts = deck.normal().xy() * thrust - Vector3::from(deck.acceleration).xy() + self.wind.mean();
+        let parts = deck.normal().xy() * thrust - Vector3::from(deck.acceleration).xy() + self.wind.mean;
         let [ax, ay, _] = deck.acceleration_sd;
         let tilt_sd = (0.5 * (deck.euler_sd[0].powi(2) + deck.euler_sd[1].powi(2))).sqrt();
         let unknown = norm(&[
             thrust * tilt_sd,
             (0.5 * (ax * ax + ay * ay)).sqrt(),
-            self.wind.gust_sd(),
+            self.wind.gust_sd,
         ]);
         let sd = norm(&[ALONG_SD_MPS, LEVELS_S * unknown]);
         if !sd.is_finite() {
@@ -194,10 +193,10 @@ mod tests {
     }
     fn moments(deck: impl Fn(f64) -> DeckStage) -> Moments {
         let f = forecast(header(0, Time::EPOCH), deck);
-        let (wind, drone) = (WindMonitor::default(), DroneGeometry::default());
+        let drone = DroneGeometry::default();
         let jump = LiftOffConditions {
             forecast: &f,
-            wind: &wind,
+            wind: WindPush::default(),
             drone: &drone,
         };
         jump.moments(Time::EPOCH).unwrap()

@@ -5,7 +5,6 @@
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `take_off`, `lift_off` and `leaving` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
 
-mod air;
 mod answers;
 mod assessment;
 mod battery;
@@ -32,7 +31,6 @@ mod tilt;
 mod transition;
 mod turnaround;
 mod waiting;
-mod wind;
 
 #[cfg(test)]
 mod cycles_tests;
@@ -96,7 +94,6 @@ use swing::SwingMonitor;
 use tilt::TiltMonitor;
 use transition::decide;
 use waiting::Waiting;
-use wind::WindMonitor;
 
 /// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -159,8 +156,6 @@ wiring! {
 
 /// Time between outputs.
 const PERIOD: Span = Span::from_millis(20);
-/// A wind that is known no better than this is not published, standard deviation, m/s.
-const WIND_SD_MPS: f64 = 3.0;
 /// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct MissionNode {
@@ -188,7 +183,6 @@ pub struct MissionNode {
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
     heights: HeightWitnesses,
     surface: Surface,
-    wind: WindMonitor,
     waiting: Waiting,
     tilt: TiltMonitor,
     swing: SwingMonitor,
@@ -201,8 +195,6 @@ pub struct MissionNode {
     meets: [f64; 2],
     /// Evidence for a take-off.
     leaving: LeavingMonitor,
-    /// Flies over the deck at its speed: the wind now is the wind on the deck.
-    follows: bool,
 
     /// A descent begins so long after the drone is steady, and when that is.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
@@ -278,7 +270,6 @@ impl MissionNode {
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
-            self.wind.update(m, self.follows);
             moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
@@ -466,7 +457,6 @@ impl MissionNode {
         }
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
-        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
         MissionState {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
             state,
@@ -497,8 +487,6 @@ impl MissionNode {
                 None => s.odds.map(|o| o.whole()),
             },
             harm: s.odds.filter(|_| s.lift_off.is_none()).map(|o| o.harm()),
-            wind: wind.map(|(wind, _)| wind.into()),
-            wind_sd_mps: wind.map(|(_, sd)| sd),
             meets: self.meets,
             low_battery: self.progress.low_battery,
             turns_in_s: s.turns_in_s,
@@ -530,7 +518,6 @@ impl Node for MissionNode {
         if begins || input.settings.is_some() {
             s = self.situation(now);
         }
-        self.follows = self.follows(&s);
         self.watch_way(now, &s);
         self.judge(now, &mut s);
         self.judge_take_off(now, &mut s);

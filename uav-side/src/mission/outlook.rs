@@ -18,14 +18,14 @@ use core::f64::consts::FRAC_1_SQRT_2;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{
-    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, alignment_mps, wind_during_alignment,
+    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, WindPush, alignment_mps,
+    wind_during_alignment,
 };
 use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector3};
 
 use super::situation::Deck;
-use super::wind::WindMonitor;
 use crate::flatness::aligned_acceleration;
 
 /// A time constant of the attitude that this includes, s: what is slower, and the dead time, comes on top.
@@ -45,7 +45,7 @@ pub struct Outlook<'a> {
     /// The deck and the drone above it now.
     pub deck: &'a Deck,
     /// The wind over the deck.
-    pub wind: &'a WindMonitor,
+    pub wind: WindPush,
     /// Whether a landed drone stays.
     pub staying: &'a Staying,
     /// The drone.
@@ -89,7 +89,7 @@ impl Outlook<'_> {
     /// The odds of the contact with the deck `contact`, as uncertain as it is a reaction ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
-        let wind = self.wind.push();
+        let wind = self.wind;
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
@@ -150,7 +150,7 @@ mod tests {
         let outlook = Outlook {
             forecast: &f,
             deck: &deck,
-            wind: &WindMonitor::default(),
+            wind: WindPush::default(),
             staying: &Staying::default(),
             drone: &DroneGeometry::default(),
             plate: &DeckGeometry::default(),

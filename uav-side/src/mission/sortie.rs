@@ -13,9 +13,9 @@ use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode};
 use nalgebra::Vector2;
 
+use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
-use super::{MissionNode, WIND_SD_MPS};
 
 /// Longer ways are as good as none, s.
 const MAX_WAY_S: f64 = 3600.0;
@@ -189,11 +189,10 @@ impl MissionNode {
             return;
         };
         let (offset, velocity) = towards(last, seeks);
-        let wind = self.wind.true_wind().filter(|(_, sd)| *sd < WIND_SD_MPS);
         let way = ReturnLeg {
             offset,
             vessel: velocity,
-            wind: wind.map_or(Vector2::zeros(), |(wind, _)| wind),
+            wind: (drone.and_then(|d| d.wind)).map_or(Vector2::zeros(), Vector2::from),
             air_mps: c.battery_air_speed_mps,
         };
         s.turns_back = energy.turns_back(&way);

@@ -1,10 +1,10 @@
-//! Staying by a forecast and the wind that the mission measures.
+//! Staying by a forecast and the wind that the odometry measures.
 
-use alight_shared::landing::{Slopes, Stand, Staying};
+use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
 use alight_shared::msg::{DeckForecast, DeckStage};
 
 use super::MissionConfig;
-use super::wind::WindMonitor;
+use crate::odometry::wind::WindMonitor;
 
 /// Whether the minimum probability of the shipped configuration is reached.
 fn likely(p: f64) -> bool {
@@ -26,11 +26,8 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
         friction: 0.4,
         edge_m: 0.65,
     };
-    Staying::of(
-        &Slopes::of(Some(&f), &WindMonitor::steady(wind_mps2).push()),
-        &stand,
-    )
-    .probability
+    let wind = WindPush::of(&WindMonitor::steady(wind_mps2));
+    Staying::of(&Slopes::of(Some(&f), &wind), &stand).probability
 }
 
 /// Waves of four seconds with this slope.
@@ -79,6 +76,6 @@ fn probability_that_is_no_number() {
         friction: f64::NAN,
         edge_m: 0.65,
     };
-    let p = Staying::of(&Slopes::of(None, &WindMonitor::default().push()), &stand).probability;
+    let p = Staying::of(&Slopes::of(None, &WindPush::default()), &stand).probability;
     assert!(!likely(p));
 }

@@ -19,13 +19,15 @@
 //! Here, too, and for all nodes is learnt what pushes the drone sideways besides its rotors: the drag that the accelerometers
 //! show across the thrust, and what moves the smooth frame besides them, their bias and the tilt's error in it; both averaged
 //! over [`DISTURBANCE_S`]. So a gust is known in 0.3 s, and a bias of 0.05 m/s² or a tilt of 0.3 deg, which would each cost
-//! 3 cm, is taken out.
+//! 3 cm, is taken out. From it follow the true wind, the drone's drag ([`air`]), and the wind over the deck ([`wind`]).
 //!
 //! Position 0.8 s ahead from a known position and velocity (simulated sensors, each axis):
 //! autopilot 4.7 cm, here 1.6 cm.
 
+mod air;
 pub(crate) mod hover;
 pub(crate) mod origin;
+pub(crate) mod wind;
 
 use alight_shared::config;
 use alight_shared::estimation::low_pass;

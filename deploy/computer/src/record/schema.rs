@@ -101,7 +101,7 @@ pub struct Forecast {
     pub predicted_slopes: Vec<f64>,
 }
 
-/// The mission. The wind is its estimate of the mean, towards north and east, with the standard deviation.
+/// The mission. The wind is its odometry's estimate of the mean, towards north and east, with the standard deviation.
 #[derive(Encode)]
 pub struct Mission {
     pub state: String,

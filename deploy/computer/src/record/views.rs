@@ -127,6 +127,8 @@ pub struct Views {
     set_point: ViewTopic<schema::SetPoint>,
     /// True place of the drone in the vessel's NED, where it is known.
     pub true_drone: Option<[f64; 3]>,
+    /// The mission's newest odometry.
+    drone: Option<DroneState>,
     shown_state: Option<(State, ReasonCode)>,
     plan_at: Option<Time<DroneClock>>,
     plans: Throttle,
@@ -161,6 +163,7 @@ impl Views {
             autopilot: ViewTopic::open(o, "/drone/autopilot")?,
             set_point: ViewTopic::open(o, "/pilot/set_point")?,
             true_drone: None,
+            drone: None,
             shown_state: None,
             plan_at: None,
             plans: Throttle::NEW,
@@ -393,6 +396,7 @@ impl Views {
             };
             self.autopilot.put(sink, t, &view);
         }
+        self.drone = i.drone.or(self.drone);
         let Some(m) = &o.state else { return };
         let now = Some((m.state, m.waiting.code));
         let entered = self.shown_state.map(|s| s.0) != Some(m.state);
@@ -411,6 +415,7 @@ impl Views {
                 let text = format!("{} waits: {waiting}", m.state.name());
                 self.line(sink, t, log::Level::Debug, text);
             }
+            let wind = self.drone.and_then(|d| d.wind);
             let view = schema::Mission {
                 state: m.state.name().into(),
                 entered_because: because,
@@ -419,10 +424,10 @@ impl Views {
                 attempts: m.attempts,
                 height_m: m.height_m,
                 descent_mps: m.descent_mps,
-                wind_north_mps: m.wind.map(|[north, _]| north),
-                wind_east_mps: m.wind.map(|[_, east]| east),
-                wind_speed_mps: m.wind.map(|[north, east]| north.hypot(east)),
-                wind_sd_mps: m.wind_sd_mps,
+                wind_north_mps: wind.map(|[north, _]| north),
+                wind_east_mps: wind.map(|[_, east]| east),
+                wind_speed_mps: wind.map(|[north, east]| north.hypot(east)),
+                wind_sd_mps: self.drone.and_then(|d| d.wind_sd_mps),
             };
             self.mission.put(sink, t, &view);
         }

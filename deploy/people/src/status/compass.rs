@@ -90,7 +90,7 @@ fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<
     (Some(from), format!("wind {speed} from {}", bow_text(from)))
 }
 
-/// Compass of the drone: the forecast's heading, the mission's wind, the vessel's advice.
+/// Compass of the drone: the forecast's heading, the odometry's wind, the vessel's advice.
 pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
     let heading_deg = s
         .snapshot
@@ -101,9 +101,9 @@ pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
         .rem_euclid(360.0);
     let blows = s
         .snapshot
-        .mission
+        .drone
         .fresh(s.now_ns)
-        .and_then(|m| m.wind)
+        .and_then(|d| d.wind)
         .map(Wind::towards);
     let (wind_from_deg, text) = wind_from_bow(blows, heading_deg, s.known.knots);
     let received = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);

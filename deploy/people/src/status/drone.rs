@@ -195,7 +195,8 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     } else if let Some(missing) = no_waves(s, mission) {
         Some(missing)
     } else {
-        mission.wind.is_none().then_some(go::NO_WIND)
+        let wind = snapshot.drone.and_then(|d| d.wind);
+        wind.is_none().then_some(go::NO_WIND)
     }
 }
 
@@ -380,12 +381,12 @@ fn deck(s: &ObservedSituation) -> Figure {
 
 fn wind(s: &ObservedSituation) -> Figure {
     const NAME: &str = "wind";
-    match s.snapshot.mission.and_then(|m| Some((m.wind?, m.wind_sd_mps))) {
+    match s.snapshot.drone.and_then(|d| Some((d.wind?, d.wind_sd_mps))) {
         None => Figure::unknown(NAME),
         Some((wind, sd_mps)) => {
             let text = compass::wind(Wind::towards(wind), s.known.knots);
             let note = sd_mps.map_or(String::new(), |sd| compass::known_to(sd, s.known.knots));
-            Figure::of(NAME, text, note).stale(s.snapshot.mission.is_old(s.now_ns))
+            Figure::of(NAME, text, note).stale(s.snapshot.drone.is_old(s.now_ns))
         }
     }
 }

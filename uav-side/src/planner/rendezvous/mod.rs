@@ -88,7 +88,7 @@ impl DescentPlan {
 }
 
 impl Law for Rendezvous {
-    /// Learns the wind, unless the drone is near enough to the deck to touch it.
+    /// Learns the disturbance, unless the drone is near enough to the deck to touch it.
     fn observe(
         &mut self,
         drone: Option<&DroneState>,
@@ -96,8 +96,8 @@ impl Law for Rendezvous {
         last: &PlanReference,
     ) {
         let near = last.touch && last.clearance_m < FREE_M;
-        if let Some(d) = drone.filter(|_| !near) {
-            self.push.measure(d);
+        if let Some(d) = drone {
+            self.push.measure(d, !near);
         }
     }
     fn wind(&self) -> Vector2<f64> {
@@ -123,7 +123,7 @@ impl Law for Rendezvous {
             return None;
         };
         let water_z = reference.mean_z + generator.deck_height_m();
-        self.push.know(view.mission.wind, water_z);
+        self.push.know_water(water_z);
         let left = self.write_references(now, &view.mission, forecast, problem, reference);
         let touches = view.mission.lowest_clearance_m.is_none();
         let left = left.filter(|_| touches);

@@ -10,6 +10,7 @@
 //! In 10 m/s from 7 m above a deck that is a third of the push, which puts a drone 4 cm upwind of its place where the plan
 //! takes it for constant.
 
+use alight_shared::landing::LINEAR_MPS;
 use alight_shared::msg::DroneState;
 use nalgebra::{Matrix2, Vector2};
 
@@ -19,8 +20,6 @@ use crate::odometry::DISTURBANCE_S;
 const ROUGHNESS_M: f64 = 2e-4;
 /// No height above the water counts as less, m.
 const LOWEST_M: f64 = 0.5;
-/// No way through the air counts as slower: drag is linear there, m/s.
-const SLOWEST_MPS: f64 = 1.0;
 
 /// The push now, and how it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -30,22 +29,26 @@ pub(super) struct LateralDisturbance {
     /// Velocity and height (NED z) of the drone for which it is, m/s, m.
     velocity: Vector2<f64>,
     z: f64,
-    /// The true wind there, towards NED, m/s; None while it is not told from the drone's way.
+    /// The true wind there, towards NED, m/s; None while it is not known.
     wind: Option<Vector2<f64>>,
-    /// NED z of the water, m.
-    water_z: f64,
+    /// NED z of the water, m; None before the first landing.
+    water_z: Option<f64>,
 }
 
 impl LateralDisturbance {
-    /// Odometry in free flight: its disturbance is that of the mean of the last moments.
-    pub(super) fn measure(&mut self, d: &DroneState) {
+    /// New odometry; in `free` flight its disturbance is that of the mean of the last moments.
+    pub(super) fn measure(&mut self, d: &DroneState, free: bool) {
+        self.wind = d.wind.map(Vector2::from);
+        if !free {
+            return;
+        }
         self.measured = d.disturbance();
         self.velocity = d.velocity().xy();
         self.z = d.position[2] - DISTURBANCE_S * d.velocity[2];
     }
-    /// Wind and water.
-    pub(super) fn know(&mut self, wind: Option<[f64; 2]>, water_z: f64) {
-        (self.wind, self.water_z) = (wind.map(Vector2::from), water_z);
+    /// NED z of the water, m.
+    pub(super) fn know_water(&mut self, z: f64) {
+        self.water_z = Some(z);
     }
     /// Where the drone is, m/s².
     pub(super) fn measured(&self) -> Vector2<f64> {
@@ -53,12 +56,12 @@ impl LateralDisturbance {
     }
     /// Of a drone at the height `z` (NED, m) that moves at `velocity` (NED, m/s), m/s².
     pub(super) fn at(&self, z: f64, velocity: &Vector2<f64>) -> Vector2<f64> {
-        let Some(wind) = self.wind else {
+        let (Some(wind), Some(water_z)) = (self.wind, self.water_z) else {
             return self.measured;
         };
-        let above = |z: f64| ((self.water_z - z).max(LOWEST_M) / ROUGHNESS_M).ln();
+        let above = |z: f64| ((water_z - z).max(LOWEST_M) / ROUGHNESS_M).ln();
         let way = self.velocity - wind;
-        let speed = way.norm().max(SLOWEST_MPS);
+        let speed = way.norm().max(LINEAR_MPS);
         let slope =
             (Matrix2::identity() + way * way.transpose() / (speed * speed)) * (self.measured.norm() / speed);
         let changed = wind * (above(z) / above(self.z) - 1.0) - (velocity - self.velocity);
@@ -78,13 +81,15 @@ mod tests {
     /// Measured at 8 m above the water, moving at `v`.
     fn push(wind: Vector2<f64>, v: Vector2<f64>) -> LateralDisturbance {
         let mut push = LateralDisturbance::default();
-        push.measure(&DroneState {
+        let d = DroneState {
             position: [0.0, 0.0, -8.0],
             velocity: [v.x, v.y, 0.0],
             disturbance: drag(&(v - wind)).into(),
+            wind: Some(wind.into()),
             ..DroneState::default()
-        });
-        push.know(Some(wind.into()), 0.0);
+        };
+        push.measure(&d, true);
+        push.know_water(0.0);
         push
     }
 

@@ -4,8 +4,8 @@ use alight_computer::exit::Exit;
 use alight_computer::process::snapshot::Newest;
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{
-    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, Header, LinkState, MissionSettings, Reason, Seq,
-    WaveModel,
+    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DroneState, Header, LinkState, MissionSettings,
+    Reason, Seq, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessState;
@@ -240,8 +240,11 @@ fn go_of_a_drone_by_what_is_known() {
         snapshot.autopilot = came(AutopilotState::default());
         snapshot.mission = came(MissionState {
             entered: ReasonCode::Operator.into(),
-            wind: Some([3.0, 1.0]),
             ..mission(State::Hold, ReasonCode::NotCommanded)
+        });
+        snapshot.drone = came(DroneState {
+            wind: Some([3.0, 1.0]),
+            ..DroneState::default()
         });
         snapshot.forecast = came(DeckForecast::default());
         snapshot.wave = came(wave(0.8));
@@ -259,7 +262,11 @@ fn go_of_a_drone_by_what_is_known() {
         go(&snapshot)
     };
     assert_eq!(go(&ready()).0, Some(true));
-    assert_eq!(with(&|m| m.wind = None), (None, go::NO_WIND.into()));
+    let windless = Snapshot {
+        drone: came(DroneState::default()),
+        ..ready()
+    };
+    assert_eq!(go(&windless), (None, go::NO_WIND.into()));
     let landed = with(&|m| (m.state, m.entered) = (State::Landed, ReasonCode::Touchdown.into()));
     assert_eq!(landed, (Some(false), "Landed: touchdown".into()));
     let aborted = with(&|m| (m.state, m.entered) = (State::GaveUp, ReasonCode::Operator.into()));

@@ -73,6 +73,8 @@ fn board_places_of_drone_and_plan() {
     let mut board = Board::new(ComputerReport::default());
     let drone = DroneState {
         position: [7.0, 24.0, -6.0],
+        wind: Some([-6.2, 0.0]),
+        wind_sd_mps: Some(0.84),
         ..DroneState::default()
     };
     let predictor_in = PredictorIn {
@@ -94,10 +96,8 @@ fn board_places_of_drone_and_plan() {
         ..Plan::default()
     };
     board.planner(at(1.0), &PlannerOut { plan: Some(plan) });
-    let mut windy = mission(1.0, State::Tracking, Reason::default());
-    let known = windy.state.as_mut().unwrap();
-    (known.wind, known.wind_sd_mps) = (Some([-6.2, 0.0]), Some(0.84));
-    board.mission(at(1.0), &autopilot(0.8), &windy);
+    let tracking = mission(1.0, State::Tracking, Reason::default());
+    board.mission(at(1.0), &autopilot(0.8), &tracking);
     let picture = board.picture(at(1.0));
     let scene = picture.scene.clone().unwrap();
     assert_eq!(picture.track.drone, [Some([-3.0, 4.0])]);

@@ -50,6 +50,17 @@ impl Default for WindEstimator {
 }
 
 impl WindEstimator {
+    /// Goes on with `(ln k, w, g)` and its covariance.
+    pub(super) fn resume(state: Option<[f64; 5]>, covariance: [[f64; 5]; 5]) -> Self {
+        WindEstimator {
+            state: state.map(|x| (bounded(x.into()), covariance.into())),
+            ..WindEstimator::default()
+        }
+    }
+    /// State and covariance for a successor.
+    pub(super) fn learnt(&self) -> Option<([f64; 5], [[f64; 5]; 5])> {
+        self.state.map(|(x, p)| (x.into(), p.into()))
+    }
     /// The disturbance `d` (m/s²) of a drone in free flight at the velocity `v` (m/s), for `dt` (s).
     pub(super) fn update(&mut self, d: &Vector2<f64>, v: &Vector2<f64>, dt: f64) {
         let (sum_d, sum_v, time) = &mut self.sum;

@@ -1,0 +1,192 @@
+//! The wind over the deck, as acceleration of the drone that follows the vessel: its mean and its gusts.
+//!
+//! In the air it needs a tilt that the touchdown has to remove or to keep, and gusts push the drone before it has
+//! reacted; on the deck it pushes a drone that friction alone holds. Both are judged in acceleration, which is what the
+//! odometry shows. The mean is that of the vessel's way and the wind together; gusts are the wind's alone ([`WindEstimator`]).
+
+use alight_shared::msg::{DroneState, WindCheckpoint};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector2;
+
+use super::air::{INDEPENDENT_S, WindEstimator};
+
+/// Odometry further apart than this is no continuous flight, s.
+const MAX_GAP_S: f64 = 0.1;
+/// The wind is judged over this time, s.
+const MEMORY_S: f64 = 60.0;
+/// A drone that moves faster than this over the deck meets a wind of its own, m/s: over a vessel at 5 m/s it changes the
+/// push by half.
+const FOLLOWS_MPS: f64 = 1.2;
+/// A wind that is known no better than this is not published, standard deviation, m/s.
+const KNOWN_SD_MPS: f64 = 3.0;
+
+/// Mean and gusts of the wind's acceleration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct WindMonitor {
+    air: WindEstimator,
+    /// Velocity of the drone while it follows, NED, m/s.
+    way: Vector2<f64>,
+    /// Time of the newest odometry.
+    at: Option<Time<DroneClock>>,
+    /// Time watched, at most the memory, s.
+    known_s: f64,
+    /// NED, m/s².
+    mean: Vector2<f64>,
+    /// Variance of one axis, (m/s²)².
+    variance: f64,
+}
+
+impl WindMonitor {
+    /// Goes on with what the link before this one had learnt.
+    pub(crate) fn resume(m: &WindCheckpoint) -> Self {
+        WindMonitor {
+            air: WindEstimator::resume(m.state, m.covariance),
+            way: m.way.into(),
+            at: None,
+            known_s: m.known_s,
+            mean: m.mean.into(),
+            variance: m.variance,
+        }
+    }
+    /// Checkpoint for a successor.
+    pub(crate) fn checkpoint(&self) -> WindCheckpoint {
+        let (state, covariance) = self.air.learnt().unzip();
+        WindCheckpoint {
+            state,
+            covariance: covariance.unwrap_or_default(),
+            known_s: self.known_s,
+            way: self.way.into(),
+            mean: self.mean.into(),
+            variance: self.variance,
+        }
+    }
+
+    /// Learns from new odometry and writes the wind into it. `deck`: horizontal velocity of the deck above which the drone
+    /// flies, NED, m/s; only while it follows that one is its wind the wind over the deck.
+    pub(crate) fn update(&mut self, d: &mut DroneState, deck: Option<Vector2<f64>>) {
+        self.learn(d, deck);
+        self.publish(d);
+    }
+
+    fn learn(&mut self, d: &DroneState, deck: Option<Vector2<f64>>) {
+        let velocity = d.velocity().xy();
+        let dt = self.at.map_or(0.0, |at| (d.header.at - at).secs());
+        self.at = Some(d.header.at);
+        if !(dt > 0.0 && dt < MAX_GAP_S) {
+            return;
+        }
+        self.air.update(&d.disturbance(), &velocity, dt);
+        if !deck.is_some_and(|deck| (velocity - deck).norm() <= FOLLOWS_MPS) {
+            return;
+        }
+        self.known_s = (self.known_s + dt).min(MEMORY_S);
+        let fraction = dt / self.known_s;
+        let off = d.disturbance() - self.mean;
+        self.mean += off * fraction;
+        self.way += (velocity - self.way) * fraction;
+        self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
+    }
+
+    /// Writes the wind into odometry. The mean disturbance is the deck's: by following it to and fro the drone makes an
+    /// apparent wind of its own.
+    fn publish(&self, d: &mut DroneState) {
+        let wind = self.air.wind().filter(|(_, sd)| *sd < KNOWN_SD_MPS);
+        d.wind = wind.map(|(wind, _)| wind.into());
+        d.wind_sd_mps = wind.map(|(_, sd)| sd);
+        d.wind_push = self.mean.into();
+        d.gust_sd = self.gust_sd();
+    }
+
+    /// Standard deviation of one axis about the known mean, m/s²: `s sqrt(1 + T/t)` from that of a time t, of which gusts
+    /// longer than T know one sample; 0 before any. More than the prior's gusts are the drone's own, which follows the
+    /// deck.
+    fn gust_sd(&self) -> f64 {
+        if self.known_s <= 0.0 {
+            return 0.0;
+        }
+        let prior = self.air.gust_sd(&self.way).unwrap_or_default().powi(2);
+        let (n, t) = (INDEPENDENT_S, self.known_s);
+        let variance = (n * prior + t * self.variance.min(prior)) / (n + t);
+        (variance * (1.0 + n / t)).sqrt()
+    }
+
+    /// Odometry in a wind that has long been known to be steady, m/s².
+    #[cfg(test)]
+    pub(crate) fn steady(mean_mps2: f64) -> DroneState {
+        let mean = Vector2::new(mean_mps2, 0.0);
+        let mut air = WindEstimator::default();
+        (0..60).for_each(|_| air.update(&mean, &Vector2::zeros(), 1.0));
+        let known = WindMonitor {
+            mean,
+            air,
+            known_s: MEMORY_S,
+            ..WindMonitor::default()
+        };
+        let mut d = DroneState::default();
+        known.publish(&mut d);
+        d
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+    use alight_shared::time::{Span, Time};
+
+    /// A drone that keeps its place above a deck that moves at `deck_mps`, in a push that swings by `gust` about `mean` with a
+    /// period of 8 s: what is known, and its last odometry.
+    fn watched(mean: f64, gust: f64, secs: f64, deck_mps: Option<f64>) -> (WindMonitor, DroneState) {
+        let (mut w, mut last) = (WindMonitor::default(), DroneState::default());
+        for k in 0..(secs * 100.0) as i64 {
+            let t = 0.01 * k as f64;
+            let push = mean + gust * (core::f64::consts::TAU / 8.0 * t).sin();
+            last = DroneState {
+                header: Header::new(1, 1, 1, k as u32, Time::EPOCH + Span::from_millis(10 * k)),
+                disturbance: [push, 0.0],
+                ..DroneState::default()
+            };
+            // Steady for long when the watch begins.
+            let deck = deck_mps.filter(|_| t > 5.0);
+            w.update(&mut last, deck.map(|v| Vector2::new(0.0, v)));
+        }
+        (w, last)
+    }
+
+    #[test]
+    fn gusts_of_a_steady_and_of_a_gusty_wind() {
+        let of = |mean, gust, secs| {
+            let (_, d) = watched(mean, gust, secs, Some(0.0));
+            (Vector2::from(d.wind_push).norm(), d.gust_sd)
+        };
+        // Soon after the beginning the prior's gusts and a short mean count.
+        let (mean, early) = of(2.0, 0.0, 6.0);
+        assert!((mean - 2.0).abs() < 0.1 && early > 0.5, "{early}");
+        let (_, steady) = of(2.0, 0.0, 45.0);
+        assert!(steady < 0.5 * early, "{steady}");
+        // A sine of 1.27 has a standard deviation of 0.9, here along one axis of two.
+        let (_, gusty) = of(2.7, 1.27, 45.0);
+        assert!(gusty > 0.5, "{gusty}");
+    }
+
+    #[test]
+    fn wind_monitor_while_following() {
+        // Above no deck, and above one that leaves.
+        for deck_mps in [None, Some(2.0 * FOLLOWS_MPS)] {
+            let (_, d) = watched(5.0, 0.0, 45.0, deck_mps);
+            assert_eq!((d.wind_push, d.gust_sd), ([0.0; 2], 0.0));
+        }
+    }
+
+    #[test]
+    fn wind_of_a_successor() {
+        let (known, d) = watched(2.0, 0.5, 45.0, Some(0.0));
+        let mut next = DroneState {
+            header: d.header,
+            disturbance: d.disturbance,
+            ..DroneState::default()
+        };
+        WindMonitor::resume(&known.checkpoint()).publish(&mut next);
+        assert!(next == d && d.gust_sd > 0.0, "{next:?} {d:?}");
+    }
+}
