@@ -64,6 +64,35 @@ pub enum MeasurementRow {
     ResidualRate,
 }
 
+/// Innovation `z - h(x)` of one scalar.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Innovation {
+    /// Row of the measurement matrix `dh/dx`.
+    pub row: MeasurementRow,
+    /// Measured less predicted, m, rad, and per second of a rate.
+    pub value: f64,
+    /// Variance of the measurement.
+    pub variance: f64,
+}
+
+/// Entries of the measurement matrix in `row` other than 0, of a filter with `n` states.
+fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> {
+    // Entries besides the oscillators', and the first oscillator's that counts.
+    let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
+        MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
+        MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
+        MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
+        MeasurementRow::Camera(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
+        MeasurementRow::Offset => ([(VISION, 1.0), (RADIO, -1.0), (MEAN, 0.0)], None),
+        MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
+        MeasurementRow::Residual => ([(MEAN, 0.0); 3], Some(HEAD)),
+        MeasurementRow::ResidualRate => ([(MEAN, 0.0); 3], Some(HEAD + 1)),
+        MeasurementRow::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
+    };
+    let waves = first.map_or(n..n, |f| f..n).step_by(2).map(|i| (i, 1.0));
+    head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
+}
+
 /// The noise parameters of one degree of freedom that do not depend on the waves.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
@@ -316,57 +345,54 @@ impl Axis {
     /// Measurement predicted by `row`, and its variance.
     pub fn project(&self, row: MeasurementRow) -> (f64, f64) {
         let mut ph = [0.0; MAX_STATES];
-        self.predict_measurement(row, &mut ph)
+        (self.predicted(row), self.predict_variance(row, &mut ph))
+    }
+    /// Measurement predicted by `row`.
+    pub fn predicted(&self, row: MeasurementRow) -> f64 {
+        entries(row, self.n).map(|(i, h)| h * self.x[i]).sum()
     }
 
-    /// Value and variance of `row`; `ph` becomes `P h'`.
-    fn predict_measurement(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
+    /// Variance of `row`; `ph` becomes `P h'`.
+    fn predict_variance(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> f64 {
         let n = self.n;
-        // Entries of h besides the oscillators', and the first oscillator's that counts.
-        let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
-            MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
-            MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
-            MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
-            MeasurementRow::Camera(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
-            MeasurementRow::Offset => ([(VISION, 1.0), (RADIO, -1.0), (MEAN, 0.0)], None),
-            MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
-            MeasurementRow::Residual => ([(MEAN, 0.0); 3], Some(HEAD)),
-            MeasurementRow::ResidualRate => ([(MEAN, 0.0); 3], Some(HEAD + 1)),
-            MeasurementRow::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
-        };
-        let entries = || {
-            let waves = first.map_or(n..n, |f| f..n).step_by(2).map(|i| (i, 1.0));
-            head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
-        };
-        let mut value = 0.0;
         // Symmetric: rows of P are read as columns.
-        for (i, h) in entries() {
-            value += h * self.x[i];
+        for (i, h) in entries(row, n) {
             for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
                 *a += h * b;
             }
         }
-        let var: f64 = entries().map(|(i, h)| h * ph[i]).sum();
-        (value, var.max(0.0))
+        let var: f64 = entries(row, n).map(|(i, h)| h * ph[i]).sum();
+        var.max(0.0)
     }
 
-    /// Normalised innovation of `value` measured by `row`, in standard deviations.
-    pub fn normalised_innovation(&self, row: MeasurementRow, value: f64, r: f64) -> f64 {
-        let (predicted, var) = self.project(row);
-        (value - predicted).abs() / (var + r).max(1e-300).sqrt()
+    /// Innovation of `value`, measured by `row` with variance `variance`.
+    pub fn innovation(&self, row: MeasurementRow, value: f64, variance: f64) -> Innovation {
+        Innovation {
+            row,
+            value: value - self.predicted(row),
+            variance,
+        }
+    }
+    /// The innovation in standard deviations.
+    pub fn normalised(&self, innovation: &Innovation) -> f64 {
+        let (_, var) = self.project(innovation.row);
+        innovation.value.abs() / (var + innovation.variance).max(1e-300).sqrt()
     }
 
-    /// Fuses one scalar with variance `r`: `x += P h' nu / S`, `P -= P h' h P / S` (equal to the
-    /// Joseph form at the optimal gain, symmetric by construction).
+    /// Fuses one scalar with variance `r`.
     pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
+        self.correct(&self.innovation(row, value, r));
+    }
+    /// Fuses an innovation `nu`: `x += P h' nu / S`, `P -= P h' h P / S` (equal to the
+    /// Joseph form at the optimal gain, symmetric by construction).
+    pub fn correct(&mut self, innovation: &Innovation) {
         let mut ph = [0.0; MAX_STATES];
-        let (predicted, var) = self.predict_measurement(row, &mut ph);
-        let s = var + r;
+        let s = self.predict_variance(innovation.row, &mut ph) + innovation.variance;
         if !(s > 0.0) || !s.is_finite() {
             return;
         }
         let gain = 1.0 / s;
-        let nu = value - predicted;
+        let nu = innovation.value;
         let n = self.n;
         for i in 0..n {
             let k = ph[i] * gain;

@@ -8,7 +8,9 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector2};
 
 use super::agreement;
-use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION};
+use super::axis::{
+    Axis, AxisNoise, HEAD, Innovation, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION,
+};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{DeckObservation, ObservationKind};
 use super::shift;
@@ -82,9 +84,10 @@ impl Filter {
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
         let oscillators = waves.oscillators(first.at);
-        let first = first.about(&waves.motion(first.at));
+        let modes = waves.motion(first.at);
         let axes: FilterState = core::array::from_fn(|i| {
-            let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
+            let known = first.value[i].map(|(v, r)| (v - modes.value[i], r));
+            let (level, var) = known.unwrap_or((0.0, f64::powi(unknown[i], 2)));
             let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
             let mut axis = Axis::new(&noise[i], &oscillators, i, level, 0.0, rate_sd[i]);
             let sea: f64 = oscillators.iter().map(|o| o.sd[i].powi(2)).sum();
@@ -264,8 +267,7 @@ impl Filter {
             None => before.after.clone(),
         };
         self.advance(&mut state, waves, since, o.at);
-        let about = o.about(&waves.motion(o.at));
-        let gated = apply(&mut state, &about, self.gate, self.common_tilt);
+        let gated = apply(&mut state, o, waves, self.gate, self.common_tilt);
         if o.kind != ObservationKind::Estimate {
             for (k, group) in GROUPS.iter().enumerate() {
                 let used = gated & (1 << k) == 0;
@@ -313,8 +315,7 @@ impl Filter {
             };
             self.advance(&mut state, waves, at, next);
             if let Some(o) = observation {
-                let o = o.about(&waves.motion(o.at));
-                apply(&mut state, &o, self.gate, self.common_tilt);
+                apply(&mut state, &o, waves, self.gate, self.common_tilt);
             }
             if let Some(e) = self.entries.get_mut(k) {
                 *e.after = state;
@@ -356,39 +357,33 @@ impl Filter {
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// Distance of the present detection from the radio's place, about the modes, by the state `s` of its time, where it
+    /// Distance of the present detection from the radio's place, by the state `s` of its time, where it
     /// is further apart than it may be. None, too, of a deck that is `followed` and detected where it was before.
-    pub fn elsewhere(&self, s: &FilterState, o: &DeckObservation, followed: bool) -> Option<[f64; 2]> {
-        let [Some(north), Some(east), ..] = o.value else {
-            return None;
-        };
-        let both = [(&s[0], north, o.lever[0]), (&s[1], east, o.lever[1])];
-        let same_place = both.iter().all(|(axis, (value, variance), _)| {
-            axis.normalised_innovation(MeasurementRow::Vision, *value, *variance) <= self.gate
-        });
+    pub fn elsewhere(
+        &self,
+        waves: &Waves,
+        s: &FilterState,
+        o: &DeckObservation,
+        followed: bool,
+    ) -> Option<[f64; 2]> {
+        let by_vision = place(s, waves, o, MeasurementRow::Vision)?;
+        let same_place = (by_vision.iter().zip(s)).all(|(nu, axis)| axis.normalised(nu) <= self.gate);
         if followed && same_place {
             return None;
         }
-        let [apart, limit] = self.apart(s, o)?;
+        let [apart, limit] = self.apart(waves, s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Distance of the present detection, about the modes, from the radio's place, by the state `s` of its time, and its
-    /// maximum, m.
-    pub fn apart(&self, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
-        let [Some(north), Some(east), ..] = o.value else {
-            return None;
+    /// Distance of the present detection from the radio's place, by the state `s` of its time, and its maximum, m.
+    pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
+        let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
+        let variance = |i: usize| {
+            let lever = o.lever[i];
+            by_radio[i].variance + s[i].project(MeasurementRow::Radio).1 + lever * lever * s[i].p[TURN][TURN]
         };
-        let both = [(&s[0], north, o.lever[0]), (&s[1], east, o.lever[1])];
-        let apart = both.map(|(axis, (value, variance), lever)| {
-            let (place, of_radio) = axis.project(MeasurementRow::Radio);
-            (
-                value - place,
-                variance + of_radio + lever * lever * axis.p[TURN][TURN],
-            )
-        });
-        let [(north, var_north), (east, var_east)] = apart;
-        let more = var_north.max(var_east);
-        Some(agreement::place([north, east], more, &self.noise, self.taken))
+        let more = variance(0).max(variance(1));
+        let apart = by_radio.map(|nu| nu.value);
+        Some(agreement::place(apart, more, &self.noise, self.taken))
     }
 
     /// A source that is rejected again and again is right and the filter wrong: the states that may be
@@ -458,19 +453,40 @@ fn propagate_turn(s: &mut FilterState, dt: f64) {
     }
 }
 
+/// Innovations of a detection's place, north and east, as if measured by `row`.
+fn place(
+    s: &FilterState,
+    waves: &Waves,
+    o: &DeckObservation,
+    row: MeasurementRow,
+) -> Option<[Innovation; 2]> {
+    let [Some(north), Some(east), ..] = o.value else {
+        return None;
+    };
+    let modes = waves.motion(o.at).value;
+    Some([(0, north), (1, east)].map(|(i, (v, r))| s[i].innovation(row, v - modes[i], r)))
+}
+
 /// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
 /// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
-fn update_camera_rotation(s: &mut FilterState, o: &DeckObservation, common: f64) {
+fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>; AXES], common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
-        let Some((measured, r)) = o.value[j] else { continue };
-        let (level, var) = s[j].project(MeasurementRow::Level);
-        s[i].update(MeasurementRow::Turn, measured - level, r + var + common * common);
+        let Some(nu) = &innovations[j] else { continue };
+        // About the level without vision's slow error.
+        let measured = nu.value + s[j].x[VISION];
+        let (_, var) = s[j].project(MeasurementRow::Level);
+        s[i].update(
+            MeasurementRow::Turn,
+            measured,
+            nu.variance + var + common * common,
+        );
         s[i].p[TURN][TURN] = s[i].p[TURN][TURN].max(common * common);
     }
 }
 
 /// Fuses an observation into a state of the same time; the groups rejected, a bit each.
-fn apply(s: &mut FilterState, o: &DeckObservation, gate: f64, common: f64) -> u32 {
+fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, common: f64) -> u32 {
+    let modes = waves.motion(o.at);
     let row = match o.kind {
         ObservationKind::Estimate => MeasurementRow::Radio,
         ObservationKind::Tag | ObservationKind::Uvdar | ObservationKind::Range => MeasurementRow::Vision,
@@ -479,37 +495,34 @@ fn apply(s: &mut FilterState, o: &DeckObservation, gate: f64, common: f64) -> u3
         Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),
         Some(_) | None => row,
     };
+    let innovations: [Option<Innovation>; AXES] = core::array::from_fn(|i| {
+        let mut nu = o.value[i].map(|(v, r)| s[i].innovation(row(i), v - modes.value[i], r));
+        if let (5, Some(heading)) = (i, &mut nu) {
+            // Along the shorter way.
+            heading.value = wrap_angle(heading.value);
+        }
+        nu
+    });
+    // An invalid value is an outlier, too.
+    let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
+    let rate =
+        |a: &Axis, i: usize| o.rate[i].map(|(v, r)| a.innovation(MeasurementRow::Rate, v - modes.rate[i], r));
     let mut gated = 0_u32;
     for (k, group) in GROUPS.into_iter().enumerate() {
-        // Angles are compared along the shorter way.
-        let near = |a: &Axis, i: usize, v: f64| {
-            if i == 5 {
-                let predicted = a.project(row(i)).0;
-                predicted + wrap_angle(v - predicted)
-            } else {
-                v
-            }
-        };
-        let outlier = group.iter().any(|&i| {
-            // An invalid value is an outlier, too.
-            let beyond = |row, v, r| !(s[i].normalised_innovation(row, v, r) <= gate);
-            o.value[i].is_some_and(|(v, r)| beyond(row(i), near(&s[i], i, v), r))
-                || o.rate[i].is_some_and(|(v, r)| beyond(MeasurementRow::Rate, v, r))
-        });
-        if outlier {
+        let outlier = |&i: &usize| beyond(&s[i], innovations[i]) || beyond(&s[i], rate(&s[i], i));
+        if group.iter().any(outlier) {
             gated |= 1 << k;
             continue;
         }
         if o.kind == ObservationKind::Tag && group == GROUPS[1] {
-            update_camera_rotation(s, o, common);
+            update_camera_rotation(s, &innovations, common);
         }
         for &i in group {
-            if let Some((v, r)) = o.value[i] {
-                let v = near(&s[i], i, v);
-                s[i].update(row(i), v, r);
+            if let Some(nu) = &innovations[i] {
+                s[i].correct(nu);
             }
-            if let Some((v, r)) = o.rate[i] {
-                s[i].update(MeasurementRow::Rate, v, r);
+            if let Some(nu) = rate(&s[i], i) {
+                s[i].correct(&nu);
             }
         }
     }

@@ -288,11 +288,10 @@ impl Predictor {
         let sees = self
             .vision_at
             .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
-        if let (Some((v, r)), a) = (o.about(&self.waves.motion(at)).value[2], &axes[2])
-            && sees
-        {
-            let innovation_sd = a.normalised_innovation(MeasurementRow::Vision, v, r);
-            self.height.take(at, innovation_sd);
+        if let (Some((v, r)), true) = (o.value[2], sees) {
+            let value = v - self.waves.motion(at).value[2];
+            let innovation = axes[2].innovation(MeasurementRow::Vision, value, r);
+            self.height.take(at, axes[2].normalised(&innovation));
         }
         self.range_at = Some(at);
         self.fuse(&o)

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::config::PredictorConfig;
 use super::track::{FrameJump, Pose};
-use super::waves::{AXES, DeckMotion};
+use super::waves::AXES;
 
 /// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
 /// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
@@ -52,20 +52,6 @@ pub struct DeckObservation {
 }
 
 impl DeckObservation {
-    /// Observation of what `motion` leaves of the deck: that is what the filters hold.
-    #[must_use]
-    pub fn about(&self, motion: &DeckMotion) -> DeckObservation {
-        let mut rest = *self;
-        for i in 0..AXES {
-            if let Some((v, _)) = &mut rest.value[i] {
-                *v -= motion.value[i];
-            }
-            if let Some((r, _)) = &mut rest.rate[i] {
-                *r -= motion.rate[i];
-            }
-        }
-        rest
-    }
     /// Turns the tilt from the drone's north to the vessel's, by which its compass reads `more` (rad) than the drone's.
     #[must_use]
     pub fn by_compass(mut self, more: f64) -> Self {

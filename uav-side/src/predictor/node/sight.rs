@@ -66,9 +66,7 @@ impl Predictor {
         self.not_elsewhere(now, axes.as_ref(), &o)?;
         let velocity = axes.map_or(Vector2::zeros(), |a| Vector2::new(a[0].x[RATE], a[1].x[RATE]));
         let apart = match (&self.filter, &axes) {
-            (Some(filter), Some(axes)) if self.is_received(now) => {
-                filter.apart(axes, &o.about(&self.waves.motion(o.at)))
-            }
+            (Some(filter), Some(axes)) if self.is_received(now) => filter.apart(&self.waves, axes, &o),
             (_, _) => self.known_by_beacon(now).and_then(|b| b.apart(&o)),
         };
         let range_m = (self.track.newest()).map_or(0.0, |d| {
@@ -152,8 +150,7 @@ impl Predictor {
             return beacon.apart(o).filter(|[apart, limit]| !(apart <= limit));
         }
         let filter = self.filter.as_ref()?;
-        let detected = o.about(&self.waves.motion(o.at));
-        filter.elsewhere(axes?, &detected, fresh(self.vision_at))
+        filter.elsewhere(&self.waves, axes?, o, fresh(self.vision_at))
     }
 
     /// The place by vision less the place by radio, and the most that it may be, m: of the deck, or of tags that are not
