@@ -3,7 +3,6 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector2};
 
@@ -12,6 +11,7 @@ use super::axis::{
     Axis, AxisNoise, HEAD, Innovation, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION,
 };
 use super::forecast::STEERAGE_MPS;
+use super::measurement::innovations;
 use super::observation::{DeckObservation, ObservationKind};
 use super::shift;
 use super::track::FrameJump;
@@ -378,7 +378,7 @@ impl Filter {
     pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
         let variance = |i: usize| {
-            let lever = o.lever[i];
+            let lever = o.lever()[i];
             by_radio[i].variance + s[i].project(MeasurementRow::Radio).1 + lever * lever * s[i].p[TURN][TURN]
         };
         let more = variance(0).max(variance(1));
@@ -487,22 +487,7 @@ fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>
 /// Fuses an observation into a state of the same time; the groups rejected, a bit each.
 fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, common: f64) -> u32 {
     let modes = waves.motion(o.at);
-    let row = match o.kind {
-        ObservationKind::Estimate => MeasurementRow::Radio,
-        ObservationKind::Tag | ObservationKind::Uvdar | ObservationKind::Range => MeasurementRow::Vision,
-    };
-    let row = |i: usize| match o.lever.get(i) {
-        Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),
-        Some(_) | None => row,
-    };
-    let innovations: [Option<Innovation>; AXES] = core::array::from_fn(|i| {
-        let mut nu = o.value[i].map(|(v, r)| s[i].innovation(row(i), v - modes.value[i], r));
-        if let (5, Some(heading)) = (i, &mut nu) {
-            // Along the shorter way.
-            heading.value = wrap_angle(heading.value);
-        }
-        nu
-    });
+    let innovations = innovations(s, &modes, waves.lever_arm(), o);
     // An invalid value is an outlier, too.
     let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
     let rate =

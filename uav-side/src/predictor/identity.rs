@@ -339,7 +339,7 @@ impl Decks {
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
         // From the side a tag's tilt is a guess.
-        if o.lever == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
+        if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }
         let variances = [vn, ve].map(|v| v + 2.0 * TILT_SD_RAD.powi(2));
@@ -441,7 +441,7 @@ mod tests {
             kind,
             value: [n, e, Some((0.0, 1e-4)), a, b, c],
             rate: [None; 6],
-            lever: [7.0, -7.0],
+            from_drone: Vector3::z() * 7.0,
         }
     }
     /// A vessel that rolls, and one that the same wave reaches so much later, s.

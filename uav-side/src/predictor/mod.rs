@@ -11,6 +11,7 @@
 //! - `level`: the deck's mean level.
 //! - `agreement`: whether camera, rangefinder and radio contradict each other.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
+//! - `measurement`: what the filters predict of a measurement, and its Jacobian.
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
 //! - `shift`: what of it moves where the autopilot's estimate jumps.
@@ -31,6 +32,7 @@ pub mod forecast;
 mod identity;
 mod level;
 pub mod lever_arm_heave;
+mod measurement;
 mod node;
 pub mod observation;
 mod own;

@@ -13,8 +13,7 @@ use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use alight_shared::vessel_model::turn_tilt;
-use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 mod by_beacon;
@@ -22,7 +21,7 @@ mod radio;
 mod sight;
 
 use super::agreement::HeightAgreement;
-use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION, compass};
+use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION};
 use super::beacon::{BeaconEstimate, BeaconTrack, Level};
 use super::checkpoint;
 use super::config::PredictorConfig;
@@ -30,8 +29,8 @@ use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::identity::{Decks, Verdict};
 use super::level::MeanDeckLevel;
-use super::lever_arm_heave::lever_arm_heave;
-use super::observation::{self, DeckObservation, MountRotation, Plane};
+use super::measurement;
+use super::observation::{self, DeckObservation};
 use super::own::OwnModel;
 use super::track::DroneTrack;
 use super::waves::{AXES, Waves};
@@ -278,19 +277,18 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let (deck, lever_arm_heave_m) = self.plane(&axes, at);
+        let (modes, lever_arm) = (self.waves.motion(at), self.waves.lever_arm());
+        let deck = measurement::plane(&axes, &modes, lever_arm);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        let o = o.levelled(lever_arm_heave_m);
         // Without a camera that sees the deck there is no second witness: its level goes on by the radio, whose slow error no
         // covariance of the filter has.
         let sees = self
             .vision_at
             .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
-        if let (Some((v, r)), true) = (o.value[2], sees) {
-            let value = v - self.waves.motion(at).value[2];
-            let innovation = axes[2].innovation(MeasurementRow::Vision, value, r);
+        let [_, _, height, ..] = measurement::innovations(&axes, &modes, lever_arm, &o);
+        if let Some(innovation) = height.filter(|_| sees) {
             self.height.take(at, axes[2].normalised(&innovation));
         }
         self.range_at = Some(at);

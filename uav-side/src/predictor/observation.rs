@@ -34,8 +34,8 @@ pub enum ObservationKind {
 /// A value and its variance.
 pub type Measured = Option<(f64, f64)>;
 
-/// Values and rates of the deck at one instant, in the filter's degrees of freedom. Height is that
-/// of the deck on a level vessel, once [`DeckObservation::levelled`].
+/// Values and rates of the deck at one instant, by degree of freedom, as measured. By radio the height is that of the deck
+/// on a level vessel, and the tilt that of a vessel heading north by its own compass; else of the deck, and by the drone's.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
     /// Time of validity.
@@ -46,19 +46,22 @@ pub struct DeckObservation {
     pub value: [Measured; AXES],
     /// Their rates.
     pub rate: [Measured; AXES],
-    /// Change that a rotation of vision by 1 rad adds to the values north (about east) and east (about
-    /// north), m.
-    pub lever: [f64; 2],
+    /// Deck's centre from the drone, NED, m; 0 of what is not measured along that line.
+    pub from_drone: Vector3<f64>,
 }
 
 impl DeckObservation {
-    /// Turns the tilt from the drone's north to the vessel's, by which its compass reads `more` (rad) than the drone's.
-    #[must_use]
-    pub fn by_compass(mut self, more: f64) -> Self {
-        if let [.., Some((north, _)), Some((east, _)), _] = &mut self.value {
-            (*north, *east) = turn_tilt(*north, *east, -more);
+    /// Change that a rotation of vision by 1 rad adds to the values north (about east) and east (about
+    /// north), m. From the side, errors of heading and distance shift the detection as much as the rotation
+    /// about the level axes and would be taken for it: none. Above the deck they do not.
+    pub fn lever(&self) -> [f64; 2] {
+        let (fraction, lateral_m) = OVERHEAD;
+        let [x, y, z]: [f64; 3] = self.from_drone.into();
+        if x.hypot(y) < (fraction * z).max(lateral_m) {
+            [z, -z]
+        } else {
+            [0.0; 2]
         }
-        self
     }
     /// The autopilot's estimate has jumped since: detections are where the drone made them, what came by radio where the
     /// datum lies now.
@@ -79,28 +82,12 @@ impl DeckObservation {
                 *v += by;
             }
         }
-        if let [.., Some((heading, _))] = &mut self.value {
+        if let [.., Some((north, _)), Some((east, _)), Some((heading, _))] = &mut self.value {
+            (*north, *east) = turn_tilt(*north, *east, -yaw);
             *heading += yaw;
         }
+        self.from_drone = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw) * self.from_drone;
     }
-    /// Takes out of the height what the tilt adds to it, m.
-    #[must_use]
-    pub fn levelled(mut self, lever_arm_heave_m: f64) -> Self {
-        if let Some((height, _)) = &mut self.value[2] {
-            *height -= lever_arm_heave_m;
-        }
-        self
-    }
-}
-
-/// Slow errors of vision that are known to some degree: rotation (NED, rad) of the measured direction
-/// against the true one, and standard deviations.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct MountRotation {
-    /// Rotation vector.
-    pub turn: Vector3<f64>,
-    /// Standard deviations of the rotation.
-    pub sd: Vector3<f64>,
 }
 
 /// Variances of value and rate per degree of freedom that the vessel states; of the tilt the mean of both.
@@ -156,7 +143,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
         kind: ObservationKind::Estimate,
         value: core::array::from_fn(|i| Some((values[i], noise(i, stated[i].0, rates[i])))),
         rate: core::array::from_fn(|i| Some((rates[i], noise(i, stated[i].1, acc[i])))),
-        lever: [0.0; 2],
+        from_drone: Vector3::zeros(),
     }
 }
 
@@ -170,35 +157,13 @@ pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
     [e.position().z + lever_arm.z, dot[2] + spin.cross(&lever_arm).z]
 }
 
-/// The line of sight with its height corrected for vision's rotation: `lever_arm - m x lever_arm`, third
-/// component only. North and east are the filter's, which knows the rotation's part in them.
-fn corrected(lever_arm: &Vector3<f64>, mount: &MountRotation) -> Vector3<f64> {
-    lever_arm - Vector3::z() * mount.turn.cross(lever_arm).z
-}
-/// Variance of its height.
-fn height_variance(lever_arm: &Vector3<f64>, mount: &MountRotation) -> f64 {
-    (mount.sd.x * lever_arm.y).powi(2) + (mount.sd.y * lever_arm.x).powi(2)
-}
-
-/// Lever of vision's rotation along `lever_arm`. From the side, errors of heading and distance shift the
-/// detection as much as the rotation about the level axes and would be taken for it: none. Above the deck
-/// they do not.
-fn lever(lever_arm: &Vector3<f64>) -> [f64; 2] {
-    let (fraction, lateral_m) = OVERHEAD;
-    if lever_arm.x.hypot(lever_arm.y) < (fraction * lever_arm.z).max(lateral_m) {
-        [lever_arm.z, -lever_arm.z]
-    } else {
-        [0.0; 2]
-    }
-}
-
 /// Diagonal of `R diag(v) R'`.
 fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     r.component_mul(r) * v
 }
 
 /// A detection of the deck by its tags: position of its centre, tilt and heading.
-pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> DeckObservation {
+pub fn tag(m: &TagPose, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
     let tag = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -206,14 +171,12 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
     let (roll, pitch, yaw) = deck.euler_angles();
     let tilt = turn_tilt(roll, pitch, -yaw);
 
-    let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + corrected(&lever_arm, mount);
+    let from_drone = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let centre = drone.position + from_drone;
 
     let [px, py, pz, rx, ry, rz] = m.variance;
     let floor = c.tag_min_sd_m.powi(2);
-    let noise = turned(&camera, &Vector3::new(px, py, pz))
-        + drone.variance * c.drone_variance_fraction
-        + Vector3::z() * height_variance(&lever_arm, mount);
+    let noise = turned(&camera, &Vector3::new(px, py, pz)) + drone.variance * c.drone_variance_fraction;
     let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
     let var: [f64; AXES] = [
         noise.x + floor,
@@ -229,18 +192,16 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
         kind: ObservationKind::Tag,
         value: core::array::from_fn(|i| Some((value[i], var[i]))),
         rate: [None; AXES],
-        lever: lever(&lever_arm),
+        from_drone,
     }
 }
 
 /// A detection of the UV markers: position of the deck's centre.
-pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> DeckObservation {
+pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
-    let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + corrected(&lever_arm, mount);
-    let var = turned(&camera, &Vector3::from(m.variance))
-        + drone.variance * c.drone_variance_fraction
-        + Vector3::z() * height_variance(&lever_arm, mount);
+    let from_drone = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let centre = drone.position + from_drone;
+    let var = turned(&camera, &Vector3::from(m.variance)) + drone.variance * c.drone_variance_fraction;
     let mut value = [None; AXES];
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
@@ -250,7 +211,7 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorCon
         kind: ObservationKind::Uvdar,
         value,
         rate: [None; AXES],
-        lever: lever(&lever_arm),
+        from_drone,
     }
 }
 
@@ -293,32 +254,6 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
         kind: ObservationKind::Range,
         value,
         rate: [None; AXES],
-        lever: [0.0; 2],
+        from_drone: Vector3::zeros(),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tag_tilt_by_the_vessels_compass() {
-        let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
-        let turned = turn_tilt(roll, pitch, -yaw);
-        let tag = DeckObservation {
-            at: Time::EPOCH,
-            kind: ObservationKind::Tag,
-            value: [0.0, 0.0, 0.0, turned.0, turned.1, yaw].map(|v| Some((v, 1.0))),
-            rate: [None; AXES],
-            lever: [0.0; 2],
-        };
-        let estimated = turn_tilt(roll, pitch, -(yaw + more));
-        let tilt = [3, 4].map(|i| tag.by_compass(more).value[i].map_or(f64::NAN, |v| v.0));
-        assert!(
-            (tilt[0] - estimated.0).hypot(tilt[1] - estimated.1) < 1e-9,
-            "{tilt:?}"
-        );
-        // Taken as it is, a tenth of the roll would be pitch.
-        assert!((turned.0 - estimated.0).hypot(turned.1 - estimated.1) > 0.01);
-    }
 }

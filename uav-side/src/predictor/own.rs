@@ -69,6 +69,8 @@ impl OwnModel {
     }
     /// Goes on to `now`; true when there is a newer sample, and with it newer modes.
     pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
+        // By its heading only modes are turned, of which it has none.
+        self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
         let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
             self.filter = None;

@@ -6,7 +6,7 @@ impl Predictor {
     /// Takes the measurements of the deck by camera and rangefinder.
     pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         for m in &input.uvdar {
-            let detected = self.observed(now, m, |p, mount, c| observation::uvdar(m, p, mount, c));
+            let detected = self.observed(now, m, |p, c| observation::uvdar(m, p, c));
             let admitted = detected.and_then(|o| {
                 let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
                 self.not_elsewhere(now, axes.as_ref(), &o)?;
@@ -26,34 +26,19 @@ impl Predictor {
         }
     }
 
-    /// Vision's rotation, as far as it is known.
-    pub(super) fn mount(&self) -> MountRotation {
-        let last = self.filter.as_ref().and_then(Filter::last);
-        let slow = |i: usize| match last {
-            Some(s) => (s[i].x[VISION], s[i].p[VISION][VISION].max(0.0).sqrt()),
-            None => (0.0, self.config.vision_bias_sd_m_rad[i]),
-        };
-        let (n, e) = (slow(3), slow(4));
-        MountRotation {
-            // Heading: in the drone's frame, so it is not turned back.
-            turn: Vector3::new(n.0, e.0, 0.0),
-            sd: Vector3::new(n.1, e.1, 0.0),
-        }
-    }
-
     /// A detection of the deck in the drone's frame.
     pub(super) fn observed(
         &self,
         now: Time<DroneClock>,
         m: &impl Message<Clock = DroneClock>,
-        observe: impl FnOnce(&super::super::track::Pose, &MountRotation, &PredictorConfig) -> DeckObservation,
+        observe: impl FnOnce(&super::super::track::Pose, &PredictorConfig) -> DeckObservation,
     ) -> Result<DeckObservation, RejectionReason> {
         Self::admit(now, m)?;
         let pose = self
             .track
             .at(m.header().at)
             .ok_or(RejectionReason::NoDroneState)?;
-        Ok(observe(&pose, &self.mount(), &self.config))
+        Ok(observe(&pose, &self.config))
     }
     /// The deck that tags belong to, where they are not elsewhere than the vessel is.
     pub(super) fn sighted(
@@ -61,7 +46,7 @@ impl Predictor {
         now: Time<DroneClock>,
         m: &TagPose,
     ) -> Result<(DeckObservation, Option<usize>), RejectionReason> {
-        let o = self.observed(now, m, |p, mount, c| observation::tag(m, p, mount, c))?;
+        let o = self.observed(now, m, |p, c| observation::tag(m, p, c))?;
         let axes = self.filter.as_ref().map(|f| f.at(&self.waves, o.at));
         self.not_elsewhere(now, axes.as_ref(), &o)?;
         let velocity = axes.map_or(Vector2::zeros(), |a| Vector2::new(a[0].x[RATE], a[1].x[RATE]));
@@ -83,7 +68,9 @@ impl Predictor {
         (o, k): (DeckObservation, Option<usize>),
     ) -> Result<(), RejectionReason> {
         let radio = self.is_received(now);
-        match k.map(|k| self.decks.verdict(k, &o, radio)) {
+        let last = self.filter.as_ref().and_then(Filter::last);
+        let compared = last.map_or(o, |s| measurement::without_mount(s, o));
+        match k.map(|k| self.decks.verdict(k, &compared, radio)) {
             Some(Verdict::Own) => self.vision(now, &o, true),
             Some(Verdict::Other | Verdict::Several(_)) | None => Err(RejectionReason::Outlier),
         }
@@ -96,12 +83,7 @@ impl Predictor {
         is_tag: bool,
     ) -> Result<(), RejectionReason> {
         let at = observation.at;
-        let axes = self.filter.as_ref().map(|f| f.at(&self.waves, at));
-        let (lever_arm_heave_m, compass) = match &axes {
-            Some(axes) => (self.plane(axes, at).1, compass(&axes[5].x)),
-            None => (0.0, 0.0),
-        };
-        self.fuse(&observation.by_compass(compass).levelled(lever_arm_heave_m))?;
+        self.fuse(observation)?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
         };
@@ -168,34 +150,5 @@ impl Predictor {
             // What was received long ago is no witness of where a vessel has gone since.
             Some(_) | None => (filter.place_apart_m()).filter(|_| radio_age_s < self.config.silence_s),
         }
-    }
-
-    /// The deck by a state of the filters at a time, and its height due to the tilt, m.
-    pub(super) fn plane(&self, axes: &[Axis; AXES], at: Time<DroneClock>) -> (Plane, f64) {
-        let modes = self.waves.motion(at);
-        let deck = |i: usize, row: MeasurementRow| {
-            let (value, variance) = axes[i].project(row);
-            (value + modes.value[i], variance)
-        };
-        let (n, e, d) = (
-            deck(0, MeasurementRow::Vision),
-            deck(1, MeasurementRow::Vision),
-            deck(2, MeasurementRow::Vision),
-        );
-        let (tn, te, yaw) = (
-            deck(3, MeasurementRow::Level),
-            deck(4, MeasurementRow::Level),
-            deck(5, MeasurementRow::Vision),
-        );
-        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0 + compass(&axes[5].x));
-        let [lever_arm_heave_m, ..] =
-            lever_arm_heave(self.waves.lever_arm(), [roll, pitch], [0.0; 2], [0.0; 2]);
-        let plane = Plane {
-            centre: Vector3::new(n.0, e.0, d.0 + lever_arm_heave_m),
-            rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
-            position_sd: n.1.max(e.1).sqrt(),
-            tilt_sd: tn.1.max(te.1).sqrt(),
-        };
-        (plane, lever_arm_heave_m)
     }
 }

@@ -6,7 +6,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::PredictorConfig;
 use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, OscillatorStep, RATE};
 use alight_uav::predictor::filter::Filter;
-use alight_uav::predictor::observation::{self, DeckObservation, MountRotation, ObservationKind, Plane};
+use alight_uav::predictor::observation::{self, DeckObservation, ObservationKind, Plane};
 use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -80,7 +80,7 @@ fn tag_and_rangefinder_observations() {
         attitude: [q.w, q.i, q.j, q.k],
         variance: [1e-4; 6],
     };
-    let o = observation::tag(&tag, &drone, &MountRotation::default(), &c);
+    let o = observation::tag(&tag, &drone, &c);
     for i in 0..3 {
         assert!((o.value[i].unwrap().0 - centre[i]).abs() < 1e-6);
     }
@@ -146,7 +146,7 @@ fn filter_of_a_turning_vessel() {
                 None,
                 Some((turn, 1e-6)),
             ],
-            lever: [0.0; 2],
+            from_drone: Vector3::zeros(),
         }
     };
     let mut filter = Filter::new(AxisNoise::all(&config), config.gate_sd, &waves, &at(0.0));
@@ -184,7 +184,7 @@ fn newer_modes_with_vision() {
         kind: ObservationKind::Tag,
         value: [0.3, -0.2, -1.0, 0.02, -0.01, 0.1].map(|v| Some((v, 1e-5))),
         rate: [None; 6],
-        lever: [0.0; 2],
+        from_drone: Vector3::zeros(),
     };
     let noise = AxisNoise::all(&config);
     let mut filter = Filter::new(noise, config.gate_sd, &waves, &deck(0.9));
