@@ -215,14 +215,16 @@ impl Bridge {
                 self.newest_received = Some((m.header.boot, m.header.at));
                 self.clock.one_way(m.header.at, arrival);
                 self.link.admitted(arrival, at, advance);
-                let completed = self.updates.estimate(&m);
-                out.estimate = completed.map(|m| m.restamped(at)).or(out.estimate);
+                if let Some(m) = self.updates.estimate(&m) {
+                    out.estimate = Some(m.restamped(at));
+                }
             }
             PacketKind::Wave => {
                 let m: WaveUpdate<VesselClock> = decode(&packet.bytes)?;
                 let (at, _) = self.admit(arrival, &m, kind, &topics::WAVE, 0.0)?;
-                let completed = self.updates.waves(&m);
-                out.wave = completed.map(|m| m.restamped(at)).or(out.wave);
+                if let Some(m) = self.updates.waves(&m) {
+                    out.wave = Some(m.restamped(at));
+                }
             }
             PacketKind::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
@@ -456,12 +458,19 @@ impl Node for Bridge {
         out.time_request = self.time_request(now);
         out.link = self.link_state(now);
         let status = &mut self.status;
-        status.mission = input.mission.or(status.mission);
-        status.drone = input.drone.or(status.drone);
-        status.forecast = input.forecast.or(status.forecast);
-        status.autopilot = input.autopilot.or(status.autopilot);
+        keep_newest(&mut status.mission, input.mission.as_ref());
+        keep_newest(&mut status.drone, input.drone.as_ref());
+        keep_newest(&mut status.forecast, input.forecast.as_ref());
+        keep_newest(&mut status.autopilot, input.autopilot.as_ref());
         out.status = status.step(now, &self.config, self.boot);
         out
+    }
+}
+
+/// Copies a message only where one arrived: a forecast has 10 kB.
+fn keep_newest<T: Copy>(kept: &mut Option<T>, arrived: Option<&T>) {
+    if let Some(arrived) = arrived {
+        *kept = Some(*arrived);
     }
 }
 
