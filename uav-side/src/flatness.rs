@@ -22,10 +22,9 @@ pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Horizontal acceleration of a drone that lies along the normal of `deck` and keeps its height
+/// Horizontal acceleration of a drone that lies along the normal `n` of `deck` and keeps its height
 /// over it: `(g - a_z) n_xy / -n_z`, NED, m/s².
-pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
-    let n = deck.normal();
+pub fn aligned_acceleration(deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
     let up = (-n.z).max(0.3);
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
 }

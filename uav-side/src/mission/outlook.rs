@@ -94,7 +94,8 @@ impl Outlook<'_> {
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
         // Both to and fro: of what an aligned drone is parted by, the plan allows for the part that is foreseen.
         let blown = wind_during_alignment(&wind.mean);
-        let apart = Vector3::from(contact.acceleration).xy() - aligned_acceleration(contact) - blown;
+        let meant = aligned_acceleration(contact, &contact.normal());
+        let apart = Vector3::from(contact.acceleration).xy() - meant - blown;
         let [roll, pitch, _] = reacted.euler_sd;
         let meets = Rotation2::new(-self.deck.heading_rad) * self.staying.meets;
         let contact = Contact {

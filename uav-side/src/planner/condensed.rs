@@ -92,6 +92,15 @@ impl<const N: usize> Condensed<N> {
         inputs.iter().all(|u| u.is_finite())
     }
 
+    /// Takes over the factor of a chain whose responses are these but for the signs of their components, which H has
+    /// squared: at the same weights it is this one's.
+    pub(super) fn adopt_factor(&mut self, other: &Self) {
+        if self.factored_for != other.factored_for {
+            self.factored_for.clone_from(&other.factored_for);
+            self.factor.copy_from_slice(&other.factor);
+        }
+    }
+
     /// `H = R I + sum_k S_k' Q_k S_k`, factorised again only when a weight changed.
     fn factorise(&mut self, cost: &[StageCost<N>]) -> bool {
         let n = self.stages;

@@ -201,6 +201,8 @@ impl Mpc {
         problem.ceiling.clear();
         problem.ceiling.resize(n, NO_CEILING);
         self.x.solve(problem, [&[], &[]], solution);
+        // Both tilts have the same inertia.
+        self.y.fast.adopt_factor(&self.x.fast);
         self.y.solve(problem, [&[], &[]], solution);
         if !problem.sides.is_empty() {
             self.stay_beside(problem, solution);
@@ -227,7 +229,9 @@ impl Mpc {
                 side.bound(axis, &solution.states, &mut bounds);
             }
             let [low, high] = &bounds;
-            self.beside[axis].solve(problem, [low, high], solution);
+            let chain = &mut self.beside[axis];
+            chain.fast.adopt_factor(&self.x.fast);
+            chain.solve(problem, [low, high], solution);
             due[1 - axis] = bounded[1 - axis];
         }
     }

@@ -172,9 +172,10 @@ impl Rendezvous {
         let start = problem.state;
         // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
-        let lateral_offset = self.lateral_offset(&start, here);
+        let normal = here.normal();
+        let lateral_offset = self.lateral_offset(&start, here, &normal);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
-        let contact = self.contact_z(here, &lateral_offset, lifted_m);
+        let contact = self.contact_z(here, &normal, &lateral_offset, lifted_m);
         let push = self.push.at(contact, &Vector3::from(here.velocity).xy());
         let wind = wind_during_alignment(&push);
         let mean_z = reference.mean_z;
@@ -246,8 +247,7 @@ impl Rendezvous {
 
     /// Horizontal place of an aligned drone's feet relative to the deck's centre (NED, m), not further
     /// than the deck reaches.
-    fn lateral_offset(&self, state: &ModelState, deck: &DeckStage) -> Vector2<f64> {
-        let n = deck.normal();
+    fn lateral_offset(&self, state: &ModelState, deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
         o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
     }
@@ -255,8 +255,13 @@ impl Rendezvous {
     /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `lateral_offset` its
     /// centre, m: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the
     /// feet's distance `l`; `lifted_m` higher along the normal.
-    fn contact_z(&self, deck: &DeckStage, lateral_offset: &Vector2<f64>, lifted_m: f64) -> f64 {
-        let n = deck.normal();
+    fn contact_z(
+        &self,
+        deck: &DeckStage,
+        n: &Vector3<f64>,
+        lateral_offset: &Vector2<f64>,
+        lifted_m: f64,
+    ) -> f64 {
         let up = (-n.z).max(0.3);
         deck.position[2] + (n.xy().dot(lateral_offset) - lifted_m) / up + self.feet * n.z
     }
@@ -313,10 +318,10 @@ impl Rendezvous {
         let n = deck.normal();
         let spin = angular_velocity(deck);
         let turn = spin.cross(&n) * self.feet;
-        let contact = self.contact_z(deck, &way.lateral_offset, way.lifted_m);
+        let contact = self.contact_z(deck, &n, &way.lateral_offset, way.lifted_m);
         let (tilt, gain) = if c.true_tilt {
             let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
-            (aligned_acceleration(deck) / GRAVITY, gain)
+            (aligned_acceleration(deck, &n) / GRAVITY, gain)
         } else {
             (n.xy() / (-n.z).max(0.3), 1.0)
         };

@@ -20,10 +20,10 @@ pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeCon
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
     let a = Vector3::from(deck.acceleration).xy();
-    let mismatch = (a - aligned_acceleration(deck) - wind).norm_squared()
+    let n = deck.normal();
+    let mismatch = (a - aligned_acceleration(deck, &n) - wind).norm_squared()
         + variance(&deck.acceleration_sd[..2])
         + GRAVITY * GRAVITY * tilt_var;
-    let n = deck.normal();
     let tilt = n.x.hypot(n.y).min(1.0).asin().powi(2) + tilt_var;
     let [roll, pitch, _] = deck.euler_rates;
     let rate = roll * roll + pitch * pitch + variance(&deck.euler_rates_sd[..2]);
@@ -179,7 +179,7 @@ mod tests {
             euler: [0.1, 0.0, 0.0],
             ..DeckStage::default()
         };
-        let a = aligned_acceleration(&d);
+        let a = aligned_acceleration(&d, &d.normal());
         assert!((a.norm() - GRAVITY * 0.1_f64.tan()).abs() < 1e-9);
         let c = TouchdownTimeConfig {
             tilt_deg: 90.0,
