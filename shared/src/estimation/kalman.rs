@@ -169,26 +169,29 @@ impl Gaussian {
             .sum()
     }
 
-    /// Fuses with the last [`Gaussian::project`]ed row: `x += P h' nu / S`,
-    /// `P -= P h' h P / S`. With the optimal gain this equals the Joseph form; it is symmetric by
-    /// construction. `s` may exceed `h P h' + r` when the innovation carries further independent
-    /// errors.
+    /// Fuses with the last [`Gaussian::project`]ed row: `x += P h' nu / S`, and [`reduce_covariance`].
+    /// `s` may exceed `h P h' + r` when the innovation carries further independent errors.
     pub fn fuse_projected(&mut self, innovation: f64, s: f64) {
-        let k = 1.0 / s;
-        self.x.axpy(innovation * k, &self.column, 1.0);
+        self.x.axpy(innovation * (1.0 / s), &self.column, 1.0);
         let n = self.len();
         let columns = self.p.as_mut_slice().chunks_exact_mut(n.max(1));
-        for (to, c) in columns.zip(self.column.iter()) {
-            let f = -c * k;
-            if f != 0.0 {
-                add_scaled(to, f, self.column.as_slice());
-            }
+        reduce_covariance(columns, self.column.as_slice(), s);
+    }
+}
+
+/// Covariance after a scalar measurement, `P -= P h' h P / S` in `n²` operations: `columns` of `P`, or its rows, and
+/// `projected = P h'`, all of n. With the optimal gain this equals the Joseph form; it is symmetric by construction
+/// (Bar-Shalom, Li, Kirubarajan 2001, section 5.2).
+pub fn reduce_covariance<'a>(columns: impl Iterator<Item = &'a mut [f64]>, projected: &[f64], s: f64) {
+    let k = 1.0 / s;
+    for (i, (column, c)) in columns.zip(projected).enumerate() {
+        let f = -c * k;
+        if f != 0.0 {
+            add_scaled(column, f, projected);
         }
-        for i in 0..n {
-            // Rounding must not turn a variance negative.
-            if self.p[(i, i)] < 0.0 {
-                self.p[(i, i)] = 0.0;
-            }
+        // Rounding must not turn a variance negative.
+        if let Some(variance) = column.get_mut(i).filter(|v| **v < 0.0) {
+            *variance = 0.0;
         }
     }
 }
@@ -210,6 +213,7 @@ fn multiply_rows(a: &LinearTransition, p: &DMatrix<f64>, out: &mut DMatrix<f64>)
 }
 
 /// `to += f column`: of slices, so that the processor takes several at a time.
+#[inline]
 fn add_scaled(to: &mut [f64], f: f64, column: &[f64]) {
     to.iter_mut().zip(column).for_each(|(t, c)| *t += f * c);
 }

@@ -14,6 +14,8 @@
 //! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
 //! joint one.
 
+use alight_shared::estimation::reduce_covariance;
+
 use super::config::PredictorConfig;
 use super::waves::{AXES, HandOver, MAX_OSCILLATORS, Oscillator};
 
@@ -383,8 +385,7 @@ impl Axis {
     pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
         self.correct(&self.innovation(row, value, r));
     }
-    /// Fuses an innovation `nu`: `x += P h' nu / S`, `P -= P h' h P / S` (equal to the
-    /// Joseph form at the optimal gain, symmetric by construction).
+    /// Fuses an innovation `nu`: `x += P h' nu / S`, and [`reduce_covariance`].
     pub fn correct(&mut self, innovation: &Innovation) {
         let mut ph = [0.0; MAX_STATES];
         let s = self.predict_variance(innovation.row, &mut ph) + innovation.variance;
@@ -393,15 +394,10 @@ impl Axis {
         }
         let gain = 1.0 / s;
         let nu = innovation.value;
-        let n = self.n;
-        for i in 0..n {
-            let k = ph[i] * gain;
-            self.x[i] += k * nu;
-            for (p, b) in self.p[i].iter_mut().zip(&ph).take(n) {
-                *p -= k * b;
-            }
-            self.p[i][i] = self.p[i][i].max(0.0);
+        for (x, c) in self.x.iter_mut().zip(&ph).take(self.n) {
+            *x += c * gain * nu;
         }
+        reduce_covariance(self.p.iter_mut().map(|row| &mut row[..]), &ph[..self.n], s);
     }
 
     /// Forgets state `k`: back to its spread `sd` about nothing, known apart from all others.
