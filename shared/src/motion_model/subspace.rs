@@ -177,12 +177,15 @@ impl Fit {
     /// The best low-rank part of the regression: the principal directions of the predicted future, each output
     /// weighted by what is left of it (Larimore 1990).
     fn reduce(&self, b: &Mat<f64>) -> Option<Stage> {
-        // Covariance of the prediction, and variance of what it leaves.
-        let predicted = b.transpose() * &self.gram * b;
-        let shared = b.transpose() * &self.cross;
+        // Covariance of the prediction, and variance of what it leaves; gram * b = cross - ridge * b.
+        let with_past = Mat::from_fn(INPUTS, OUTPUTS, |i, j| {
+            self.cross[(i, j)] - self.ridge * b[(i, j)]
+        });
+        let predicted = b.transpose() * &with_past;
         let weight: Vec<f64> = (0..OUTPUTS)
             .map(|j| {
-                let left = self.variance[j] - 2.0 * shared[(j, j)] + predicted[(j, j)];
+                let own = 2.0 * self.ridge * b.col(j).squared_norm_l2();
+                let left = self.variance[j] - own - predicted[(j, j)];
                 1.0 / left.max(1e-4).sqrt()
             })
             .collect();
@@ -252,17 +255,17 @@ impl Fit {
                 }
             }
             // Excitation by the past: row k of the inverse times the state's rows.
-            let row: Vec<Complex<f64>> = (0..INPUTS)
-                .map(|i| {
-                    (0..ORDER).fold(Complex::default(), |s: Complex<f64>, m| {
-                        let v = inverse[(k, m)];
-                        s + Complex::new(v.re, v.im) * state[(i, m)]
-                    }) / self.scale_in[i]
-                })
-                .collect();
-            let real = DVector::from_iterator(INPUTS, row.iter().map(|c| c.re));
-            let imaginary = DVector::from_iterator(INPUTS, row.iter().map(|c| c.im));
-            let strength = self.strength(&real, &imaginary, &shape);
+            let row: [c64; ORDER] = core::array::from_fn(|m| inverse[(k, m)]);
+            let (mut real, mut imaginary) = (DVector::zeros(INPUTS), DVector::zeros(INPUTS));
+            for (m, v) in row.iter().enumerate() {
+                for (i, x) in state.col_as_slice(m).iter().enumerate() {
+                    real[i] += v.re * x;
+                    imaginary[i] += v.im * x;
+                }
+            }
+            real.component_div_assign(&self.scale_in);
+            imaginary.component_div_assign(&self.scale_in);
+            let strength = self.strength(&covariance, &row, &shape);
             modes.push((
                 strength,
                 ModeFit {
@@ -334,23 +337,23 @@ impl Fit {
         for m in modes.iter_mut().filter(slow) {
             gain += &m.real * m.shape[HEAVE].re - &m.imaginary * m.shape[HEAVE].im;
         }
-        let variance = self.variance_of(&gain);
+        let scaled = Mat::from_fn(INPUTS, 1, |i, _| gain[i] * self.scale_in[i]);
+        let variance = (scaled.transpose() * &self.gram * &scaled)[(0, 0)];
         let share = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
         for m in modes.iter_mut().filter(slow) {
             m.shape[HEAVE] *= Complex::from(share);
         }
         share
     }
-    /// Variance of `gain' z` of the past z.
-    fn variance_of(&self, gain: &DVector<f64>) -> f64 {
-        let scaled = Mat::from_fn(INPUTS, 1, |i, _| gain[i] * self.scale_in[i]);
-        let product = &self.gram * &scaled;
-        (0..INPUTS).map(|i| scaled[(i, 0)] * product[(i, 0)]).sum()
-    }
 
-    /// Mean square of a mode's motion relative to the whole's, summed over the degrees of freedom.
-    fn strength(&self, real: &DVector<f64>, imaginary: &DVector<f64>, shape: &[Complex<f64>; DOFS]) -> f64 {
-        let excitation = self.variance_of(real) + self.variance_of(imaginary);
+    /// Mean square of a mode's motion relative to the whole's, summed over the degrees of freedom: excited by this row's
+    /// product with the state of this covariance.
+    fn strength(&self, covariance: &Mat<f64>, row: &[c64; ORDER], shape: &[Complex<f64>; DOFS]) -> f64 {
+        let square = |i: usize, j: usize| row[i].re * row[j].re + row[i].im * row[j].im;
+        let excitation: f64 = (0..ORDER)
+            .flat_map(|i| (0..ORDER).map(move |j| (i, j)))
+            .map(|(i, j)| square(i, j) * covariance[(i, j)])
+            .sum();
         (0..DOFS)
             .map(|d| excitation * shape[d].norm_sqr() / self.scale_out[d].powi(2))
             .sum()
