@@ -74,46 +74,8 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Names of the former release, and what is typed in their place.
-const FORMER: [(&str, &str); 9] = [
-    ("trials", "trial --trials N"),
-    ("storm", "study storm"),
-    ("envelope", "study envelope"),
-    ("rare", "study rare"),
-    ("rao", "study rao"),
-    ("response", "study rao"),
-    ("link", "rehearse link"),
-    ("schema", "config schema"),
-    ("completions", "config completions"),
-];
-
 /// A line below the help of each command that has the flags of a scene.
 const SCENE: &str = "Scene (--sea, --wind, --hull, --vessel and more): alight help scene";
-
-/// Replaces a name of the former release by its successor, and reports it. A supervisor starts the link emulator by its
-/// former name.
-fn renewed(mut typed: Vec<OsString>) -> Vec<OsString> {
-    let at = if typed.get(1).is_some_and(|t| t == "help") {
-        2
-    } else {
-        1
-    };
-    let former = FORMER
-        .iter()
-        .find(|(name, _)| typed.get(at).is_some_and(|t| t == name));
-    let Some((name, now)) = former else { return typed };
-    if !typed.iter().any(|t| t == "--supervised") {
-        terminal::note(true, format_args!("alight: `{name}` is now `alight {now}`"));
-    }
-    let has_count = typed.iter().any(|t| t.to_string_lossy().starts_with("--trials"));
-    let count = (*name == "trials" && at == 1 && !has_count).then(|| "--trials=20".into());
-    let now = now
-        .split(' ')
-        .take_while(|t| !t.starts_with("--"))
-        .map(OsString::from);
-    drop(typed.splice(at..=at, now.chain(count)));
-    typed
-}
 
 /// Hides the flags of a scene, which `alight help scene` prints, and prints the short help for `--help`, too.
 fn brief(command: Clap) -> Clap {
@@ -217,7 +179,7 @@ const WANTED: [(&str, &str); 7] = [
 impl Cli {
     /// Reads the command line; on an error, or where help is asked for, prints that and ends the process.
     pub fn read() -> Cli {
-        let (cli, typed) = (Cli::grouped(), renewed(std::env::args_os().collect()));
+        let (cli, typed) = (Cli::grouped(), std::env::args_os().collect::<Vec<_>>());
         let matches = cli.clone().try_get_matches_from(&typed);
         matches
             .and_then(|m| Cli::from_arg_matches(&m))
@@ -531,28 +493,6 @@ mod tests {
         assert!(long.is_empty(), "{long:#?}");
         let text = cli.term_width(60).render_help().to_string();
         assert!(text.lines().all(|l| l.chars().count() <= 60), "{text}");
-    }
-
-    #[test]
-    fn former_names() {
-        let renewed = |line: &str| {
-            let now = renewed(line.split(' ').map(OsString::from).collect());
-            now.join(std::ffi::OsStr::new(" ")).into_string().unwrap()
-        };
-        for (before, now) in [
-            ("alight trials --sea calm", "alight trial --trials=20 --sea calm"),
-            ("alight trials --trials 3", "alight trial --trials 3"),
-            ("alight help storm", "alight help study storm"),
-            ("alight response", "alight study rao"),
-            (
-                "alight link --config x --supervised",
-                "alight rehearse link --config x --supervised",
-            ),
-            ("alight schema estimate", "alight config schema estimate"),
-            ("alight study link", "alight study link"),
-        ] {
-            assert_eq!(renewed(before), now);
-        }
     }
 
     #[test]

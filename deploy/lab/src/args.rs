@@ -259,11 +259,11 @@ pub struct SceneArgs {
     #[arg(long, value_name = "on|off", value_parser = offering(on_off, ["on", "off"]))]
     pub draws: Option<bool>,
     /// An outage of the radio begins when the mission first enters this phase [default: never]
-    #[arg(long, alias = "radio-lost", value_name = "PHASE",
+    #[arg(long, value_name = "PHASE",
           value_parser = offering(OutageAt::from_str, PHASES.map(|p| p.0)))]
     pub outage_at: Option<OutageAt>,
     /// The outage lasts this long, s, or with a unit: 5min [default: for good]
-    #[arg(long, alias = "radio-back", value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
+    #[arg(long, value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
     pub outage_duration: Option<f64>,
     /// Watch a landed drone for so long, s: the outcome has its place then
     #[arg(long, value_name = "TIME", value_parser = duration_s)]
@@ -297,7 +297,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "TIME", requires = "deck_motion", value_parser = duration_s)]
     pub motion_start: Option<f64>,
     /// Render the belly camera's images and find the tag in them, in the place of its measurement model
-    #[arg(long, alias = "pixels")]
+    #[arg(long)]
     pub render_camera: bool,
     /// Keep the recording's mean tilt instead of removing it
     #[arg(long, requires = "deck_motion")]

@@ -89,38 +89,6 @@ fn wrong_input_with_the_remedy() {
 }
 
 #[test]
-fn former_names_with_the_new_one() {
-    for (before, now) in [
-        ("rao --csv", "study rao --csv"),
-        ("response", "study rao"),
-        ("schema estimate", "config schema estimate"),
-        ("completions bash", "config completions bash"),
-        ("trials --help", "trial --help"),
-    ] {
-        let [old, new] = [before, now].map(alight);
-        assert_eq!(
-            (old.status.code(), &old.stdout),
-            (Some(0), &new.stdout),
-            "{before}"
-        );
-        let name = now
-            .split(" --")
-            .next()
-            .unwrap()
-            .split(" estimate")
-            .next()
-            .unwrap();
-        let name = name.trim_end_matches(" bash");
-        assert!(
-            stderr(&old).contains(&format!("is now `alight {name}")),
-            "{}",
-            stderr(&old)
-        );
-        assert_eq!(stderr(&new), "");
-    }
-}
-
-#[test]
 fn flags_of_a_scene_shown_once() {
     let scene = stdout(&alight("help scene"));
     for flag in ["--sea-state", "--hull", "--motion-stride"] {

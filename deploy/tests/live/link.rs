@@ -76,7 +76,7 @@ fn landing_over_the_emulated_storm() {
 #[ignore = "needs root: network namespaces and TUN devices"]
 fn namespaces_of_a_killed_emulator() {
     let name = format!("left-{}", std::process::id());
-    let arguments = format!("link --profile wifi-near --name {name}");
+    let arguments = format!("rehearse link --profile wifi-near --name {name}");
     let reaches = || {
         let route = ip(&format!("netns exec alight-{name}-drone ip route get 10.77.0.1"));
         route.status.success()

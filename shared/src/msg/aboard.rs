@@ -61,7 +61,6 @@ pub enum Closure {
     /// The crew closed it.
     Crew,
     /// The deck's checkpoint is damaged: who stands on it is not known.
-    #[serde(alias = "memory_damaged")]
     CheckpointDamaged,
     /// The crew's switch is closed, or cannot be read.
     Switch,

@@ -123,14 +123,12 @@ impl RadioPath {
     }
     /// Starts the emulator, if there is one.
     pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
-        match &self.emulator {
-            Some(config) => supervisor.start(
-                ProcessKind::Link,
-                arguments(ProcessKind::Link, config),
-                Vec::new(),
-            ),
-            None => Ok(()),
-        }
+        let Some(config) = &self.emulator else {
+            return Ok(());
+        };
+        let mut command = arguments(ProcessKind::Link, config);
+        command.insert(0, "rehearse".into());
+        supervisor.start(ProcessKind::Link, command, Vec::new())
     }
     /// Arguments before a process's command: the way into its computer's namespace. The simulated
     /// vehicles are on the vessel's network, where its sensors are.

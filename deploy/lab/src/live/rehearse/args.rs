@@ -4,8 +4,6 @@ use std::path::PathBuf;
 
 use alight_computer::quantity::seconds;
 use alight_computer::terminal::Form;
-use alight_shared::msg::State;
-use alight_sim::harness::storm::{FaultKind, Moment};
 use clap::Args;
 
 use crate::args::{AutopilotArg, SeaArg, sea};
@@ -40,9 +38,6 @@ pub struct RehearseArgs {
     /// whole service is killed, and started again as systemd does.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
-    /// The former name of `--fault vessel-restarted:tracking`
-    #[arg(long, hide = true, value_parser = ["vessel"], conflicts_with = "fault")]
-    pub restart: Option<String>,
     /// Character of the simulated autopilot [default: px4]
     ///
     /// With --autopilot-at it is the firmware that flies.
@@ -80,14 +75,6 @@ pub struct RehearseArgs {
 }
 
 impl RehearseArgs {
-    /// The fault of this rehearsal.
-    pub fn fault(&self) -> Option<FaultSpec> {
-        let vessel = FaultSpec {
-            kind: FaultKind::VesselRestarted,
-            moment: Moment::In(State::Tracking),
-        };
-        self.fault.or(self.restart.as_ref().map(|_| vessel))
-    }
     /// From the vehicles' first moment to the command, s.
     pub fn warm_up_s(&self) -> f64 {
         let usual = if self.autopilot_at.is_some() { 180 } else { 40 };

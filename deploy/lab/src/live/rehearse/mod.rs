@@ -172,7 +172,7 @@ impl<'a> Rehearsal<'a> {
             armed: None,
             landed: None,
             too_slow: None,
-            fault: args.fault().and_then(|spec| ProcessFault::new(spec, args.seed)),
+            fault: args.fault.and_then(|spec| ProcessFault::new(spec, args.seed)),
             contact: false,
             plan,
         })

@@ -56,7 +56,7 @@ pub struct VesselArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// A recording of her at rest with a known weight on board, of any of these kinds
-    #[arg(long, alias = "weighed", value_name = "FILE", requires = "weight")]
+    #[arg(long, value_name = "FILE", requires = "weight")]
     pub loaded_log: Option<PathBuf>,
     /// That weight: its mass (kg) and its place from the vessel's reference point (m)
     #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "loaded_log", value_parser = weight, allow_hyphen_values = true)]
