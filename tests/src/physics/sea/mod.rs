@@ -20,7 +20,7 @@ mod trig;
 
 use core::f64::consts::TAU;
 
-use alight_shared::frames::{Point, TrueNed, Vector};
+use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
@@ -76,8 +76,6 @@ pub struct WaterSample {
     pub velocity: Vector3<f64>,
     /// Acceleration of the water particle, NED, m/s².
     pub acceleration: Vector3<f64>,
-    /// `sum A cos(theta) exp(-k h)`, m: the effective elevation at depth.
-    pub elevation_at_depth_m: f64,
 }
 
 impl WaterSample {
@@ -89,22 +87,6 @@ impl WaterSample {
     pub fn surface_z(&self) -> f64 {
         -self.elevation_m
     }
-}
-
-/// The water at a point in space.
-#[derive(Clone, Copy, Debug)]
-pub struct Water {
-    /// Depth under the instantaneous surface, m; negative in the air.
-    pub depth_m: f64,
-    /// Velocity, m/s.
-    pub velocity: Vector<TrueNed>,
-    /// Acceleration of the particle, m/s².
-    pub acceleration: Vector<TrueNed>,
-    /// Pressure above the atmosphere's, Pa; zero at the surface and above it.
-    pub pressure_pa: f64,
-    /// Part of the pressure from the waves: [`Water::pressure_pa`] minus the hydrostatic pressure under the rest
-    /// level, Pa.
-    pub dynamic_pressure_pa: f64,
 }
 
 /// The sea.
@@ -226,29 +208,6 @@ impl Sea {
         self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
         out[0]
     }
-    /// The water at a point in space.
-    pub fn water(&self, t: Time<TrueTime>, p: Point<TrueNed>) -> Water {
-        let at = [p.0.xy()];
-        let mut out = [WaterSample::default()];
-        self.sample(t, &at, 0.0, &mut out);
-        let depth_m = p.0.z + out[0].elevation_m;
-        if depth_m > 0.0 {
-            self.sample(t, &at, depth_m, &mut out);
-        }
-        let h = depth_m.max(0.0);
-        let weight = WATER_DENSITY * GRAVITY;
-        // p = rho g (h - sum A cos (1 - e^-kh)): zero at the surface, linear theory below.
-        let pressure_pa =
-            weight * (h - out[0].elevation_m + out[0].elevation_at_depth_m).max(0.0) * f64::from(h > 0.0);
-        Water {
-            depth_m,
-            velocity: Vector::from(out[0].velocity),
-            acceleration: Vector::from(out[0].acceleration),
-            pressure_pa,
-            dynamic_pressure_pa: pressure_pa - weight * p.0.z.max(0.0),
-        }
-    }
-
     /// The water at many places (north, east, m) at once: the surface above each, and the motion at
     /// `depth_m` under that surface. Fills as many of `out` as there are `points`.
     pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
@@ -295,7 +254,6 @@ impl Sea {
             };
             let (up, across) = (c.amplitude_m * cos, c.amplitude_m * sin);
             w.elevation_m += up;
-            w.elevation_at_depth_m += up * decay;
             w.slope -= c.direction * (c.wave_number * across);
             let speed = c.frequency * decay;
             w.velocity += Vector3::new(c.direction.x * up, c.direction.y * up, -across) * speed;
@@ -337,7 +295,6 @@ impl Sea {
         for ((k, c), &(sin, cos)) in kernel.iter().zip(&self.components).zip(trig.iter()) {
             let up = c.amplitude_m * cos;
             w.elevation_m += up;
-            w.elevation_at_depth_m += up * k.decay;
             gradient -= k.k * (c.amplitude_m * sin);
             let speed = c.frequency * k.decay;
             let push = speed * c.frequency;

@@ -111,21 +111,14 @@ fn sea_surface_against_pressure_gradient() {
 }
 
 #[test]
-fn sea_pressure_at_the_surface_and_far_below() {
+fn water_at_rest_far_below() {
     let sea = paper(0.5, 5.0, 7);
-    let t = at(12.3);
-    let up = sea.elevation(t, 4.0, 5.0);
-    let p = |z: f64| sea.water(t, Point::new(4.0, 5.0, z));
-    assert!(p(-up).pressure_pa.abs() < 1.0 && p(-up - 1.0).pressure_pa == 0.0);
-    let deep = p(60.0);
-    assert!(
-        deep.dynamic_pressure_pa.abs() < 60.0,
-        "{}",
-        deep.dynamic_pressure_pa
-    );
-    assert!(deep.velocity.norm() < 0.02 * p(-up).velocity.norm());
-    // Falls off with depth.
-    assert!(p(5.0).velocity.norm() < p(0.5).velocity.norm());
+    let speed = |depth_m: f64| {
+        let mut out = [WaterSample::default()];
+        sea.sample(at(12.3), &[Vector2::new(4.0, 5.0)], depth_m, &mut out);
+        out[0].velocity.norm()
+    };
+    assert!(speed(60.0) < 0.02 * speed(0.0) && speed(5.0) < speed(0.5));
 }
 
 #[test]

@@ -3,15 +3,10 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// `S(a)`, `S(a) b = a x b`.
-pub fn skew(a: Vector3<f64>) -> Matrix3<f64> {
-    a.cross_matrix()
-}
-
 /// Rigid-body mass matrix about the origin, `cg` from it, inertia about the centre of gravity
 /// (Fossen 2011, eq. 3.44; kg, kg m, kg m²).
 pub fn rigid_body_mass(mass: f64, cg: Vector3<f64>, inertia: Vector3<f64>) -> Matrix6<f64> {
-    let s = skew(cg);
+    let s = cg.cross_matrix();
     let mut m = Matrix6::zeros();
     m.fixed_view_mut::<3, 3>(0, 0)
         .copy_from(&(Matrix3::identity() * mass));
@@ -31,17 +26,6 @@ pub fn coriolis(m: &Matrix6<f64>, nu: &Vector6<f64>) -> Vector6<f64> {
     join(w.cross(&p), v.cross(&p) + w.cross(&h))
 }
 
-/// The matrix `C(nu)` itself, `[0, -S(p); -S(p), -S(h)]`; [`coriolis`] is its product with `nu`.
-pub fn coriolis_matrix(m: &Matrix6<f64>, nu: &Vector6<f64>) -> Matrix6<f64> {
-    let momentum = m * nu;
-    let p = skew(head(&momentum));
-    let mut c = Matrix6::zeros();
-    c.fixed_view_mut::<3, 3>(0, 3).copy_from(&-p);
-    c.fixed_view_mut::<3, 3>(3, 0).copy_from(&-p);
-    c.fixed_view_mut::<3, 3>(3, 3).copy_from(&-skew(tail(&momentum)));
-    c
-}
-
 /// The linear part of a velocity or force.
 pub fn head(x: &Vector6<f64>) -> Vector3<f64> {
     Vector3::new(x[0], x[1], x[2])
@@ -58,7 +42,6 @@ pub fn join(a: Vector3<f64>, b: Vector3<f64>) -> Vector6<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     fn masses() -> Matrix6<f64> {
         rigid_body_mass(
@@ -66,19 +49,6 @@ mod tests {
             Vector3::new(0.1, 0.02, -0.2),
             Vector3::new(120.0, 393.0, 446.0),
         ) + Matrix6::from_diagonal(&Vector6::new(21.0, 316.0, 211.0, 24.0, 314.0, 758.0))
-    }
-
-    proptest! {
-        #[test]
-        fn coriolis_matrix_skew_symmetry(x in prop::array::uniform6(-5.0..5.0_f64)) {
-            let nu = Vector6::from(x);
-            let m = masses();
-            let c = coriolis_matrix(&m, &nu);
-            prop_assert!((c + c.transpose()).norm() < 1e-9);
-            prop_assert!((c * nu - coriolis(&m, &nu)).norm() < 1e-9);
-            // No power: nu' C nu = 0.
-            prop_assert!(nu.dot(&coriolis(&m, &nu)).abs() < 1e-7);
-        }
     }
 
     #[test]
