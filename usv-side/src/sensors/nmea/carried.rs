@@ -12,6 +12,8 @@
 
 use std::collections::BTreeMap;
 
+use data_encoding::{BASE64_NOPAD, HEXUPPER, HEXUPPER_PERMISSIVE};
+
 use crate::sensors::{Decoded, Mounting, N2kDecoder, Remark, SensorDecoder, SourceMeasurement};
 
 /// Longest message, bytes, and the parts of it that its first frame and each further one have.
@@ -219,7 +221,7 @@ impl Carried {
         let id = message.pgn << 8 | u32::from(message.source);
         let before = self.given.len();
         for frame in self.frames(&message.data) {
-            let digits: String = frame.iter().map(|b| format!("{b:02X}")).collect();
+            let digits = HEXUPPER.encode(&frame);
             let line = format!("({seconds}.{nanos:09}) can0 {id:08X}#{digits}\n");
             self.decoder.push(line.as_bytes(), &mut self.given);
         }
@@ -291,34 +293,12 @@ impl Carried {
 
 /// Bytes of a row of hexadecimal digits.
 fn hex(text: &str) -> Option<Vec<u8>> {
-    let digit = |b: u8| char::from(b).to_digit(16);
-    let whole = text.len().is_multiple_of(2) && text.len() <= 2 * MAX_MESSAGE;
-    let pairs = text.as_bytes().chunks_exact(2);
-    let byte = |pair: &[u8]| match pair {
-        [high, low] => Some((digit(*high)? << 4 | digit(*low)?) as u8),
-        _ => None,
-    };
-    whole.then(|| pairs.map(byte).collect())?
+    HEXUPPER_PERMISSIVE.decode(text.as_bytes()).ok()
 }
 /// Bytes of a text in base64 (RFC 4648), with its padding or without.
 fn base64(text: &str) -> Option<Vec<u8>> {
-    let (mut bits, mut held, mut all) = (0_u32, 0_u32, Vec::new());
-    for c in text.trim_end_matches('=').bytes() {
-        let value = match c {
-            b'A'..=b'Z' => c - b'A',
-            b'a'..=b'z' => c - b'a' + 26,
-            b'0'..=b'9' => c - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return None,
-        };
-        (bits, held) = ((bits << 6 | u32::from(value)) & 0xffff, held + 6);
-        if held >= 8 {
-            held -= 8;
-            all.push((bits >> held & 0xff) as u8);
-        }
-    }
-    Some(all)
+    let digits = text.trim_end_matches('=');
+    BASE64_NOPAD.decode(digits.as_bytes()).ok()
 }
 
 #[cfg(test)]
@@ -331,16 +311,13 @@ mod tests {
 
     const TILT: [u8; 8] = [0x2a, 0xff, 0x7f, 0xe8, 0x03, 0x18, 0xfc, 0xff];
 
-    fn digits(data: &[u8]) -> String {
-        data.iter().map(|b| format!("{b:02X}")).collect()
-    }
     /// A message as PCDIN, and as MXPGN in either order of its bytes.
     fn carriers(ms: u32, pgn: u32, data: &[u8; 8]) -> [String; 3] {
         let reversed: Vec<u8> = data.iter().rev().copied().collect();
         [
-            sentence(&format!("PCDIN,{pgn:06X},{ms:08X},23,{}", digits(data))),
-            sentence(&format!("MXPGN,{pgn:06X},3823,{}", digits(data))),
-            sentence(&format!("MXPGN,{pgn:06X},3823,{}", digits(&reversed))),
+            sentence(&format!("PCDIN,{pgn:06X},{ms:08X},23,{}", HEXUPPER.encode(data))),
+            sentence(&format!("MXPGN,{pgn:06X},3823,{}", HEXUPPER.encode(data))),
+            sentence(&format!("MXPGN,{pgn:06X},3823,{}", HEXUPPER.encode(&reversed))),
         ]
     }
     fn gga(second: u32) -> String {
@@ -485,7 +462,7 @@ mod tests {
         data[38..42].copy_from_slice(&4500_i32.to_le_bytes());
         let mut d = decoder();
         let mut out = Vec::new();
-        let message = sentence(&format!("PCDIN,01F805,00000000,23,{}", digits(&data)));
+        let message = sentence(&format!("PCDIN,01F805,00000000,23,{}", HEXUPPER.encode(&data)));
         let time = |k| sentence(&format!("GPZDA,1200{k:02}.00,20,05,2026,00,00"));
         d.push((time(0) + &message + &message + &time(1)).as_bytes(), &mut out);
         let times: Vec<i64> = out.iter().map(|m| m.at_ns - 43_200_000_000_000).collect();
