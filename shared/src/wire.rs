@@ -3,6 +3,7 @@
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
+use xxhash_rust::xxh3::Xxh3Default;
 
 /// No message of Alight is longer on the wire.
 pub const MAX_WIRE_BYTES: usize = 4096;
@@ -87,37 +88,15 @@ pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> 
     }
 }
 
-/// Hash of a value's record: the same bits give the same hash, another bit another one but for one
-/// chance in 2^64. FNV-1a over the written words with a final mix (MurmurHash3's).
+/// Hash of a value's record (XXH3): the same bits give the same hash, another bit another one but for one chance in 2^64.
 pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
-    struct Hash(u64);
-    impl bincode::enc::write::Writer for Hash {
-        #[inline]
-        fn write(&mut self, bytes: &[u8]) -> Result<(), bincode::error::EncodeError> {
-            for part in bytes.chunks(8) {
-                let mut word = [0; 8];
-                word[..part.len()].copy_from_slice(part);
-                self.0 = (self.0 ^ u64::from_le_bytes(word))
-                    .wrapping_mul(0x0000_0100_0000_01b3)
-                    .rotate_left(23);
-            }
-            Ok(())
-        }
-    }
-    let mut hash = Hash(0xcbf2_9ce4_8422_2325);
-    bincode::serde::encode_into_writer(record, &mut hash, record_config()).map_err(|source| {
-        WireError::Encode {
-            name: short_name::<T>(),
-            source,
-        }
-    })?;
-    let mut h = hash.0;
-    h = (h ^ (h >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
-    Ok(h ^ (h >> 33))
+    let mut hash = Xxh3Default::new();
+    append_record(&mut hash, record)?;
+    Ok(hash.digest())
 }
 
 /// Appends a record to `to`; like [`encode_record`] without an allocation.
-pub fn append_record<T: Serialize>(to: &mut Vec<u8>, record: &T) -> Result<(), WireError> {
+pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())
         .map(|_| ())
         .map_err(|source| WireError::Encode {

@@ -3,6 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
+use alight_shared::wire;
+
 /// Bounds of all documents, so that there is no more to read than a reader reads.
 const MAX_PAGES: usize = 22;
 const MAX_WORDS: usize = 32_000;
@@ -102,16 +104,13 @@ fn book_relative_links() {
     }
 }
 
-/// A hash (FNV-1a) of the sources of the link to the autopilot and of the pilot: what flew.
+/// A hash of the sources of the link to the autopilot and of the pilot: what flew.
 fn link_version(root: &Path) -> String {
     let flies = ["uav-side/src/autopilot", "uav-side/src/pilot"].map(|d| files(&root.join(d), &[".rs"]));
     let mut sources = flies.concat();
     sources.sort();
-    let bytes = sources.iter().flat_map(|path| std::fs::read(path).unwrap());
-    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
-        (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
-    });
-    format!("{hash:016x}")
+    let bytes: Vec<Vec<u8>> = sources.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    format!("{:016x}", wire::hash_record(&bytes.concat()).unwrap())
 }
 
 /// Faults of the tables of flights with makers' firmware: each names our version, and states where what flew has

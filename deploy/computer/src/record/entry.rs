@@ -28,7 +28,7 @@ use crate::record::observer::NodeStep;
 /// Encoding of a channel of steps, as MCAP calls it.
 pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects any other.
-pub const FORMAT: u32 = 20;
+pub const FORMAT: u32 = 21;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]

@@ -8,6 +8,7 @@ use std::sync::Mutex;
 use alight_computer::config::{DroneFile, VesselComputerConfig, method};
 use alight_computer::exit::CliError;
 use alight_computer::terminal::note;
+use alight_shared::wire;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::trial::Watch;
@@ -68,11 +69,7 @@ pub fn configuration_hash(nodes: &NodeConfigs) -> String {
     let text = [toml::to_string(&nodes.vessel), toml::to_string(&drone)]
         .map(Result::unwrap_or_default)
         .concat();
-    // FNV-1a.
-    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
-        (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    format!("{hash:016x}")
+    format!("{:016x}", wire::hash_record(&text).unwrap_or_default())
 }
 
 fn rows_file(out: &Path) -> PathBuf {
