@@ -139,7 +139,7 @@ config! {
         /// Start of the drone.
         pub start: StartConfig;
         /// Drones, each with its own computer. With several, each asks for a reservation of the deck.
-        pub drones: u32 = 1, in 1.0..=4.0;
+        pub drones: u32 = 1, in 1.0..=8.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
