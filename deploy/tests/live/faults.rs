@@ -92,7 +92,7 @@ fn endings(list: &str, name: &str) -> [bool; 2] {
     let live = json(format!(
         "land --faults {list} --warm-up 20 --json --instance {instance}"
     ));
-    let step = json(format!("storm --list {list} --json"));
+    let step = json(format!("study storm --list {list} --json"));
     println!("{live}\n{step}");
     assert_eq!(live["unsafe_contacts"], 0, "{live}");
     let faults = live["live"]["faults"].as_array().expect("faults");
