@@ -32,8 +32,6 @@ const IDENTITY: [u8; 5] = [11, 3, 81, 4, 3];
 pub struct BoatAutopilot {
     /// Mode of the autopilot.
     pub mode: u32,
-    /// It denies every change of mode.
-    pub denies: bool,
     /// Nothing comes or goes on its link.
     pub cut: bool,
     /// A hand steers so, whatever the mode.
@@ -49,7 +47,6 @@ impl Default for BoatAutopilot {
     fn default() -> Self {
         BoatAutopilot {
             mode: AUTO,
-            denies: false,
             cut: false,
             hand: None,
             frames: FrameReader::default(),
@@ -92,11 +89,9 @@ impl BoatAutopilot {
             let p = raw.fields();
             match raw.id {
                 COMMAND_LONG if p.u16(28) == DO_SET_MODE => {
-                    if !self.denies {
-                        self.mode = p.float(4) as u32;
-                    }
+                    self.mode = p.float(4) as u32;
                     let [low, high] = DO_SET_MODE.to_le_bytes();
-                    let answer = self.frame(COMMAND_ACK, vec![low, high, if self.denies { 2 } else { 0 }]);
+                    let answer = self.frame(COMMAND_ACK, vec![low, high, 0]);
                     self.answers.extend(answer);
                 }
                 SET_POSITION_TARGET if self.mode == GUIDED && p.u16(48) & IGNORES_VELOCITY == 0 => {

@@ -195,16 +195,6 @@ fn estimate_on_a_square_course_at_2_mps() {
 }
 
 #[test]
-fn estimator_determinism() {
-    let (a, b) = (
-        run(5, "moderate", VesselCourse::Drift, 2.0),
-        run(5, "moderate", VesselCourse::Drift, 2.0),
-    );
-    assert_eq!(a.estimates, b.estimates);
-    assert_eq!(a.predictions, b.predictions);
-}
-
-#[test]
 #[ignore = "needs ../shared/data/tank-platform.csv"]
 fn estimator_start_in_violent_motion() {
     // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.

@@ -1,7 +1,7 @@
 //! A boat that helps, in the whole world: from the question to the skipper to the course given back.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, HelmEnd, HelmState, ReasonCode, State};
+use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, HelmEnd, HelmState, ReasonCode};
 use alight_sim::autopilots::boat::{AUTO, GUIDED, MANUAL};
 use alight_sim::harness::outcome::{Judge, Outcome};
 use alight_sim::harness::physics::TICK;
@@ -101,32 +101,16 @@ fn boat_that_turns_for_a_landing_and_back() {
     assert_eq!(rig.world.boat().mode, AUTO);
 }
 
-/// For a minute nothing is commanded, and the drone waits for no course: as on a boat that is not steered.
-fn is_left_alone(rig: &mut Rig, heading_deg: f64) {
-    assert!(!rig.until(60.0, |rig| rig.mission(0).waiting.code == ReasonCode::HelmTurns));
-    assert_eq!(rig.world.boat().mode, AUTO);
-    assert!(off_deg(course(rig)[0], heading_deg) < 20.0);
-}
-
 #[test]
 fn refused_helm() {
     let (mut rig, heading_deg) = asked(32);
     rig.world.deck_order(DeckOrder::Helm(HelmAnswer::No));
     assert!(until(&mut rig, 1.0, HelmState::Withdrawn));
     assert_eq!(rig.world.helm().why, HelmEnd::Refused);
-    is_left_alone(&mut rig, heading_deg);
-}
-
-#[test]
-fn unanswered_helm() {
-    let (mut rig, heading_deg) = asked(33);
-    let closed = rig.until(120.0, |rig| helm(rig) != HelmState::Asked);
-    let status = rig.world.helm();
-    // The question has a time, or the drone descends while it is open.
-    let unanswered = status.state == HelmState::Withdrawn && status.why == HelmEnd::Unanswered;
-    let descends = matches!(rig.state(0), State::Descent | State::Flare | State::Landed);
-    assert!(closed && (unanswered || descends), "{status} {:?}", rig.state(0));
-    is_left_alone(&mut rig, heading_deg);
+    // For a minute nothing is commanded, and the drone waits for no course: as on a boat that is not steered.
+    assert!(!rig.until(60.0, |rig| rig.mission(0).waiting.code == ReasonCode::HelmTurns));
+    assert_eq!(rig.world.boat().mode, AUTO);
+    assert!(off_deg(course(&rig)[0], heading_deg) < 20.0);
 }
 
 #[test]
@@ -163,14 +147,6 @@ fn lost_link_to_the_boats_autopilot() {
     rig.world.boat().cut = false;
     rig.run(3.0);
     assert_eq!(rig.world.boat().mode, AUTO, "given back once it is there again");
-}
-
-#[test]
-fn autopilot_that_denies_the_helm() {
-    let (mut rig, _) = agreed(36);
-    rig.world.boat().denies = true;
-    assert!(until(&mut rig, 6.0, HelmState::Withdrawn));
-    assert_eq!(rig.world.helm().why, HelmEnd::Denied);
 }
 
 /// A landing whose skipper agrees three seconds after he is asked.

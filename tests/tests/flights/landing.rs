@@ -1,20 +1,16 @@
 //! Landings in the simulated world, from the start to rest on the deck.
 
-use alight_shared::msg::{SetPointKind, State, VesselLevel};
-use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::msg::{State, VesselLevel};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::harness::tap::Tap;
-use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly, fly_with};
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::streams::Streams;
 use alight_sim::physics::vessel::VesselCourse;
 use alight_sim::sensors::noise::Noise;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::pilot::PilotOut;
 
 /// A flight, and the phases that it went through.
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> (FlownTrial, Vec<&'static str>) {
@@ -60,32 +56,6 @@ fn phases_of_a_landing_in_a_moderate_sea() {
     let away = (first.drone[0] - first.deck[0]).hypot(first.drone[1] - first.deck[1]);
     assert!(away >= 39.0, "started {away} m away");
     assert!(o.landing_time_s.unwrap() < 20.0 && o.position_error_m.unwrap() < 0.5);
-}
-
-/// Kinds of the set-points in the order in which they were sent.
-#[derive(Default)]
-struct Kinds(Vec<SetPointKind>);
-
-impl Tap for Kinds {
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
-        let set_point = step.output::<PilotOut>().and_then(|o| o.set_point);
-        let kind = set_point.map(|s| s.kind);
-        self.0.extend(kind.filter(|k| self.0.last() != Some(k)));
-    }
-}
-
-#[test]
-fn set_point_kinds_from_start_to_contact() {
-    let (scenario, nodes) = (at_sea(0.5, 5.0), NodeConfigs::default());
-    let watch = Watch {
-        on_event: &mut |_| (),
-        trace_step_s: None,
-    };
-    let mut kinds = Kinds::default();
-    let flight = fly_with(&scenario, &nodes, 11, "story", watch, &mut kinds).unwrap();
-    assert!(flight.outcome.success, "{}", flight.outcome.reason);
-    let flown = kinds.0.iter().filter(|k| **k != SetPointKind::None);
-    assert_eq!(flown.collect::<Vec<_>>(), [&SetPointKind::Attitude]);
 }
 
 #[test]
@@ -231,17 +201,6 @@ fn landing_with_any_response() {
         }
     }
     assert!(failed.is_empty(), "{failed:#?}");
-}
-
-#[test]
-fn landing_with_half_and_twice_the_attitude_lag() {
-    for (seed, lag_s) in [(34, 0.1), (35, 0.4)] {
-        let mut scenario = at_sea(0.5, 5.0);
-        scenario.drone.autopilot.attitude_lag_s = Some(lag_s);
-        let o = outcome(&scenario, seed);
-        assert!(o.success, "lag {lag_s} s: {}", o.reason);
-        assert!(o.tilt_error_deg.unwrap() < 6.0);
-    }
 }
 
 #[test]

@@ -239,13 +239,3 @@ fn forecast_with_reordered_messages() {
     // Those that were under way when the filter began are older than it.
     assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }
-
-#[test]
-fn predictor_determinism() {
-    let v = SimulatedVessel::moderate();
-    let forecasts = || {
-        let samples = run(&v, &Setup::default(), 15.0).samples;
-        samples.into_iter().map(|s| s.forecast).collect::<Vec<_>>()
-    };
-    assert!(forecasts() == forecasts());
-}
