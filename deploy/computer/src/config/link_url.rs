@@ -47,37 +47,30 @@ impl LinkUrl {
     /// An address that an autopilot may be at. One that listens to every computer of a network would fly whichever sends
     /// first, so it has to name the one that is the autopilot.
     pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
-        let url: LinkUrl = text.parse()?;
-        match &url {
-            LinkUrl::UdpIn(at, None) | LinkUrl::TcpIn(at, None) if !is_own(at) => Err(format!(
-                "the address {text:?} is open to every computer of the network, and the first that sends would be taken for \
-                 the autopilot: write udpin://127.0.0.1:PORT for one on this computer, {text}?from=IP for one at the address \
-                 IP, or a serial line"
-            )),
-            LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
-                "the address {text:?} is a boat's bus, and no autopilot's link; {FORMS}"
-            )),
-            LinkUrl::UdpIn(..)
-            | LinkUrl::TcpIn(..)
-            | LinkUrl::UdpOut(_)
-            | LinkUrl::TcpOut(_)
-            | LinkUrl::Serial(..) => Ok(url),
-        }
+        let open = format!(
+            "and the first that sends would be taken for the autopilot: write udpin://127.0.0.1:PORT for one on this \
+             computer, {text}?from=IP for one at the address IP, or a serial line"
+        );
+        Self::of_one_sender(text, &open, "no autopilot's link")
     }
-}
-
-impl LinkUrl {
     /// An address at which a receiver's sentences are read: any but a boat's bus. One that listens names the receiver, as for an
     /// autopilot: whoever else sends there would lead the drone.
     pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
+        let open = format!(
+            "any of which could lead the drone: write {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or \
+             a serial line"
+        );
+        Self::of_one_sender(text, &open, "no line of NMEA 0183")
+    }
+    /// An address at which one sender is; the danger of one that is `open` to all, and what a boat's `bus` is not.
+    fn of_one_sender(text: &str, open: &str, bus: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
         match &url {
             LinkUrl::UdpIn(at, None) | LinkUrl::TcpIn(at, None) if !is_own(at) => Err(format!(
-                "the address {text:?} is open to every computer of the network, any of which could lead the drone: write \
-                 {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or a serial line"
+                "the address {text:?} is open to every computer of the network, {open}"
             )),
             LinkUrl::Can(_) | LinkUrl::SignalK(..) => Err(format!(
-                "the address {text:?} is a boat's bus, and no line of NMEA 0183; {FORMS}"
+                "the address {text:?} is a boat's bus, and {bus}; {FORMS}"
             )),
             LinkUrl::UdpIn(..)
             | LinkUrl::TcpIn(..)
@@ -86,24 +79,16 @@ impl LinkUrl {
             | LinkUrl::Serial(..) => Ok(url),
         }
     }
-}
-
-impl LinkUrl {
     /// The Signal K server of a boat's autopilot.
     pub fn of_signalk(text: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
-        match &url {
-            LinkUrl::SignalK(..) => Ok(url),
-            LinkUrl::Can(_)
-            | LinkUrl::UdpIn(..)
-            | LinkUrl::TcpIn(..)
-            | LinkUrl::UdpOut(_)
-            | LinkUrl::TcpOut(_)
-            | LinkUrl::Serial(..) => Err(format!(
-                "the address {text:?} is no Signal K server: write ws://HOST:3000, or ws://HOST:3000?token=FILE where \
-                 it asks for a token"
-            )),
+        if matches!(url, LinkUrl::SignalK(..)) {
+            return Ok(url);
         }
+        Err(format!(
+            "the address {text:?} is no Signal K server: write ws://HOST:3000, or ws://HOST:3000?token=FILE where it asks for a \
+             token"
+        ))
     }
 }
 
