@@ -40,7 +40,7 @@ fn landed(out: &Output) -> Value {
 #[test]
 fn rehearsal_of_the_shipped_files() {
     alone();
-    let child = alight("rehearse --seed 103 --fault vessel:kill:tracking --warm-up 20 --json")
+    let child = alight("rehearse --seed 103 --fault vessel-restarted:tracking --warm-up 20 --json")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -31,35 +31,22 @@ fn kinds() -> impl Iterator<Item = FaultKind> {
         .filter(|kind| kind.process().is_some())
 }
 
-/// The kind of `mission-killed`, or as it was written before, `mission:kill`.
-fn kind_of(arguments: &[&str]) -> Option<FaultKind> {
-    match arguments {
-        [name] => kinds().find(|kind| kind.name() == *name),
-        [process, stop @ ("kill" | "freeze")] => kinds().find(|kind| {
-            let of = kind.process().is_some_and(|p| p.name() == *process);
-            of && kind.freezes() == (*stop == "freeze")
-        }),
-        _ => None,
-    }
-}
-
 impl FromStr for FaultSpec {
     type Err = String;
     fn from_str(text: &str) -> Result<FaultSpec, String> {
-        let arguments: Vec<&str> = text.split(':').collect();
-        let [kind @ .., state] = arguments.as_slice() else {
+        let Some((kind, state)) = text.split_once(':') else {
             return Err(format!(
                 "{text:?}: write KIND:PHASE, such as planner-killed:descent"
             ));
         };
-        let kind = kind_of(kind).ok_or_else(|| {
+        let kind = kinds().find(|known| known.name() == kind).ok_or_else(|| {
             let names: Vec<&str> = kinds().map(FaultKind::name).collect();
             format!(
                 "{text:?}: write KIND:PHASE, such as planner-killed:descent, with a kind of these: {}",
                 names.join(", ")
             )
         })?;
-        let moment = if *state == CONTACT {
+        let moment = if state == CONTACT {
             Moment::Contact
         } else {
             Moment::In(phase(state).map_err(|e| format!("{e}, {CONTACT}"))?)
@@ -259,20 +246,10 @@ mod tests {
                 assert_eq!(spec.to_string().parse(), Ok(spec));
             }
         }
-        // As it was written before.
-        for (text, kind) in [
-            ("autopilot:kill:landed", FaultKind::LinkKilled),
-            ("vessel:kill:landed", FaultKind::VesselRestarted),
-            ("pilot:freeze:landed", FaultKind::PilotFrozen),
-        ] {
-            let moment = Moment::In(State::Landed);
-            assert_eq!(text.parse(), Ok(FaultSpec { kind, moment }));
-        }
         for text in [
             "planner",
-            "world:kill:flare",
-            "planner:hit:flare",
-            "planner:kill:soon",
+            "world-killed:flare",
+            "planner-killed:soon",
             "radio-lost:flare",
             "planner-killed",
             "a:b:c:d",
