@@ -86,6 +86,16 @@ pub fn run(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
+/// The program under test with these arguments, started; both of its outputs are read by the test.
+pub fn started(arguments: impl AsRef<str>) -> Child {
+    alight(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts")
+}
+
 /// Standard error.
 pub fn errors(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()

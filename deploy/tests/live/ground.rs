@@ -1,7 +1,7 @@
 //! Observers: a ground station at the autopilot's other link, and an operator at another terminal.
 
 use std::net::{SocketAddr, UdpSocket};
-use std::process::{Child, Stdio};
+use std::process::Child;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -12,7 +12,7 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::wire::Decoder;
 
-use crate::common::{alight, errors, printed, run};
+use crate::common::{errors, printed, run, started};
 
 /// A ground station that keeps what the companion sends.
 pub struct GroundStation {
@@ -88,12 +88,7 @@ impl GroundStation {
 
 /// `status --watch` without a terminal.
 pub fn watch(instance: &str) -> Child {
-    alight(format!("status --watch --instance {instance}"))
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("starts")
+    started(format!("status --watch --instance {instance}"))
 }
 
 /// It has printed a line for each change, and ended with the landing: its exit code is that of the last status.

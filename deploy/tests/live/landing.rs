@@ -2,12 +2,12 @@
 //! here asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Output};
 use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{alight, assert_exit, errors, instance, printed, run, signal};
+use crate::common::{assert_exit, errors, instance, printed, run, signal, started};
 use crate::ground::{self, GroundStation};
 
 const PROCESSES: [&str; 7] = [
@@ -51,13 +51,9 @@ impl Drop for Land {
 }
 
 pub fn land(instance: &str, more: &str) -> Land {
-    let child = alight(format!("land --json --sea calm --instance {instance} {more}"))
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("starts");
-    Land(Some(child))
+    Land(Some(started(format!(
+        "land --json --sea calm --instance {instance} {more}"
+    ))))
 }
 
 pub fn status(instance: &str) -> Value {

@@ -1,11 +1,11 @@
 //! The link emulator between network namespaces, and a landing over it.
 
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{alight, errors, printed, signal};
+use crate::common::{errors, printed, signal, started};
 
 fn ip(arguments: &str) -> Output {
     let mut command = Command::new("ip");
@@ -23,15 +23,6 @@ fn spaces(name: &str) -> Vec<String> {
         .collect()
 }
 
-fn start(arguments: &str) -> Child {
-    let mut command = alight(arguments);
-    let command = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    command.spawn().expect("starts")
-}
-
 fn wait_for(mut wanted: impl FnMut() -> bool) {
     for _ in 0..300 {
         if wanted() {
@@ -46,7 +37,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 #[ignore = "needs root: network namespaces and TUN devices"]
 fn landing_over_the_emulated_storm() {
     let name = format!("storm-{}", std::process::id());
-    let child = start(&format!(
+    let child = started(format!(
         "land --json --sea calm --warm-up 20 --link storm --emulate always --instance {name}"
     ));
     let out = child.wait_with_output().expect("ends");
@@ -81,12 +72,12 @@ fn namespaces_of_a_killed_emulator() {
         let route = ip(&format!("netns exec alight-{name}-drone ip route get 10.77.0.1"));
         route.status.success()
     };
-    let mut first = start(&arguments);
+    let mut first = started(&arguments);
     wait_for(reaches);
     signal(u64::from(first.id()), "-KILL");
     first.wait().expect("ends");
     assert_eq!(spaces(&name).len(), 2);
-    let mut second = start(&arguments);
+    let mut second = started(&arguments);
     std::thread::sleep(Duration::from_millis(200));
     wait_for(reaches);
     signal(u64::from(second.id()), "-INT");

@@ -2,12 +2,12 @@
 //! the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
-use std::process::{Output, Stdio};
+use std::process::Output;
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
-use crate::common::{alight, alone, errors, printed, run, scratch, signal};
+use crate::common::{alone, errors, printed, run, scratch, signal, started};
 use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
 
 /// Files that a rehearsal of this process number leaves behind among temporary files and in shared memory.
@@ -40,12 +40,7 @@ fn landed(out: &Output) -> Value {
 #[test]
 fn rehearsal_of_the_shipped_files() {
     alone();
-    let child = alight("rehearse --seed 103 --fault vessel-restarted:tracking --warm-up 20 --json")
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program runs");
+    let child = started("rehearse --seed 103 --fault vessel-restarted:tracking --warm-up 20 --json");
     let pid = child.id();
     let out = child.wait_with_output().expect("it ends");
     let report = landed(&out);
@@ -92,12 +87,7 @@ fn rehearsal_with_a_firmware_outside() {
 #[test]
 fn interrupted_rehearsal() {
     alone();
-    let mut child = alight("rehearse --json")
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program runs");
+    let mut child = started("rehearse --json");
     let pid = child.id();
     let output = BufReader::new(child.stderr.take().expect("its errors"));
     let mut lines = output.lines().map_while(Result::ok);
