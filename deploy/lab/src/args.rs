@@ -1,6 +1,8 @@
 //! Flags of what is flown in the simulated world.
 
 use std::ffi::OsStr;
+#[cfg(test)]
+use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -19,6 +21,13 @@ use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use clap::{Arg, Args, Command, ValueEnum};
 
 use super::study::definition;
+
+/// Flags as they are typed behind the name of a command, which comes first.
+#[cfg(test)]
+pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> T {
+    let matches = T::augment_args(Command::new("alight")).try_get_matches_from(arguments);
+    T::from_arg_matches(&matches.unwrap()).unwrap()
+}
 
 /// Reader of a value of any form for which help, manual pages and completions offer names.
 #[derive(Clone)]

@@ -356,15 +356,11 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
 mod tests {
     use super::super::definition::{parse, tests::shipped};
     use super::*;
+    use crate::args::typed;
 
-    #[derive(Parser)]
-    struct Flags {
-        #[command(flatten)]
-        args: StudyArgs,
-    }
     fn expanded(definition: &Definition, arguments: &str) -> Result<Vec<StudyRow>, CliError> {
         let arguments = ["study", "x"].into_iter().chain(arguments.split_whitespace());
-        expand(definition, &Flags::parse_from(arguments).args).map(|e| e.rows)
+        expand(definition, &typed(arguments)).map(|e| e.rows)
     }
     fn of(name: &str) -> Definition {
         shipped().find(|(n, _)| *n == name).unwrap().1

@@ -78,17 +78,10 @@ fn quoted(argument: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
+    use crate::args::typed;
 
-    #[derive(Parser)]
-    struct Flags {
-        #[command(flatten)]
-        args: StudyArgs,
-    }
     fn of(arguments: &[&str], rows: usize) -> Result<Vec<String>, CliError> {
-        let args = Flags::try_parse_from(core::iter::once(&"study").chain(arguments))
-            .unwrap()
-            .args;
+        let args: StudyArgs = typed(core::iter::once(&"study").chain(arguments));
         let given: Vec<String> = ["alight", "study"]
             .iter()
             .chain(arguments)
@@ -123,14 +116,9 @@ mod tests {
             all[5]
         );
         // Each command is one that this program takes, and asks for no commands again.
-        let args = Flags::try_parse_from(
-            all[5]
-                .replace('\'', "")
-                .split_whitespace()
-                .skip(1)
-                .filter(|w| *w != "my"),
-        );
-        assert!(args.is_ok_and(|f| f.args.tasks.is_none() && f.args.row == Some(2)));
+        let last = all[5].replace('\'', "");
+        let args: StudyArgs = typed(last.split_whitespace().skip(1).filter(|w| *w != "my"));
+        assert!(args.tasks.is_none() && args.row == Some(2));
         let without = of(&["wind", "--tasks", "1"], 1);
         assert!(without.is_err_and(|e| e.to_string().contains("--out")));
         let many = of(&["wind", "--tasks", "1", "--trials", "1000000", "--out", "x"], 9);

@@ -459,16 +459,10 @@ fn scenario(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser;
+    use crate::args::typed;
 
-    #[derive(Parser)]
-    struct Flags {
-        #[command(flatten)]
-        args: RehearseArgs,
-    }
     fn plan(arguments: &[&str]) -> Result<RehearsalPlan, CliError> {
-        let flags = Flags::try_parse_from(core::iter::once(&"rehearse").chain(arguments)).unwrap();
-        RehearsalPlan::of(&flags.args)
+        RehearsalPlan::of(&typed(core::iter::once(&"rehearse").chain(arguments)))
     }
 
     /// Keys of `b` that differ from those of `a`, with the tables that they are in.

@@ -313,16 +313,10 @@ fn document(
 mod tests {
     use super::grid::Class;
     use super::*;
-    use clap::Parser;
+    use crate::args::typed;
 
-    #[derive(Parser)]
-    struct Flags {
-        #[command(flatten)]
-        args: EnvelopeArgs,
-    }
     fn args(arguments: &str) -> EnvelopeArgs {
-        let arguments = core::iter::once("envelope").chain(arguments.split_whitespace());
-        Flags::try_parse_from(arguments).unwrap().args
+        typed(core::iter::once("envelope").chain(arguments.split_whitespace()))
     }
     fn cell(wind_mps: f64, landed: usize, refused: usize) -> EnvelopeCell {
         EnvelopeCell {
