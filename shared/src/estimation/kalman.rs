@@ -95,16 +95,6 @@ impl Gaussian {
             column: DVector::zeros(n),
         }
     }
-    /// From mean and covariance.
-    pub fn from_moments(x: DVector<f64>, p: DMatrix<f64>) -> Self {
-        let n = x.len();
-        Gaussian {
-            x,
-            p,
-            scratch: DMatrix::zeros(n, n),
-            column: DVector::zeros(n),
-        }
-    }
     /// Dimension.
     pub fn len(&self) -> usize {
         self.x.len()
@@ -282,7 +272,8 @@ mod tests {
         let ri = DMatrix::from_diagonal(&DVector::from_row_slice(&r.map(|v: f64| 1.0 / v)));
         let expected_p = (&pi + h.transpose() * &ri * &h).try_inverse().unwrap();
         let expected_x = &expected_p * (&pi * &x + h.transpose() * &ri * DVector::from_row_slice(&z));
-        let mut g = Gaussian::from_moments(x, p);
+        let mut g = Gaussian::new(&[0.0; 5]);
+        (g.x, g.p) = (x, p);
         for i in 0..3 {
             fuse(&mut g, &rows[i], z[i], r[i]);
         }
@@ -297,7 +288,8 @@ mod tests {
         let a = DMatrix::from_fn(n, n, |i, j| if (i + 2 * j) % 3 == 0 { noise.next() } else { 0.0 });
         let (p, q) = (spd(n, &mut noise), spd(n, &mut noise));
         let x = DVector::from_fn(n, |_, _| noise.next());
-        let mut g = Gaussian::from_moments(x.clone(), p.clone());
+        let mut g = Gaussian::new(&[0.0; 7]);
+        (g.x, g.p) = (x.clone(), p.clone());
         g.predict(&LinearTransition::from_dense(&a), &q);
         assert!((&g.x - &a * x).norm() < 1e-12);
         assert!((&g.p - (&a * p * a.transpose() + q)).norm() < 1e-10);
