@@ -1,14 +1,13 @@
-//! Advice for the helm, against what the decks do and what drones land on.
+//! Advice for the helm, against what the decks do.
 
 use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
 use alight_shared::msg::SLOPE_STEP;
 use alight_shared::node::Node;
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial;
 use alight_sim::physics::vessel::VesselCourse;
 use alight_sim::physics::vessel::response::HULLS;
-use alight_usv::{Advice, CourseOutlook, VesselNode};
+use alight_usv::{CourseOutlook, VesselNode};
 use nalgebra::Vector3;
 
 /// Headings that are flown, deg: waves run to 0.
@@ -124,67 +123,5 @@ fn deck_motion_on_other_headings() {
                 "{hull}, {heading} deg: {tilt:.3} rad, predicted {predicted:?}"
             );
         }
-    }
-}
-
-/// Landings of these seeds, and the mean likelihood that each descent began with.
-fn landed(scenario: &Scenario, nodes: &NodeConfigs, heading_deg: f64, seeds: core::ops::Range<u64>) -> u32 {
-    let scenario = on_heading(scenario, heading_deg);
-    let flown = seeds.map(|seed| trial::outcome(&scenario, nodes, seed, "advice").unwrap());
-    flown.filter(|o| o.success).count() as u32
-}
-
-/// Landings of the same seeds on the course that the vessel advises each of them from this heading.
-fn landed_as_advised(
-    scenario: &Scenario,
-    nodes: &NodeConfigs,
-    heading_deg: f64,
-    seeds: core::ops::Range<u64>,
-) -> (u32, Vec<Advice>) {
-    let mut all = Vec::new();
-    let landed = seeds.filter(|seed| {
-        let node = node_after(scenario, nodes, heading_deg, *seed, 90.0);
-        let advice = node.advisor().advice().unwrap();
-        let mut scenario = on_heading(scenario, advice.heading_rad().to_degrees());
-        scenario.vessel.speed_mps = advice.speed_mps();
-        all.push(advice);
-        trial::outcome(&scenario, nodes, *seed, "advice").unwrap().success
-    });
-    (landed.count() as u32, all)
-}
-
-/// Within 5 % of the best of six headings, each flown on ten common seeds: minutes.
-#[test]
-#[ignore = "flies 210 landings: minutes"]
-fn advice_against_flying_six_headings() {
-    for (hull, sea, speed) in [
-        ("mono-5m", "jonswap:1,5", 3.0),
-        ("mono-5m", "jonswap:1,5", 5.0),
-        ("work-12m", "jonswap:1.5,5", 3.0),
-    ] {
-        let (scenario, nodes) = under_way(hull, sea, speed);
-        let flown = FLOWN_DEG.map(|h| landed(&scenario, &nodes, h, 300..310));
-        let (advised, all) = landed_as_advised(&scenario, &nodes, 90.0, 300..310);
-        let courses: Vec<String> = all
-            .iter()
-            .map(|a| {
-                let p = [a.here.likelihood, a.best.likelihood];
-                format!(
-                    "{:.0} deg {:.0} m/s {:.2}->{:.2}",
-                    a.heading_rad().to_degrees(),
-                    a.speed_mps(),
-                    p[0],
-                    p[1]
-                )
-            })
-            .collect();
-        println!(
-            "{hull} {sea} {speed} m/s: {flown:?} of 10 on {FLOWN_DEG:?} deg; as advised {advised}: {courses:?}"
-        );
-        let best = flown.iter().max().copied().unwrap();
-        assert!(
-            f64::from(advised) >= 0.95 * f64::from(best) - 1e-9,
-            "{hull}, {sea}, {speed} m/s: {advised} as advised, best {best} of 10"
-        );
     }
 }

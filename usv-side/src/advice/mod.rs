@@ -108,14 +108,6 @@ pub struct Advice {
 }
 
 impl Advice {
-    /// Heading of the best course, rad.
-    pub fn heading_rad(&self) -> f64 {
-        self.best.heading_rad
-    }
-    /// Speed of the best course, m/s.
-    pub fn speed_mps(&self) -> f64 {
-        self.best.speed_mps
-    }
     /// Another course is worth its cost.
     pub fn is_change(&self) -> bool {
         self.best != self.here

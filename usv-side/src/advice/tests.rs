@@ -92,7 +92,7 @@ fn advice_for_a_hull_that_rolls() {
     let mut advisor = sampled(&waves, heading, 3.0, 3.0, 150.0);
     let advice = round(&mut advisor, heading, 3.0, 0.25);
     assert!(advice.is_change(), "{advice:?}");
-    let off = advice.heading_rad().sin().abs();
+    let off = advice.best.heading_rad.sin().abs();
     assert!(off < 0.9, "out of the beam sea: {advice:?}");
     assert!(
         advice.best.likelihood > advice.here.likelihood + 0.02,
