@@ -64,34 +64,13 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     }
 }
 
-fn found(seeds: core::ops::Range<u64>, lands: bool) {
-    let (n, mut missed, mut landed) = (seeds.end - seeds.start, Vec::new(), 0);
-    for seed in seeds {
-        let limit_s = if lands { 300.0 } else { 120.0 };
-        let f = flown(&scenario(), &nodes(VesselLevel::Beacon), seed, limit_s);
-        println!(
-            "beacon {seed}: found {:?} s, {:?} {}, {:?}",
-            f.found_s, f.outcome.outcome, f.outcome.reason, f.states
-        );
-        assert_eq!(f.outcome.unsafe_contacts, 0, "{seed}: {:?}", f.outcome);
-        landed += u32::from(f.outcome.success);
-        if f.found_s.is_none() {
-            missed.push(seed);
-        }
-    }
-    println!("{} of {n} found, {landed} landed", n - missed.len() as u64);
-    assert!(missed.is_empty(), "{missed:?}");
-}
-
 #[test]
 fn deck_found_by_its_beacon() {
-    found(700..703, false);
-}
-
-#[test]
-#[ignore = "20 flights: minutes"]
-fn twenty_decks_found_by_their_beacons() {
-    found(720..740, true);
+    for seed in 700..703 {
+        let f = flown(&scenario(), &nodes(VesselLevel::Beacon), seed, 120.0);
+        assert!(f.found_s.is_some(), "{seed}: {:?}, {:?}", f.states, f.reasons);
+        assert_eq!(f.outcome.unsafe_contacts, 0, "{seed}: {:?}", f.outcome);
+    }
 }
 
 #[test]
