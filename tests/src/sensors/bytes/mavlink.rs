@@ -4,6 +4,7 @@
 use core::f64::consts::TAU;
 
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
 
 use super::{StatedErrors, put};
 
@@ -22,30 +23,14 @@ pub const GPS_RAW_INT: MavlinkId = MavlinkId(24, 24);
 const SYSTEM: u8 = 1;
 const AUTOPILOT: u8 = 1;
 
-/// CRC-16/MCRF4XX (X.25 without the final inversion), bit by bit: x^16 + x^12 + x^5 + 1 from the low end.
-pub fn checksum(bytes: impl IntoIterator<Item = u8>) -> u16 {
-    let mut crc = 0xffff_u16;
-    for byte in bytes {
-        crc ^= u16::from(byte);
-        for _ in 0..8 {
-            crc = (crc >> 1) ^ if crc & 1 == 1 { 0x8408 } else { 0 };
-        }
-    }
-    crc
-}
-
-/// A frame of version 2 without signature; zeros at the payload's end are left out.
+/// A frame of version 2 without signature.
 pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> Vec<u8> {
-    // The first byte stays.
-    let zeros = payload.iter().skip(1).rev().take_while(|b| **b == 0).count();
-    let length = payload.len() - zeros;
-    let [a, b, c, _] = id.to_le_bytes();
-    let mut bytes = vec![0xfd, length as u8, 0, 0, sequence, SYSTEM, AUTOPILOT, a, b, c];
-    bytes.extend(payload.iter().take(length));
-    let covered = bytes.iter().skip(1).copied().chain([extra]);
-    let crc = checksum(covered);
-    bytes.extend(crc.to_le_bytes());
-    bytes
+    let from = MavlinkSender {
+        system: SYSTEM,
+        component: AUTOPILOT,
+        sequence,
+    };
+    encode(from, Outgoing::new(id, extra, payload.to_vec()), None)
 }
 
 /// HEARTBEAT: mode of its own, type, autopilot, base mode, status, version.

@@ -2,7 +2,7 @@
 //! Signal K, UBX or MAVLink, for the program that a vessel installs.
 //!
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
-//! writer and reader shared would not be found.
+//! writer and reader shared would not be found. MAVLink's frames are those of its crate, by a frame that all implementations know.
 
 pub mod mavlink;
 pub mod n2k;
