@@ -61,7 +61,7 @@ impl AutopilotLink {
             return None;
         }
         Some(DeckBeacon {
-            header: self.header(Output::Beacon, now),
+            header: self.headers.next(Output::Beacon, now),
             source,
             latitude_deg: report.latitude_deg,
             longitude_deg: report.longitude_deg,
@@ -85,7 +85,9 @@ impl AutopilotLink {
         self.ais = Some(report.place);
         let [north, east] = report.place.velocity.unwrap_or_default();
         Some(DeckBeacon {
-            header: self.header(Output::Beacon, now - Span::from_secs(report.age_s)),
+            header: self
+                .headers
+                .next(Output::Beacon, now - Span::from_secs(report.age_s)),
             source: BeaconSource::Ais,
             latitude_deg: report.place.latitude_deg,
             longitude_deg: report.place.longitude_deg,

@@ -5,9 +5,10 @@
 //! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
 //! its first heartbeat in that mode ends the command.
 
+use alight_shared::admission::Periodic;
 use alight_shared::mavlink::SigningTimes;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, Message as _};
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 
 use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
@@ -15,23 +16,36 @@ use super::peer::MavlinkPeer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::odometry::Jumps;
 use crate::odometry::wind::WindMonitor;
-use alight_shared::checkpoint::{CheckpointRejection, validate};
+use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 /// Period of writing.
 const PERIOD: Span = Span::from_millis(20);
+
+/// Succession of links: recovery of a crashed predecessor's checkpoint, and our own for a successor.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LinkSuccession {
+    pub(super) recovery: Recovery<LinkCheckpoint>,
+    /// It waits no longer for a predecessor's checkpoint.
+    has_begun: bool,
+    /// Time of the first step.
+    pub(super) began: Option<DroneTime>,
+    timer: Periodic<DroneClock>,
+}
 
 impl AutopilotLink {
     /// Takes the checkpoint of the link before this one, once and only at the beginning. `given`: what its keeper
     /// publishes; boot 0 where it keeps nothing.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
-        if self.has_begun {
+        let s = &mut self.succession;
+        if s.has_begun {
             return;
         }
-        self.began = self.began.or(Some(now));
-        self.has_begun = self.recovery.poll(now, self.boot, given);
-        let before = self.recovery.checkpoint();
+        let (drone_id, boot) = (self.headers.drone_id, self.headers.boot);
+        s.began = s.began.or(Some(now));
+        s.has_begun = s.recovery.poll(now, boot, given);
+        let before = s.recovery.checkpoint();
         // However old: the mission's own may have been too old to count, too.
-        let readable = before.filter(|m| m.header.drone == self.drone_id && m.check().is_ok());
+        let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.parameters.recall(readable.and_then(|m| m.mode));
         let ended = readable.map(|m| m.ended_missions).unwrap_or_default();
         for (end, is_over) in self.mission_ends.iter_mut().zip(ended) {
@@ -45,7 +59,7 @@ impl AutopilotLink {
         };
         self.lapse.succeed(now, m.header.at);
         self.mode = self.mode.or(m.mode);
-        match validate(now, self.drone_id, &m) {
+        match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
                 // The airframe stays what it is: on a deck the thrust that hovers cannot be learned again.
@@ -97,10 +111,11 @@ impl AutopilotLink {
 
     /// Checkpoint for a successor, when it is due.
     pub(super) fn checkpoint(&mut self, now: DroneTime) -> Option<LinkCheckpoint> {
-        if !self.has_begun || !self.timers.checkpoint.is_due_spaced(now, PERIOD) {
+        let s = &mut self.succession;
+        if !s.has_begun || !s.timer.is_due_spaced(now, PERIOD) {
             return None;
         }
-        let header = self.header(Output::Checkpoint, now);
+        let header = self.headers.next(Output::Checkpoint, now);
         let peer = self.peer.as_ref()?;
         let (clock_offset_ns, clock_error_s) = self.clock.offset(now)?;
         let (hover_thrust, hover_learned_s) = self.hover.learned();

@@ -6,11 +6,15 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::admission::Periodic;
 use alight_shared::estimation::OffsetBounds;
 use alight_shared::time::{DroneClock, Span, Time};
 
 use super::DroneTime;
+use super::message::MavlinkMessage;
 
+/// Requests under way, at most.
+const MAX_REQUESTS: usize = 16;
 /// Answers kept.
 const MAX_EXCHANGES: usize = 20;
 /// Drift between two crystals, s/s.
@@ -27,6 +31,9 @@ const MAX_SAMPLE_AGE_S: f64 = 1.0;
 pub(crate) struct RemoteClock {
     /// Ours minus theirs.
     exchanges: VecDeque<OffsetBounds<DroneClock>>,
+    /// Our times in the requests under way, ns.
+    requests: VecDeque<i64>,
+    timer: Periodic<DroneClock>,
     /// Answers that were not used, samples whose time was impossible.
     pub(crate) rejected: u32,
     /// Restarts of the autopilot.
@@ -36,8 +43,29 @@ pub(crate) struct RemoteClock {
 }
 
 impl RemoteClock {
+    /// Request, where one of `hz` a second is due.
+    pub(crate) fn ask(&mut self, now: DroneTime, hz: f64) -> Option<MavlinkMessage> {
+        if !self.timer.is_due_spaced(now, Span::from_secs(1.0 / hz)) {
+            return None;
+        }
+        self.requests.push_back(now.nanos());
+        if self.requests.len() > MAX_REQUESTS {
+            self.requests.pop_front();
+        }
+        Some(MavlinkMessage::Timesync {
+            remote_ns: 0,
+            local_ns: now.nanos(),
+        })
+    }
+    /// A message that may be the answer to one of them.
+    pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
+        if let Some(k) = self.requests.iter().position(|q| *q == asked_ns) {
+            self.requests.remove(k);
+            self.answered(now, asked_ns, remote_ns, limit_s);
+        }
+    }
     /// An answer arrived at `now`: our time in the request, the autopilot's in the answer, ns.
-    pub(crate) fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
+    fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let asked = Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&(now - asked).secs()) {
             self.rejected = self.rejected.saturating_add(1);

@@ -179,13 +179,9 @@ impl AutopilotLink {
 
     /// The answer to a question about clocks.
     fn on_timesync(&mut self, now: DroneTime, remote_ns: i64, local_ns: i64) {
-        let Some(k) = self.timesync_requests.iter().position(|q| *q == local_ns) else {
-            return;
-        };
-        self.timesync_requests.remove(k);
         let before = self.clock.restarts;
         self.clock
-            .answered(now, local_ns, remote_ns, self.config.timesync_limit_s);
+            .on_answer(now, local_ns, remote_ns, self.config.timesync_limit_s);
         if self.clock.restarts != before {
             self.new_frame();
             self.heading = HeadingAlignment::default();
@@ -206,7 +202,7 @@ impl AutopilotLink {
         if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, &self.config))
             && self.range.is_none_or(|r| sample.header.at > r.header.at)
         {
-            sample.header = self.header(Output::Range, sample.header.at);
+            sample.header = self.headers.next(Output::Range, sample.header.at);
             self.range = Some(sample);
             self.range_witness.reads(sample.header.at, sample.range_m);
             out.ranges.push(sample);
@@ -252,7 +248,7 @@ impl AutopilotLink {
 
     /// The remote control's switch was moved: the mission is commanded.
     fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
-        let header = self.header(Output::Command, now);
+        let header = self.headers.next(Output::Command, now);
         self.switch.give(header, kind);
         if kind == CommandKind::Abort {
             self.station.stopped(now);
@@ -332,7 +328,7 @@ impl AutopilotLink {
                 out.alarm(severity::WARNING, text);
             }
             CommandOutcome::Order(kind) => {
-                let header = self.header(Output::Command, now);
+                let header = self.headers.next(Output::Command, now);
                 let replaced = self.station.give((command, kind), from, header);
                 if kind == CommandKind::Abort {
                     self.station.stopped(now);
@@ -475,7 +471,7 @@ impl AutopilotLink {
             // Its origin may be another.
             self.timers.origin = Default::default();
         }
-        state.header = self.header(Output::Odometry, reported.header.at);
+        state.header = self.headers.next(Output::Odometry, reported.header.at);
         let deck = self.followed_deck(now);
         self.wind.update(&mut state, deck);
         self.state = Some(state);

@@ -47,8 +47,6 @@ pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, DeckMessage, Diversion};
 pub use disarm::DisarmInhibit;
 
-use std::collections::VecDeque;
-
 use alight_shared::admission::{Latest, Periodic};
 use alight_shared::bus::wiring;
 use alight_shared::geodesy::Datum;
@@ -66,8 +64,8 @@ use serde::{Deserialize, Serialize};
 use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
 use crate::range_witness::RangeWitness;
-use alight_shared::checkpoint::Recovery;
 use authority::{AuthorityEvidence, AuthorityStateMachine};
+use checkpoint::LinkSuccession;
 use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
@@ -91,8 +89,6 @@ type DroneTime = Time<DroneClock>;
 pub const MAX_FRAMES: usize = 512;
 /// Texts of the autopilot that one step passes on, at most.
 const MAX_TEXTS: usize = 8;
-/// TIMESYNC requests under way, at most.
-const MAX_TIMESYNC_REQUESTS: usize = 16;
 /// Our heartbeat's period (MAVLink's usual).
 const HEARTBEAT: Span = Span::from_millis(1000);
 /// Period of the report of a drone that is landed and still armed.
@@ -195,15 +191,34 @@ enum Output {
     Beacon,
 }
 
+/// Headers of the outputs.
+#[derive(Clone, Copy, Debug, Default)]
+struct OutputHeaders {
+    drone_id: u32,
+    boot: u32,
+    sequences: [u32; 7],
+}
+
+impl OutputHeaders {
+    /// Header of the next of this output.
+    fn next(&mut self, output: Output, at: DroneTime) -> Header<DroneClock> {
+        let s = &mut self.sequences[output as usize];
+        *s = s.wrapping_add(1);
+        Header::new(0, self.drone_id, self.boot, *s, at)
+    }
+    /// Header of what is not published.
+    fn unnumbered(&self, at: DroneTime) -> Header<DroneClock> {
+        Header::new(0, self.drone_id, self.boot, 0, at)
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 struct Timers {
     command: Periodic<DroneClock>,
     heartbeat: Periodic<DroneClock>,
-    timesync: Periodic<DroneClock>,
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
-    checkpoint: Periodic<DroneClock>,
     own_mission: Periodic<DroneClock>,
     armed: Periodic<DroneClock>,
 }
@@ -215,15 +230,8 @@ pub struct AutopilotLink {
     geometry: DroneGeometry,
     /// Attitude set-points will be sent.
     attitudes: bool,
-    drone_id: u32,
-    boot: u32,
-    sequences: [u32; 7],
-    /// Recovery of a crashed predecessor's checkpoint.
-    recovery: Recovery<LinkCheckpoint>,
-    /// It waits no longer for a predecessor's checkpoint.
-    has_begun: bool,
-    /// Time of the first step.
-    began: Option<DroneTime>,
+    headers: OutputHeaders,
+    succession: LinkSuccession,
 
     peer: Option<MavlinkPeer>,
     /// Another vehicle's autopilot was received: when last, and its system.
@@ -231,7 +239,6 @@ pub struct AutopilotLink {
     /// The vessel's place as AIS reported it last.
     ais: Option<place_report::PlaceReport>,
     clock: RemoteClock,
-    timesync_requests: VecDeque<i64>,
     drone_state: DroneStateAssembler,
     /// Jumps of its estimate that were taken into account, as it counts them.
     resets: u8,
@@ -306,8 +313,11 @@ impl AutopilotLink {
             config: config.clone(),
             geometry: *geometry,
             attitudes,
-            drone_id,
-            boot,
+            headers: OutputHeaders {
+                drone_id,
+                boot,
+                ..OutputHeaders::default()
+            },
             smooth: Odometry::new(odometry),
             hover: HoverThrust::new(config.hover_thrust),
             ..AutopilotLink::default()
@@ -345,12 +355,6 @@ impl AutopilotLink {
             (_, _) => Vector3::repeat(1.0),
         }
     }
-    fn header(&mut self, output: Output, at: DroneTime) -> Header<DroneClock> {
-        let s = &mut self.sequences[output as usize];
-        *s = s.wrapping_add(1);
-        Header::new(0, self.drone_id, self.boot, *s, at)
-    }
-
     fn evidence(&self, now: DroneTime, heartbeat: bool) -> AuthorityEvidence {
         let p = self.peer.as_ref();
         let recent = |at: DroneTime, s: f64| (now - at).secs() <= s;
@@ -388,19 +392,7 @@ impl AutopilotLink {
             }));
         }
         let Some(peer) = &mut self.peer else { return };
-        if timers
-            .timesync
-            .is_due_spaced(now, Span::from_secs(1.0 / self.config.timesync_hz))
-        {
-            self.timesync_requests.push_back(now.nanos());
-            if self.timesync_requests.len() > MAX_TIMESYNC_REQUESTS {
-                self.timesync_requests.pop_front();
-            }
-            out.messages.push(MavlinkMessage::Timesync {
-                remote_ns: 0,
-                local_ns: now.nanos(),
-            });
-        }
+        out.messages.extend(self.clock.ask(now, self.config.timesync_hz));
         out.messages.extend(peer.streams.ask(now, peer.address));
         out.messages.extend(peer.parameters.ask(now, peer.address));
         let period = match self.datum {
@@ -450,7 +442,7 @@ impl AutopilotLink {
             return None;
         }
         self.timers.state.restart(now, STATE);
-        let header = self.header(Output::State, now);
+        let header = self.headers.next(Output::State, now);
         let shadow = self.shadow(now);
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();

@@ -2,7 +2,7 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, DeckStage, DroneState, Header, LandedState, MissionState, Motors, PlanStage,
+    AutopilotMode, BatteryPlace, DeckStage, DroneState, LandedState, MissionState, Motors, PlanStage,
     ReasonCode, SetPoint, SetPointKind, State, still_armed, still_armed_s,
 };
 use alight_shared::time::Span;
@@ -101,7 +101,7 @@ impl AutopilotLink {
         let height = self.relative_to_deck(now).map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
         // A successor goes on with what was learned before it.
-        let began = state.is_none() || waits && self.recovery.checkpoint().is_some();
+        let began = state.is_none() || waits && self.succession.recovery.checkpoint().is_some();
         let unknown = began && range.is_none() && height.is_none();
         stands || near || unknown
     }
@@ -288,7 +288,7 @@ impl AutopilotLink {
             None | Some(DisarmInhibit::NotSupported) if evidence.is_low() => {
                 self.held = None;
                 Some(SetPoint {
-                    header: Header::new(0, self.drone_id, self.boot, 0, now),
+                    header: self.headers.unnumbered(now),
                     kind: SetPointKind::Attitude,
                     motors: Motors::Run,
                     thrust: PRESS_OF_HOVER * self.hover.value(),
@@ -338,7 +338,7 @@ impl AutopilotLink {
             euler: [0.0, 0.0, held.yaw],
             ..PlanStage::default()
         };
-        let header = Header::new(0, self.drone_id, self.boot, 0, now);
+        let header = self.headers.unnumbered(now);
         if self.attitudes {
             return Some(SetPoint {
                 header,

@@ -271,7 +271,7 @@ impl AutopilotLink {
                 self.read_parameter(name, None, out);
             }
             Ok(settings) => {
-                let header = self.header(Output::Settings, now);
+                let header = self.headers.next(Output::Settings, now);
                 self.parameters
                     .begin(SettingsOrder { header, settings }, from.system, p);
             }

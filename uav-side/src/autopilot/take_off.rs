@@ -184,7 +184,7 @@ impl AutopilotLink {
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
         // A link before this one may have been in our mode, or have armed, and the pilot have ended that.
-        let succeeds = self.fresh_mission(now).map(|m| m.since) < self.began;
+        let succeeds = self.fresh_mission(now).map(|m| m.since) < self.succession.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.departure;
         let since = *d.since.get_or_insert(now);
