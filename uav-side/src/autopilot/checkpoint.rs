@@ -58,14 +58,14 @@ impl AutopilotLink {
             return;
         };
         self.lapse.succeed(now, m.header.at);
-        self.mode = self.mode.or(m.mode);
+        self.inputs.mode = self.inputs.mode.or(m.mode);
         match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
                 // The airframe stays what it is: on a deck the thrust that hovers cannot be learned again.
                 let aged = why == CheckpointRejection::Age && m.header.at <= now;
                 if aged && m.check().is_ok() {
-                    self.hover.resume(m.hover_thrust, m.hover_learned_s);
+                    self.estimate.hover.resume(m.hover_thrust, m.hover_learned_s);
                 }
                 out.texts.push(format!(
                     "the checkpoint of the link before this one does not count: it is {why}"
@@ -95,17 +95,18 @@ impl AutopilotLink {
         });
         peer.parameters.trust_thrust();
         self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
-        self.datum.get_or_insert(m.datum);
-        self.geoid_m.get_or_insert(m.geoid_m);
-        self.drone_state.resume(m.frames, m.reported_resets);
+        let e = &mut self.estimate;
+        e.origin.datum.get_or_insert(m.datum);
+        e.origin.geoid_m.get_or_insert(m.geoid_m);
+        e.assembler.resume(m.frames, m.reported_resets);
         let jumps = Jumps {
             offset: m.datum_offset.into(),
             heading: m.heading_jumps,
         };
-        self.smooth.resume(m.smoothing, jumps);
-        self.wind = WindMonitor::resume(&m.wind);
-        self.heading.resume();
-        self.hover.resume(m.hover_thrust, m.hover_learned_s);
+        e.smooth.resume(m.smoothing, jumps);
+        e.wind = WindMonitor::resume(&m.wind);
+        e.heading.resume();
+        e.hover.resume(m.hover_thrust, m.hover_learned_s);
         self.authority.resume();
     }
 
@@ -118,24 +119,25 @@ impl AutopilotLink {
         let header = self.headers.next(Output::Checkpoint, now);
         let peer = self.peer.as_ref()?;
         let (clock_offset_ns, clock_error_s) = self.clock.offset(now)?;
-        let (hover_thrust, hover_learned_s) = self.hover.learned();
+        let e = &self.estimate;
+        let (hover_thrust, hover_learned_s) = e.hover.learned();
         Some(LinkCheckpoint {
             header,
             commanding: self.control_authority().commands(),
             vehicle: peer.address.system,
             autopilot: peer.firmware.number(),
-            mode: self.mode,
+            mode: self.inputs.mode,
             landed: peer.landed(now),
             clock_offset_ns,
             clock_error_s: clock_error_s.min(1.0),
-            datum: self.datum?,
-            geoid_m: self.geoid_m?,
-            frames: self.drone_state.frames,
-            reported_resets: self.drone_state.reported_resets,
-            datum_offset: self.smooth.jumps().offset.into(),
-            heading_jumps: self.smooth.jumps().heading,
-            smoothing: self.smooth.difference(),
-            wind: self.wind.checkpoint(),
+            datum: e.origin.datum?,
+            geoid_m: e.origin.geoid_m?,
+            frames: e.assembler.frames,
+            reported_resets: e.assembler.reported_resets,
+            datum_offset: e.smooth.jumps().offset.into(),
+            heading_jumps: e.smooth.jumps().heading,
+            smoothing: e.smooth.difference(),
+            wind: e.wind.checkpoint(),
             hover_thrust,
             hover_learned_s,
             ended_missions: self.mission_ends.map(|end| end.is_over()),

@@ -1,12 +1,10 @@
 //! The deck for other users of the link, when that is configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and a list of numbers.
 
-use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{DeckStage, Phase, SetPoint, SetPointKind, VesselLevel};
+use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
-use alight_shared::topics;
-use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::DeckMessage;
 use super::message::command::SET_HOME;
@@ -26,43 +24,27 @@ const HOME_REPEAT: Span = Span::from_millis(30_000);
 const DECK_PERIOD: Span = Span::from_millis(100);
 
 impl AutopilotLink {
-    /// The deck as forecast for now, for as long as the newest forecast reaches: the pilot flies by no other.
-    pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
-        let forecast = self.forecast.get()?;
-        forecast.at(now.max(forecast.header.at))
-    }
-    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s; None: above none.
-    pub(super) fn followed_deck(&self, now: DroneTime) -> Option<Vector2<f64>> {
-        let follows = self.fresh_mission(now)?.state.phase() == Phase::Follow;
-        let known = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
-        let deck = self.deck(now).filter(|_| follows && known)?;
-        Some(Vector3::from(deck.velocity).xy())
-    }
-    /// The deck is known by more than a beacon: an unauthenticated position is not passed on.
-    fn is_known(&self, now: DroneTime) -> bool {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
-        forecast.is_some_and(|f| f.vessel_level() != VesselLevel::Beacon)
-    }
     /// Sends the deck in the autopilot's frame and at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;
         }
-        if !self.is_known(now) {
+        if !self.inputs.is_deck_known(now) {
             return;
         }
-        let Some(d) = self.deck(now) else { return };
+        let Some(d) = self.inputs.deck(now) else { return };
         self.timers.deck.restart(now, DECK_PERIOD);
         // The forecast is in the frame that set-points are in.
-        let there = self.in_its_frame(&SetPoint {
+        let deck = SetPoint {
             kind: SetPointKind::Trajectory,
             position: d.position,
             velocity: d.velocity,
             ..SetPoint::default()
-        });
+        };
+        let there = self.estimate.for_autopilot(&deck, self.firmware());
         let time_us = self.clock.remote_time_us(now, now);
         let (position, velocity) = (there.position, there.velocity);
-        let target = match self.peer.as_ref().map(|p| p.firmware) {
+        let target = match self.firmware() {
             Some(Firmware::Px4) if self.config.deck_message == DeckMessage::Target => {
                 let (relative, absolute) = (self.target_relative(), self.target_absolute(now, &d, velocity));
                 out.messages.extend(relative.map(MavlinkMessage::TargetRelative));
@@ -88,8 +70,8 @@ impl AutopilotLink {
     }
     /// The deck as ArduCopter takes it: from the vehicle, in its own axes, at the time of its newest odometry.
     fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
-        let state = self.state?;
-        let deck = self.deck(state.header.at)?;
+        let state = self.estimate.state?;
+        let deck = self.inputs.deck(state.header.at)?;
         let body = state.attitude();
         let apart = body.inverse() * (Vector3::from(deck.position) - state.position());
         let distance_m = apart.norm();
@@ -105,8 +87,8 @@ impl AutopilotLink {
     /// The deck as PX4's vision target estimator takes a detected marker: from the vehicle, at the time of its newest
     /// odometry.
     fn target_relative(&self) -> Option<TargetRelative> {
-        let state = self.state?;
-        let deck = self.deck(state.header.at)?;
+        let state = self.estimate.state?;
+        let deck = self.inputs.deck(state.header.at)?;
         let [_, _, yaw_sd] = deck.euler_sd;
         Some(TargetRelative {
             time_us: own_us(state.header.at),
@@ -124,7 +106,7 @@ impl AutopilotLink {
         deck: &DeckStage,
         velocity: [f64; 3],
     ) -> Option<TargetAbsolute> {
-        let (place, sea_m) = self.place(deck)?;
+        let (place, sea_m) = self.estimate.place(deck)?;
         let [north, east, down] = deck.position_sd;
         Some(TargetAbsolute {
             time_us: own_us(now),
@@ -137,19 +119,11 @@ impl AutopilotLink {
             velocity_sd: deck.velocity_sd,
         })
     }
-    /// Place of the deck's centre, and its height above the sea, m; None until the origin is known.
-    fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
-        let (datum, geoid_m) = self.datum.zip(self.geoid_m)?;
-        let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
-        let place = datum.at(&Vector::<DroneNed>::from(from_datum));
-        let sea_m = place.height_m - geoid_m;
-        Some((place, sea_m))
-    }
     /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let known = self.is_known(now);
-        let deck = self.deck(now).filter(|_| self.config.send_home && known);
-        let place = deck.and_then(|d| self.place(&d));
+        let known = self.inputs.is_deck_known(now);
+        let deck = self.inputs.deck(now).filter(|_| self.config.send_home && known);
+        let place = deck.and_then(|d| self.estimate.place(&d));
         let (Some((place, sea_m)), Some(peer)) = (place, &self.peer) else {
             return;
         };
@@ -179,31 +153,4 @@ fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
 }
 fn quaternion(q: &UnitQuaternion<f64>) -> [f64; 4] {
     [q.w, q.i, q.j, q.k]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::fixtures::{forecast, header, mission};
-    use alight_shared::msg::State;
-
-    #[test]
-    fn deck_that_the_mission_follows() {
-        let moving = |_| DeckStage {
-            velocity: [2.0, 1.0, 0.3],
-            ..DeckStage::default()
-        };
-        let (mut link, now) = (AutopilotLink::default(), DroneTime::EPOCH);
-        assert_eq!(link.followed_deck(now), None);
-        link.forecast.offer(now, &forecast(header(1, now), moving));
-        link.mission
-            .offer(now, &mission(header(1, now), State::Tracking, 0.0));
-        let later = now + topics::FORECAST.stale_after + Span::from_millis(1);
-        let velocity = Some(Vector2::new(2.0, 1.0));
-        assert_eq!([now, later].map(|t| link.followed_deck(t)), [velocity, None]);
-        let next = now + Span::from_millis(20);
-        link.mission
-            .offer(next, &mission(header(2, next), State::Descent, 0.0));
-        assert_eq!(link.followed_deck(next), None);
-    }
 }

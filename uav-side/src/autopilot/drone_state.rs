@@ -1,13 +1,25 @@
 //! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
 //! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
 
-use alight_shared::msg::{DroneState, Header, Message as _, RangeSample};
+use alight_shared::estimation::low_pass;
+use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::geodesy::Datum;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, SetPoint};
 use alight_shared::time::Span;
+use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{DistanceReport, OdometryReport, VelocityFrame};
+use super::heading::HeadingAlignment;
+use super::inputs::LinkInputs;
+use super::message::{OdometryReport, VelocityFrame};
+use super::modes::Firmware;
+use super::origin::AutopilotOrigin;
+use super::thrust::HoverThrust;
+use super::{DroneTime, Output, OutputHeaders};
+use crate::odometry::wind::WindMonitor;
+use crate::odometry::{Odometry, OdometryConfig};
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
@@ -17,6 +29,10 @@ const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
 /// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
+/// After a jump of its position by more than this its origin is asked for again, m.
+const JUMPED_M: f64 = 1.0;
+/// Time constant of the specific force in the evidence for a disarm, s.
+const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 
 /// The inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
@@ -181,19 +197,109 @@ impl DroneStateAssembler {
     }
 }
 
-/// A reading of the rangefinder; None out of its limits, and of 0 m, which is no reading whatever its limits.
-pub(crate) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
-    let [low, high] = d.limits_m;
-    let sample = RangeSample {
-        header: Header::new(0, 0, 0, 0, at),
-        range_m: d.range_m,
-        variance: d
-            .variance
-            .filter(|v| *v > 0.0)
-            .unwrap_or(c.range_sd_m * c.range_sd_m),
-    };
-    // A rangefinder without an echo reports its greatest distance.
-    (d.range_m > 0.0 && (low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
+/// Estimate of the drone's state, of the wind, and of the thrust that hovers.
+#[derive(Clone, Debug, Default)]
+pub(super) struct DroneEstimate {
+    pub(super) assembler: DroneStateAssembler,
+    /// Jumps of the autopilot's estimate that were taken into account, as it counts them.
+    resets: u8,
+    pub(super) origin: AutopilotOrigin,
+    pub(super) heading: HeadingAlignment,
+    pub(super) smooth: Odometry,
+    pub(super) wind: WindMonitor,
+    pub(super) state: Option<DroneState>,
+    /// Specific force upwards along the body's axis, smoothed, m/s².
+    force: Option<f64>,
+    pub(super) hover: HoverThrust,
+}
+
+impl DroneEstimate {
+    /// Estimate for a drone that hovers by the thrust `hover` at first.
+    pub(super) fn new(odometry: &OdometryConfig, hover: f64) -> DroneEstimate {
+        DroneEstimate {
+            smooth: Odometry::new(odometry),
+            hover: HoverThrust::new(hover),
+            ..DroneEstimate::default()
+        }
+    }
+    /// The state while that is fresh.
+    pub(super) fn fresh(&self, now: DroneTime) -> Option<DroneState> {
+        let stale_after = topics::DRONE_STATE.stale_after;
+        self.state.filter(|s| now - s.header.at <= stale_after)
+    }
+    /// Specific force upwards as a fraction of gravity.
+    pub(super) fn load_factor(&self, now: DroneTime) -> Option<f64> {
+        self.fresh(now).and(self.force).map(|f| f / GRAVITY)
+    }
+    /// Forgets what was known in the former frame.
+    pub(super) fn restart(&mut self) {
+        self.assembler.restart();
+        self.smooth.restart();
+    }
+    /// The autopilot is another one, or restarted: its origin and its heading are others, too.
+    pub(super) fn forget(&mut self) {
+        self.restart();
+        (self.heading, self.origin) = Default::default();
+    }
+    /// New odometry of the autopilot: smooths it, and learns the wind and, where the drone flies by this `thrust` (fraction), the
+    /// hover thrust. The drone's own, and the time since the one before it, s; None before origin and heading are known.
+    pub(super) fn step(
+        &mut self,
+        now: DroneTime,
+        mut reported: DroneState,
+        inputs: &LinkInputs,
+        thrust: Option<f64>,
+        firmware: Option<Firmware>,
+        c: &AutopilotLinkConfig,
+        headers: &mut OutputHeaders,
+    ) -> Option<(DroneState, f64)> {
+        self.heading.watch(&reported);
+        // Before its heading is aligned, its directions are anybody's.
+        reported.datum = self.origin.datum.filter(|_| self.heading.was_aligned())?;
+        let counted = core::mem::replace(&mut self.resets, self.assembler.resets) != self.assembler.resets;
+        let scale = self.origin.map_scale(firmware);
+        reported.position = reported.position().component_mul(&scale).into();
+        let dt = self
+            .state
+            .map_or(0.01, |s| (reported.header.at - s.header.at).secs());
+        let up = -reported.specific_force[2];
+        let since = dt.clamp(0.0, 1.0);
+        self.force = Some(low_pass(self.force, up, since, SPECIFIC_FORCE_TIME_S));
+        if let Some(thrust) = thrust {
+            self.hover.learn(thrust, up, dt, c.hover_thrust_s);
+        }
+        let before = self.smooth.jumps();
+        let mut state = self.smooth.step(&reported, counted);
+        if state.check().is_err() {
+            // Its jumps have led the frame beyond all bounds.
+            self.restart();
+            state = self.smooth.step(&reported, false);
+        }
+        if counted || (self.smooth.jumps().offset - before.offset).norm() > JUMPED_M {
+            self.origin.ask_again();
+        }
+        state.header = headers.next(Output::Odometry, reported.header.at);
+        self.wind.update(&mut state, inputs.followed_deck(now));
+        self.state = Some(state);
+        Some((state, dt))
+    }
+    /// A set-point in the frame of the autopilot with this firmware.
+    pub(super) fn for_autopilot(&self, s: &SetPoint, firmware: Option<Firmware>) -> SetPoint {
+        let s = self.smooth.for_autopilot(s);
+        let scale = self.origin.map_scale(firmware);
+        SetPoint {
+            position: Vector3::from(s.position).component_div(&scale).into(),
+            ..s
+        }
+    }
+    /// Place of the deck's centre, and its height above the sea, m; None until the origin is known.
+    pub(super) fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
+        let (datum, geoid_m) = self.origin.datum.zip(self.origin.geoid_m)?;
+        let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
+        let place = datum.at(&Vector::<DroneNed>::from(from_datum));
+        let sea_m = place.height_m - geoid_m;
+        Some((place, sea_m))
+    }
 }
 
 #[cfg(test)]
@@ -279,29 +385,5 @@ mod tests {
         assert_eq!((f.resets, f.frames), (1, 0));
         f.restart();
         assert_eq!((f.resets, f.frames), (1, 1));
-    }
-
-    #[test]
-    fn rangefinder_at_its_limit() {
-        let sample = |range_m, variance| {
-            let report = DistanceReport {
-                time_ms: 0,
-                range_m,
-                limits_m: [0.0, 10.0],
-                variance,
-            };
-            range(t(1.0), &report, &AutopilotLinkConfig::default())
-        };
-        assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // No reading, of a rangefinder that states no minimum distance.
-        let none = DistanceReport {
-            time_ms: 0,
-            range_m: 0.0,
-            limits_m: [0.0, 30.0],
-            variance: None,
-        };
-        assert!(range(t(1.0), &none, &AutopilotLinkConfig::default()).is_none());
-        let s = sample(2.0, Some(0.0)).unwrap();
-        assert!((s.variance - 0.0004).abs() < 1e-12);
     }
 }

@@ -4,7 +4,6 @@
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
 use alight_shared::time::{DroneClock, Span};
-use alight_shared::topics;
 use nalgebra::Vector3;
 
 use super::message::{MavlinkMessage, severity};
@@ -60,16 +59,16 @@ impl AutopilotLink {
         if self.peer.is_none() {
             return;
         }
-        let text = self.mission.get().and_then(|m| self.ground.report(now, m));
+        let text = self.inputs.mission.get().and_then(|m| self.ground.report(now, m));
         out.messages.extend(text);
         if !self.ground.values.is_due_spaced(now, VALUES) {
             return;
         }
         let time_ms = (self.clock.remote_time_us(now, now) / 1000) as u32;
-        let wind = self.state.and_then(|s| s.wind).map(Wind::towards);
+        let wind = self.estimate.state.and_then(|s| s.wind).map(Wind::towards);
         let values = [
             (DISTANCE, self.deck_distance_m(now)),
-            (AGE, self.link_age_s(now)),
+            (AGE, self.inputs.link_age_s(now)),
             (WIND[0], wind.map(|w| w.speed_mps)),
             (WIND[1], wind.map(|w| w.from_deg as f64)),
         ];
@@ -84,17 +83,8 @@ impl AutopilotLink {
     }
     /// From the drone to the deck's centre, m; None while either is unknown.
     fn deck_distance_m(&self, now: DroneTime) -> Option<f64> {
-        let state = self
-            .state
-            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
-        let deck = self.deck(now)?;
+        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
         Some((Vector3::from(deck.position) - state.position()).norm())
-    }
-    /// Age of the newest vessel estimate that the forecast rests on, s; None before the first.
-    fn link_age_s(&self, now: DroneTime) -> Option<f64> {
-        let forecast = self.forecast.get()?;
-        let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
-        age_s.is_finite().then_some(age_s)
     }
 }
 

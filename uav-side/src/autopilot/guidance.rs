@@ -4,7 +4,7 @@
 //! The mission detects no touchdown for it, so the evidence is that of [`super::disarm`] with the deck's forecast in any
 //! case, for longer, and on a drone that goes with the deck.
 
-use alight_shared::msg::{AutopilotMode, LandingMode};
+use alight_shared::msg::AutopilotMode;
 
 use super::config::DisarmConfig;
 use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_MPS};
@@ -20,8 +20,7 @@ impl AutopilotLink {
         let c = self.config.disarm;
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
         // A landing of the autopilot's own needs no mission; one that looks on commands nothing.
-        let looks_on = self.mode == Some(LandingMode::Shadow);
-        if !(c.own_landing && !looks_on && self.peer.as_ref().is_some_and(lands)) {
+        if !(c.own_landing && !self.inputs.looks_on() && self.peer.as_ref().is_some_and(lands)) {
             self.own_landing.clear();
             return;
         }

@@ -1,11 +1,7 @@
 //! Inbound messages: heartbeats, clocks, samples, answers.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::geodesy::Datum;
-use alight_shared::geoid;
-use alight_shared::msg::{CommandKind, DroneState, LandedState, Message as _};
+use alight_shared::msg::{CommandKind, DroneState, LandedState};
 
-use super::heading::HeadingAlignment;
 use super::message::{
     self, Address, CommandResult, DistanceReport, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
 };
@@ -13,18 +9,8 @@ use super::modes::Firmware;
 use super::orders::named;
 use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
-use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
+use super::{AutopilotLink, AutopilotOut, DroneTime, Output, rangefinder};
 
-/// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
-const MAX_GEOID_M: f64 = 120.0;
-/// Reports of the origin that are waited for a receiver's two heights.
-const ORIGINS_WITHOUT_GEOID: u8 = 3;
-/// An origin that moved by more than this is another, m: the message has centimetres.
-const ORIGIN_MOVED_M: f64 = 0.05;
-/// After a jump of its position by more than this its origin is asked for again, m.
-const JUMPED_M: f64 = 1.0;
-/// Time constant of the specific force in the evidence for a disarm, s.
-const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 /// Another autopilot is accepted when the first was silent for this long, and counts as received for so long, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
@@ -58,21 +44,21 @@ impl AutopilotLink {
             MavlinkMessage::Odometry(o) => {
                 peer.streams.received(message::id::ODOMETRY);
                 if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
-                    let state = self.drone_state.odometry(at, o, c);
+                    let state = self.estimate.assembler.odometry(at, o, c);
                     self.on_odometry(now, state, out);
                 }
             }
             MavlinkMessage::LocalPosition(p) => {
                 peer.streams.received(message::id::LOCAL_POSITION_NED);
                 if let Some(at) = self.clock.local_time(now, millis(p.time_ms)) {
-                    let state = self.drone_state.position(at, p.position, p.velocity, c);
+                    let state = self.estimate.assembler.position(at, p.position, p.velocity, c);
                     self.on_odometry(now, state, out);
                 }
             }
             MavlinkMessage::Attitude(a) => {
                 peer.streams.received(message::id::ATTITUDE_QUATERNION);
                 if let Some(at) = self.clock.local_time(now, millis(a.time_ms)) {
-                    self.drone_state.attitude(at, a.attitude, a.rates);
+                    self.estimate.assembler.attitude(at, a.attitude, a.rates);
                 }
             }
             MavlinkMessage::Imu(i) => {
@@ -81,7 +67,7 @@ impl AutopilotLink {
                     Firmware::ArduCopter => message::id::SCALED_IMU,
                 });
                 if let Some(at) = self.clock.local_time(now, micros(i.time_us)) {
-                    self.drone_state.imu(at, i.accelerometer);
+                    self.estimate.assembler.imu(at, i.accelerometer);
                 }
             }
             MavlinkMessage::Distance(d) => {
@@ -113,12 +99,18 @@ impl AutopilotLink {
             }
             MavlinkMessage::AttitudeTargetThrust { thrust } => {
                 peer.streams.received(message::id::ATTITUDE_TARGET);
-                let attitude = self.state.map(|s| s.attitude);
+                let attitude = self.estimate.state.map(|s| s.attitude);
                 peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
             }
             MavlinkMessage::Parameter { name, value, .. } => peer.parameters.received(name, *value),
-            MavlinkMessage::Origin(origin) => self.on_origin(origin),
-            MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => self.on_heights(*sea_m, *ellipsoid_m),
+            MavlinkMessage::Origin(origin) => {
+                if self.estimate.origin.on_report(origin) {
+                    self.estimate.restart();
+                }
+            }
+            MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => {
+                self.estimate.origin.on_heights(*sea_m, *ellipsoid_m);
+            }
             MavlinkMessage::CommandAck { command, result, to } => {
                 if self.is_addressed(*to) {
                     self.on_answer(now, *command, *result, out);
@@ -130,11 +122,11 @@ impl AutopilotLink {
             }
             MavlinkMessage::EstimatorStatus { flags } => {
                 peer.streams.received(message::id::ESTIMATOR_STATUS);
-                self.heading.status(now, *flags);
+                self.estimate.heading.status(now, *flags);
             }
             MavlinkMessage::EkfStatus { flags } => {
                 peer.streams.received(message::id::EKF_STATUS_REPORT);
-                self.heading.status(now, *flags);
+                self.estimate.heading.status(now, *flags);
             }
             MavlinkMessage::MissionCurrent { total, state } => {
                 self.own_mission.current(peer.firmware, *total, *state);
@@ -183,10 +175,7 @@ impl AutopilotLink {
         self.clock
             .on_answer(now, local_ns, remote_ns, self.config.timesync_limit_s);
         if self.clock.restarts != before {
-            self.new_frame();
-            self.heading = HeadingAlignment::default();
-            // Its origin is another, too.
-            (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
+            self.estimate.forget();
             if let Some(peer) = &mut self.peer {
                 peer.parameters.read_again();
             }
@@ -195,18 +184,14 @@ impl AutopilotLink {
 
     fn on_distance(&mut self, now: DroneTime, d: &DistanceReport, out: &mut AutopilotOut) {
         if !(d.range_m > 0.0) {
-            self.drone_state.rejected = self.drone_state.rejected.saturating_add(1);
+            let rejected = &mut self.estimate.assembler.rejected;
+            *rejected = rejected.saturating_add(1);
             return;
         }
         let at = self.clock.local_time(now, millis(d.time_ms));
-        if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, &self.config))
-            && self.range.is_none_or(|r| sample.header.at > r.header.at)
-        {
-            sample.header = self.headers.next(Output::Range, sample.header.at);
-            self.range = Some(sample);
-            self.range_witness.reads(sample.header.at, sample.range_m);
-            out.ranges.push(sample);
-        }
+        let sample = at.and_then(|at| rangefinder::sample(at, d, &self.config));
+        let newer = sample.and_then(|s| self.range.take(s, &mut self.headers));
+        out.ranges.extend(newer);
     }
 
     /// An answer to this address is ours: of this component, or without an address by a firmware that does not state whose.
@@ -379,9 +364,7 @@ impl AutopilotLink {
                 ));
                 self.authority.forget();
                 self.clock.forget();
-                self.new_frame();
-                self.heading = HeadingAlignment::default();
-                (self.datum, self.geoid_m, self.origins, self.timers.origin) = Default::default();
+                self.estimate.forget();
             }
         }
         if let Some(p) = &mut self.peer {
@@ -391,92 +374,18 @@ impl AutopilotLink {
         true
     }
 
-    /// Both heights of the autopilot's receiver. What they differ by is held: it changes by centimetres in a flight, and the
-    /// origin must not.
-    fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
-        let geoid_m = ellipsoid_m - sea_m;
-        if ellipsoid_m != 0.0 && geoid_m.abs() <= MAX_GEOID_M {
-            self.geoid_m.get_or_insert(geoid_m);
-        }
-    }
-
-    /// The origin of the autopilot's own NED, its height above the sea: without the receiver's heights the geoid's height at
-    /// this place counts from its third report on.
-    fn on_origin(&mut self, reported: &Datum) {
-        self.origins = self.origins.saturating_add(1);
-        if self.geoid_m.is_none() && self.origins < ORIGINS_WITHOUT_GEOID {
-            return;
-        }
-        let by_model = || {
-            let [latitude, longitude] = [reported.latitude_deg, reported.longitude_deg].map(f64::to_radians);
-            geoid::undulation(latitude, longitude).height_m
-        };
-        let geoid_m = *self.geoid_m.get_or_insert_with(by_model);
-        let origin = Datum {
-            height_m: reported.height_m + geoid_m,
-            ..*reported
-        };
-        if !origin.is_on_earth() {
-            return;
-        }
-        match &self.datum {
-            Some(known) if !(known.distance_m(&origin) > ORIGIN_MOVED_M) => return,
-            Some(_) => self.new_frame(),
-            None => {}
-        }
-        self.datum = Some(origin);
-    }
-
-    /// Forgets what was known in the former frame.
-    fn new_frame(&mut self) {
-        self.drone_state.restart();
-        self.smooth.restart();
-    }
-
-    /// New odometry: smooths it, learns hover thrust and wind from it and publishes it.
+    /// New odometry of the autopilot: publishes the drone's own.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
-        let Some(mut reported) = reported else { return };
-        self.heading.watch(&reported);
-        // Before its heading is aligned, its directions are anybody's.
-        let Some(datum) = self.datum.filter(|_| self.heading.was_aligned()) else {
-            return;
-        };
-        let counted =
-            core::mem::replace(&mut self.resets, self.drone_state.resets) != self.drone_state.resets;
-        reported.datum = datum;
-        reported.position = reported.position().component_mul(&self.map_scale()).into();
-        let dt = self
-            .state
-            .map_or(0.01, |s| (reported.header.at - s.header.at).secs());
-        let up = -reported.specific_force[2];
-        let since = dt.clamp(0.0, 1.0);
-        self.force = Some(low_pass(self.force, up, since, SPECIFIC_FORCE_TIME_S));
-        if let Some(p) = &self.peer
-            && p.armed
-            && p.landed(now) != LandedState::OnGround
-            && !self.may_touch(now)
-            && let Some(t) = p.thrust_now(now)
-        {
-            let fraction = thrust::fraction(t, self.config.thrust_curve);
-            self.hover.learn(fraction, up, dt, self.config.hover_thrust_s);
-        }
-        let before = self.smooth.jumps();
-        let mut state = self.smooth.step(&reported, counted);
-        if state.check().is_err() {
-            // Its jumps have led the frame beyond all bounds.
-            self.new_frame();
-            state = self.smooth.step(&reported, false);
-        }
-        if counted || (self.smooth.jumps().offset - before.offset).norm() > JUMPED_M {
-            // Its origin may be another.
-            self.timers.origin = Default::default();
-        }
-        state.header = self.headers.next(Output::Odometry, reported.header.at);
-        let deck = self.followed_deck(now);
-        self.wind.update(&mut state, deck);
-        self.state = Some(state);
+        let Some(reported) = reported else { return };
+        let up = |p: &MavlinkPeer| p.armed && p.landed(now) != LandedState::OnGround;
+        let flies = self.peer.as_ref().is_some_and(up) && !self.may_touch(now);
+        let thrust = self.applied_thrust(now).filter(|_| flies);
+        let (firmware, c) = (self.firmware(), &self.config);
+        let (inputs, headers) = (&self.inputs, &mut self.headers);
+        let stepped = (self.estimate).step(now, reported, inputs, thrust, firmware, c, headers);
+        let Some((state, dt)) = stepped else { return };
         let speed = self.relative_to_deck(now).map(|(_, _, away)| away);
-        self.range_witness.moves(dt.clamp(0.0, 0.1), speed);
+        self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
         out.odometry.push(state);
     }
 }

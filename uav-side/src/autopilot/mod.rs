@@ -24,15 +24,18 @@ pub mod ground_station;
 mod guidance;
 mod heading;
 mod inbound;
+mod inputs;
 mod lapse;
 pub mod message;
 pub mod modes;
 mod orders;
+mod origin;
 mod outbound;
 pub mod own_mission;
 pub mod parameters;
 mod peer;
 pub mod place_report;
+mod rangefinder;
 mod rc_switch;
 mod rotors;
 mod shadow;
@@ -47,41 +50,37 @@ pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, DeckMessage, Diversion};
 pub use disarm::DisarmInhibit;
 
-use alight_shared::admission::{Latest, Periodic};
+use alight_shared::admission::Periodic;
 use alight_shared::bus::wiring;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LandingMode, LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder,
+    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::odometry::wind::WindMonitor;
-use crate::odometry::{Odometry, OdometryConfig};
-use crate::range_witness::RangeWitness;
+use crate::odometry::OdometryConfig;
 use authority::{AuthorityEvidence, AuthorityStateMachine};
 use checkpoint::LinkSuccession;
 use clock::RemoteClock;
 use disarm::DisarmSequence;
-use drone_state::DroneStateAssembler;
+use drone_state::DroneEstimate;
 use ground_station::GroundReports;
-use heading::HeadingAlignment;
+use inputs::LinkInputs;
 use lapse::LapseMonitor;
-use message::{
-    Address, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
-};
+use message::{Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, MavlinkMessage, severity};
+use modes::Firmware;
 use own_mission::{MissionEnd, MissionStart, OwnMissionMonitor};
 use peer::MavlinkPeer;
+use rangefinder::RangeReadings;
 use rc_switch::RcSwitch;
 use station::StationOrders;
 use station_parameters::StationParameters;
 use take_off::TakeOffSequence;
-use thrust::{HoverThrust, SentThrust};
+use thrust::SentThrust;
 
 type DroneTime = Time<DroneClock>;
 
@@ -97,10 +96,6 @@ const STILL_ARMED: Span = Span::from_millis(10_000);
 const STATE: Span = Span::from_millis(100);
 /// Confirmation or rejection of our command takes no longer: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
-/// Period of requests for an origin that is known: an estimator that restarts moves its origin.
-const ORIGIN: Span = Span::from_millis(5000);
-/// Period of requests for an unknown origin.
-const UNKNOWN_ORIGIN: Span = Span::from_millis(1000);
 
 /// Input of the link.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -218,7 +213,6 @@ struct Timers {
     heartbeat: Periodic<DroneClock>,
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
-    origin: Periodic<DroneClock>,
     own_mission: Periodic<DroneClock>,
     armed: Periodic<DroneClock>,
 }
@@ -227,7 +221,8 @@ struct Timers {
 #[derive(Clone, Debug, Default)]
 pub struct AutopilotLink {
     config: AutopilotLinkConfig,
-    geometry: DroneGeometry,
+    /// Height of the drone's centre above its feet, m.
+    feet_below_m: f64,
     /// Attitude set-points will be sent.
     attitudes: bool,
     headers: OutputHeaders,
@@ -239,33 +234,12 @@ pub struct AutopilotLink {
     /// The vessel's place as AIS reported it last.
     ais: Option<place_report::PlaceReport>,
     clock: RemoteClock,
-    drone_state: DroneStateAssembler,
-    /// Jumps of its estimate that were taken into account, as it counts them.
-    resets: u8,
-    heading: HeadingAlignment,
-    smooth: Odometry,
-    wind: WindMonitor,
-    state: Option<DroneState>,
-    /// Origin of the autopilot's NED, which is the drone's; None until it has reported that.
-    datum: Option<Datum>,
-    /// Height of the sea above the ellipsoid that counts, m; None until that is decided.
-    geoid_m: Option<f64>,
-    /// Reports of the origin so far.
-    origins: u8,
-    hover: HoverThrust,
-    force: Option<f64>,
-    range: Option<RangeSample>,
-    /// Whether the rangefinder follows the drone.
-    range_witness: RangeWitness,
+    estimate: DroneEstimate,
+    range: RangeReadings,
     /// Whether little thrust is commanded.
     sent_thrust: SentThrust,
 
-    set_point: Latest<SetPoint>,
-    mission: Latest<MissionState>,
-    /// Landing mode of the mission, by its newest state however old; None: no state was received.
-    mode: Option<LandingMode>,
-    forecast: Latest<DeckForecast>,
-
+    inputs: LinkInputs,
     authority: AuthorityStateMachine,
     disarm: DisarmSequence,
     /// Disarm while the autopilot holds on its own.
@@ -311,15 +285,15 @@ impl AutopilotLink {
     ) -> Self {
         AutopilotLink {
             config: config.clone(),
-            geometry: *geometry,
+            feet_below_m: geometry.feet_below_m,
             attitudes,
             headers: OutputHeaders {
                 drone_id,
                 boot,
                 ..OutputHeaders::default()
             },
-            smooth: Odometry::new(odometry),
-            hover: HoverThrust::new(config.hover_thrust),
+            estimate: DroneEstimate::new(odometry, config.hover_thrust),
+            range: RangeReadings::new(geometry),
             ..AutopilotLink::default()
         }
     }
@@ -331,9 +305,9 @@ impl AutopilotLink {
     pub fn metrics(&self, now: DroneTime) -> LinkMetrics {
         LinkMetrics {
             clock_uncertainty_s: self.clock.uncertainty_s(now),
-            rejected: self.clock.rejected.saturating_add(self.drone_state.rejected),
+            rejected: (self.clock.rejected).saturating_add(self.estimate.assembler.rejected),
             restarts: self.clock.restarts,
-            hover_thrust: self.hover.value(),
+            hover_thrust: self.estimate.hover.value(),
             set_points: self.set_points,
         }
     }
@@ -345,32 +319,34 @@ impl AutopilotLink {
         };
         Address::new(system, self.config.component)
     }
-    /// Metres per metre in the autopilot's map, north, east and down: 0.994 to 1.004, 5 m at a kilometre.
-    fn map_scale(&self) -> Vector3<f64> {
-        match (&self.datum, &self.peer) {
-            (Some(datum), Some(peer)) => {
-                let [north, east] = datum.metres_per_map_metre(peer.firmware.map_radius_m());
-                Vector3::new(north, east, 1.0)
-            }
-            (_, _) => Vector3::repeat(1.0),
-        }
+    fn firmware(&self) -> Option<Firmware> {
+        self.peer.as_ref().map(|p| p.firmware)
+    }
+    /// Thrust that the autopilot applies now, as a fraction of its full thrust.
+    fn applied_thrust(&self, now: DroneTime) -> Option<f64> {
+        let t = self.peer.as_ref()?.thrust_now(now)?;
+        Some(thrust::fraction(t, self.config.thrust_curve))
+    }
+    /// That as a fraction of the thrust that hovers.
+    fn thrust_of_hover(&self, now: DroneTime) -> Option<f64> {
+        let thrust = self.applied_thrust(now);
+        thrust.map(|t| t / self.estimate.hover.value())
     }
     fn evidence(&self, now: DroneTime, heartbeat: bool) -> AuthorityEvidence {
-        let p = self.peer.as_ref();
+        let (p, e) = (self.peer.as_ref(), &self.estimate);
         let recent = |at: DroneTime, s: f64| (now - at).secs() <= s;
         AuthorityEvidence {
             found: p.is_some(),
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             several: self.other_autopilot(now).is_some(),
             clock: self.clock.is_synchronised(),
-            origin: self.datum.is_some(),
-            heading: self.heading.was_aligned(),
-            odometry: if self.heading.was_aligned() {
-                self.state
-                    .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
+            origin: e.origin.datum.is_some(),
+            heading: e.heading.was_aligned(),
+            odometry: if e.heading.was_aligned() {
+                (e.state).is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
             } else {
                 // It is not passed on yet.
-                self.heading.is_watched(now, self.config.odometry_loss_s)
+                e.heading.is_watched(now, self.config.odometry_loss_s)
             },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
             heartbeat,
@@ -382,8 +358,7 @@ impl AutopilotLink {
 
     /// Sends what is due whoever commands: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let timers = &mut self.timers;
-        if timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
+        if self.timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
             out.messages.push(MavlinkMessage::Heartbeat(Heartbeat {
                 autopilot: message::NO_AUTOPILOT,
                 vehicle: message::COMPANION_TYPE,
@@ -395,25 +370,12 @@ impl AutopilotLink {
         out.messages.extend(self.clock.ask(now, self.config.timesync_hz));
         out.messages.extend(peer.streams.ask(now, peer.address));
         out.messages.extend(peer.parameters.ask(now, peer.address));
-        let period = match self.datum {
-            Some(_) => ORIGIN,
-            None => UNKNOWN_ORIGIN,
-        };
-        if timers.origin.is_due_spaced(now, period) {
-            let mut request = |id: u32| {
-                let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, [f64::from(id)]);
-                out.messages.push(MavlinkMessage::Command(request));
-            };
-            if self.geoid_m.is_none() {
-                request(message::id::GPS_RAW_INT);
-            }
-            request(message::id::GPS_GLOBAL_ORIGIN);
-        }
+        out.messages.extend(self.estimate.origin.ask(now, peer.address));
     }
 
     /// An order of the remote control's switch or of a ground station to the mission, an abort first.
     fn publish_order(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let mission = self.mission.get();
+        let mission = self.inputs.mission.get();
         let (by_switch, refused) = if self.station.aborts() {
             (None, None)
         } else {
@@ -443,10 +405,10 @@ impl AutopilotLink {
         }
         self.timers.state.restart(now, STATE);
         let header = self.headers.next(Output::State, now);
-        let shadow = self.shadow(now);
+        let (origin, hover) = (&self.estimate.origin, &self.estimate.hover);
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();
-        let settled = self.hover.settled(self.config.hover_thrust_s);
+        let settled = hover.settled(self.config.hover_thrust_s);
         Some(AutopilotState {
             header,
             armed: p.armed,
@@ -456,19 +418,14 @@ impl AutopilotLink {
             },
             lapsed: self.lapse.is_lapsed(),
             landed: p.landed(now),
-            origin_sea_m: self
-                .datum
-                .zip(self.geoid_m)
-                .map(|(d, geoid_m)| d.height_m - geoid_m),
+            origin_sea_m: (origin.datum.zip(origin.geoid_m)).map(|(d, geoid_m)| d.height_m - geoid_m),
             battery: p.charge(now),
             battery_v: p.voltage_v(now),
             battery_a: p.current_a(now),
-            thrust: p
-                .thrust_now(now)
-                .map(|t| thrust::fraction(t, self.config.thrust_curve)),
-            hover_thrust: if settled { self.hover.value() } else { 0.0 },
+            thrust: self.applied_thrust(now),
+            hover_thrust: if settled { hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
-            shadow,
+            shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
             own_mission: self.own_mission.now(),
         })
     }
@@ -481,9 +438,9 @@ impl AutopilotLink {
             let own = f64::from(p.address.system);
             return Reason::new(ReasonCode::SeveralAutopilots, own, f64::from(other));
         }
-        match self.datum {
+        match self.estimate.origin.datum {
             None => ReasonCode::NoOrigin.into(),
-            Some(_) if !self.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
+            Some(_) if !self.estimate.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),
             Some(_) if self.config.check_parameters => p.parameters.rejection(),
             Some(_) => Reason::default(),
         }
@@ -527,19 +484,10 @@ impl Node for AutopilotLink {
         }
         let peer = self.peer.as_ref().map(|p| p.address);
         let received = input.received.iter().any(|f| Some(f.from) == peer);
-        let aborted = self.mission.get().and_then(|m| m.abort);
-        if let Some(m) = &input.mission
-            && self.mission.offer(now, m)
-        {
-            self.mode = Some(m.settings.mode);
-            if m.abort.is_some() && m.abort != aborted {
-                self.station.stopped(now);
-            }
+        let [aborted, new] = self.inputs.take(now, input);
+        if aborted {
+            self.station.stopped(now);
         }
-        if let Some(f) = &input.forecast {
-            self.forecast.offer(now, f);
-        }
-        let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
         self.watch_lapse(now, received);
         self.watch_own_mission();
@@ -550,7 +498,7 @@ impl Node for AutopilotLink {
         if evidence.mode != AutopilotMode::Offboard {
             self.diversions = 0;
         }
-        if self.may_command() {
+        if self.inputs.may_command() {
             self.divert(now, &mut out);
             self.send_set_point(now, new, &mut out);
             self.arm(now, &mut out);

@@ -1,12 +1,10 @@
 //! Outbound messages: the pilot's set-point, commands to disarm, to divert and to arm.
 
-use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, DeckStage, DroneState, LandedState, MissionState, Motors, PlanStage,
-    ReasonCode, SetPoint, SetPointKind, State, still_armed, still_armed_s,
+    AutopilotMode, BatteryPlace, DeckStage, DroneState, LandedState, Motors, PlanStage, ReasonCode, SetPoint,
+    SetPointKind, State, still_armed, still_armed_s,
 };
 use alight_shared::time::Span;
-use alight_shared::topics;
 use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
@@ -16,8 +14,6 @@ use super::message::{
 };
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
-use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
-use crate::range_witness::disagree;
 use crate::tracking::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
@@ -28,8 +24,6 @@ const OFFER_WITHIN_M: f64 = 3.0;
 const PRESS_OF_HOVER: f64 = 0.5;
 /// The drone climbs by this when it is not on the deck although the pilot reports so, m.
 const CLEAR_M: f64 = 1.0;
-/// No deck is nearer to the rangefinder than the feet by more than this, m.
-const BELOW_FEET_M: f64 = 0.10;
 /// With the rangefinder below this the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Two receivers err in height by this, m.
@@ -53,49 +47,21 @@ pub(super) struct HeldPosition {
 }
 
 impl AutopilotLink {
-    pub(super) fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
-        self.mission.fresh(now, topics::MISSION.stale_after)
-    }
-    /// The mission's last state, for as long as the pilot goes on with it.
-    pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
-        let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
-        self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
-    }
-    /// Reading of the rangefinder with the feet on the deck, m.
-    fn feet_range_m(&self) -> f64 {
-        self.geometry.feet_below_m - self.geometry.rangefinder_m[2]
-    }
-    /// The last fresh range, m.
-    fn fresh_range(&self, now: DroneTime) -> Option<f64> {
-        let fresh = self
-            .range
-            .filter(|r| now - r.header.at <= topics::RANGE.stale_after);
-        fresh.map(|r| r.range_m)
-    }
-    /// Whether this range (m) is one of the deck's: not of a rangefinder that does not follow the drone, none that no deck can
-    /// be at, and not against the forecast.
-    fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
-        let height = range_m - self.feet_range_m();
-        height >= -BELOW_FEET_M && !self.range_witness.contradicts() && !disagree(height, forecast_height)
-    }
     /// Height of the feet above the deck, m, the drone's speed relative to it, and that away from it along its normal, m/s; None
     /// while drone or deck is unknown.
     pub(super) fn relative_to_deck(&self, now: DroneTime) -> Option<(f64, f64, f64)> {
-        let state = self
-            .state
-            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
-        let deck = self.deck(now)?;
-        let height = deck.height_of(&state.position()) - self.geometry.feet_below_m;
+        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
+        let height = deck.height_of(&state.position()) - self.feet_below_m;
         let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
         Some((height, speed, deck.speed_away(&state.velocity())))
     }
     /// The deck may carry the drone, or nothing shows that it is away from it: the hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
-        let state = self.last_mission(now).map(|m| m.state);
+        let state = self.inputs.last_state(now);
         let stands = state.is_some_and(|s| {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
-        let range = self.fresh_range(now);
+        let range = self.range.fresh_m(now);
         // While the mission waits the drone may stand on a deck that is known by the receivers alone.
         let waits = state.is_none_or(|s| s == State::Idle);
         let height = self.relative_to_deck(now).map(|(h, _, _)| h).filter(|_| waits);
@@ -108,28 +74,23 @@ impl AutopilotLink {
 
     /// The evidence of contact, independent of the pilot's touchdown detection.
     pub(super) fn contact(&self, now: DroneTime) -> ContactEvidence {
-        let state = self
-            .state
-            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
+        let state = self.estimate.fresh(now);
         let below = self.relative_to_deck(now);
         let forecast_height = below.map(|(h, _, _)| h);
-        let range = self.fresh_range(now);
-        let believed = |r: &f64| self.believes(*r, forecast_height);
+        let range = self.range.fresh_m(now);
+        let believed = |r: &f64| self.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
-        let thrust = peer
-            .and_then(|p| p.thrust_now(now))
-            .map(|t| thrust::fraction(t, self.config.thrust_curve));
         ContactEvidence {
             // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
-            landing: self.last_mission(now).is_some_and(|m| m.state.meets_deck()),
-            range_height: range.filter(believed).map(|r| r - self.feet_range_m()),
+            landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
+            range_height: range.filter(believed).map(|r| r - self.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
             forecast_height,
             speed: below
                 .map(|(_, v, _)| v)
                 .or_else(|| state.map(|s| s.velocity().norm())),
-            load_factor: state.and(self.force).map(|f| f / GRAVITY),
-            thrust: thrust.map(|t| t / self.hover.value()),
+            load_factor: self.estimate.load_factor(now),
+            thrust: self.thrust_of_hover(now),
             commanded_low: self.control_authority().commands() && self.sent_thrust.is_low(now),
             reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
         }
@@ -157,10 +118,7 @@ impl AutopilotLink {
             ..*wanted
         };
         // The stop is one of a landing before, and the take-off has a disarm of its own.
-        if self
-            .last_mission(now)
-            .is_some_and(|m| m.state.stands_for_take_off())
-        {
+        if (self.inputs.last_state(now)).is_some_and(State::stands_for_take_off) {
             self.interrupted();
             return Some(thrust_off);
         }
@@ -207,7 +165,7 @@ impl AutopilotLink {
 
     /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
     fn restart_disarm(&mut self, now: DroneTime) {
-        let Some((state, abort)) = self.fresh_mission(now).map(|m| (m.state, m.abort)) else {
+        let Some((state, abort)) = self.inputs.fresh_mission(now).map(|m| (m.state, m.abort)) else {
             return;
         };
         if abort != self.abort && state == State::Landed {
@@ -240,7 +198,7 @@ impl AutopilotLink {
     /// Whoever watches learns that the drone stands on the deck with running motors, for as long as it does.
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
-        let mission = self.fresh_mission(now);
+        let mission = self.inputs.fresh_mission(now);
         let still_s = mission.and_then(|m| still_armed_s(now, m, armed, self.config.disarm.longest_s()));
         if let Some(s) = still_s.filter(|_| self.timers.armed.is_due_spaced(now, STILL_ARMED)) {
             out.alarm(severity::CRITICAL, still_armed(s as f32));
@@ -255,7 +213,7 @@ impl AutopilotLink {
         let holds = authority == ControlAuthority::TakenOver { mode }
             || authority == ControlAuthority::Standby { mode };
         let lapsed = holds || authority.commands() && wanted.is_none();
-        let landed = self.fresh_mission(now).is_some_and(|m| m.state == State::Landed);
+        let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         lapsed && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
     /// The disarm goes on meanwhile, on lasting evidence; with a set-point that presses, above the deck with one
@@ -273,7 +231,7 @@ impl AutopilotLink {
         if follows && carried_by_rotors {
             return self.hold_above(now);
         }
-        self.press_or_climb(now, &evidence, &lasting, self.state?.attitude)
+        self.press_or_climb(now, &evidence, &lasting, self.estimate.state?.attitude)
     }
     /// For a drone that may have left the deck since its touchdown: presses it gently with this attitude where it is low,
     /// and climbs where its autopilot took off by itself and hovers where the deck comes up.
@@ -291,7 +249,7 @@ impl AutopilotLink {
                     header: self.headers.unnumbered(now),
                     kind: SetPointKind::Attitude,
                     motors: Motors::Run,
-                    thrust: PRESS_OF_HOVER * self.hover.value(),
+                    thrust: PRESS_OF_HOVER * self.estimate.hover.value(),
                     attitude,
                     ..SetPoint::default()
                 })
@@ -311,10 +269,10 @@ impl AutopilotLink {
     /// A hold a little above where it was first asked for, as set-points of the pilot's kind: with the deck while its
     /// forecast lives, but not down after one that sinks, because that one comes back.
     pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
-        let deck = self.deck(now);
+        let deck = self.inputs.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
         if self.held.is_none() {
-            let s = self.state?;
+            let s = self.estimate.state?;
             let place = s.position() - Vector3::z() * CLEAR_M;
             self.held = Some(HeldPosition {
                 place,
@@ -342,7 +300,7 @@ impl AutopilotLink {
         if self.attitudes {
             return Some(SetPoint {
                 header,
-                ..steer(&stage, &self.state?, self.hover.value())
+                ..steer(&stage, &self.estimate.state?, self.estimate.hover.value())
             });
         }
         Some(SetPoint {
@@ -357,12 +315,13 @@ impl AutopilotLink {
 
     /// A hold before a landing is commanded; `unknown` while no mission was received.
     fn holds_before_landing(&self, wanted: &SetPoint, unknown: bool) -> bool {
-        let idle = self.mission.get().map_or(unknown, |m| m.state == State::Idle);
+        let mission = self.inputs.mission.get();
+        let idle = mission.map_or(unknown, |m| m.state == State::Idle);
         idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
     /// A hold in the drone's place, at which a person may hand over.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {
-        let here = self.state?.position();
+        let here = self.estimate.state?.position();
         (self.holds_before_landing(wanted, true)
             && (Vector3::from(wanted.position) - here).norm() <= OFFER_WITHIN_M)
             .then_some(*wanted)
@@ -370,7 +329,7 @@ impl AutopilotLink {
 
     /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
-        let wanted = self.set_point.fresh(now, topics::SET_POINT.stale_after).copied();
+        let wanted = self.inputs.fresh_set_point(now).copied();
         self.restart_disarm(now);
         let since = self.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
@@ -392,7 +351,7 @@ impl AutopilotLink {
         if let Some(outgoing) = outgoing
             && let Some(to) = self.peer.as_ref().map(|p| p.address)
         {
-            let low = self.config.disarm.max_thrust_of_hover * self.hover.value();
+            let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
             let is_low = outgoing.kind == SetPointKind::Attitude && outgoing.thrust <= low;
             self.sent_thrust.sent(now, is_low);
             out.messages.push(self.to_mavlink(to, &outgoing));
@@ -404,7 +363,7 @@ impl AutopilotLink {
     /// Sends the part of the pilot's set-point that applies.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
-        let px4 = self.peer.as_ref().is_some_and(|p| p.firmware == Firmware::Px4);
+        let px4 = self.firmware() == Some(Firmware::Px4);
         // GUIDED holds by itself, and a hold would override its own take-off command. (OFFBOARD is left
         // without a stream of set-points.)
         let guided_holds = !px4 && self.holds_before_landing(wanted, false);
@@ -423,18 +382,9 @@ impl AutopilotLink {
             .flatten()
     }
 
-    /// A set-point in the autopilot's own frame.
-    pub(super) fn in_its_frame(&self, s: &SetPoint) -> SetPoint {
-        let s = self.smooth.for_autopilot(s);
-        SetPoint {
-            position: Vector3::from(s.position).component_div(&self.map_scale()).into(),
-            ..s
-        }
-    }
-
     /// A set-point as a MAVLink message in the autopilot's frame.
     fn to_mavlink(&self, to: Address, s: &SetPoint) -> MavlinkMessage {
-        let s = self.in_its_frame(s);
+        let s = self.estimate.for_autopilot(s, self.firmware());
         if s.kind == SetPointKind::Attitude {
             let tilt = self
                 .peer
@@ -462,7 +412,7 @@ impl AutopilotLink {
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
-        let mission = self.last_mission(now).filter(|_| self.inhibited.is_none());
+        let mission = self.inputs.last_mission(now).filter(|_| self.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
         // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
@@ -513,11 +463,9 @@ impl AutopilotLink {
     /// The drone stands elsewhere than on the deck, by a forecast and its odometry. The crew has not cleared a deck for
     /// an order to land, and a drone whose vessel is not known may stand on it.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
-        let state = self
-            .state
-            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
+        let state = self.estimate.fresh(now);
         let apart = |s: DroneState, deck: DeckStage| s.position() - Vector3::from(deck.position);
-        let apart = state.zip(self.deck(now)).map(|(s, deck)| apart(s, deck));
+        let apart = state.zip(self.inputs.deck(now)).map(|(s, deck)| apart(s, deck));
         apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
     }
     /// Arms on the ground away from the deck, when that is configured, a person gave the mode and a landing is commanded. From the
@@ -531,9 +479,9 @@ impl AutopilotLink {
             // A later disarm is the will of a person, or ours on the deck.
             self.arm_tries = ARM_TRIES;
         }
-        let commanded = self
-            .fresh_mission(now)
-            .is_some_and(|m| m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotFlying));
+        let mission = self.inputs.fresh_mission(now);
+        let commanded =
+            mission.is_some_and(|m| m.state == State::Idle && m.waiting.code == ReasonCode::NotFlying);
         if !self.config.may_arm
             || self.control_authority() != ControlAuthority::Disarmed
             || peer.landed(now) != LandedState::OnGround

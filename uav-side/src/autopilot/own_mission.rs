@@ -148,7 +148,7 @@ impl AutopilotLink {
 
     /// The drone is to come back: the autopilot's own mission ends.
     pub(super) fn end_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let idle = self.fresh_mission(now).filter(|m| m.state == State::Idle);
+        let idle = self.inputs.fresh_mission(now).filter(|m| m.state == State::Idle);
         let (which, text) = match idle.map(|m| m.waiting.code) {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
             Some(ReasonCode::OrderedBack) => (2, "ends the autopilot's mission: ordered back"),
@@ -181,6 +181,7 @@ impl AutopilotLink {
     /// A sortie of unattended cycles goes on with the autopilot's own mission, from its beginning.
     pub(super) fn start_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let wanted = self
+            .inputs
             .fresh_mission(now)
             .is_some_and(|m| m.state == State::Hold && m.waiting.code == ReasonCode::HandsOver);
         let Some(peer) = &self.peer else { return };

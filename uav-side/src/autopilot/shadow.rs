@@ -1,13 +1,13 @@
 //! Shadow mode: a person flies, nothing is commanded, and the commands that would have been sent are
 //! compared.
 
-use alight_shared::msg::{LandingMode, Motors, Phase, SetPointKind, ShadowComparison};
-use alight_shared::topics;
+use alight_shared::msg::{DroneState, LandingMode, Motors, Phase, SetPointKind, ShadowComparison};
 use nalgebra::Vector3;
 
-use super::{AutopilotLink, DroneTime};
+use super::DroneTime;
+use super::inputs::LinkInputs;
 
-impl AutopilotLink {
+impl LinkInputs {
     /// Set-points, modes, arming and disarming may be commanded. Before one is received it may be a mission that only looks on.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
@@ -16,16 +16,17 @@ impl AutopilotLink {
         }
     }
 
+    /// Nothing may be commanded.
+    pub(super) fn looks_on(&self) -> bool {
+        self.mode == Some(LandingMode::Shadow)
+    }
+
     /// Comparison of the pilot's set-point and the drone's motion, while a mission that looks on would fly: angle between
     /// the two thrust axes and difference of the velocities. (At the same time: the attitude follows a command by its lag.)
-    pub(super) fn shadow(&self, now: DroneTime) -> Option<ShadowComparison> {
-        let looks_on = self.mode == Some(LandingMode::Shadow);
-        let mission = self.mission.fresh(now, topics::MISSION.stale_after);
-        mission.filter(|m| looks_on && m.state.phase() != Phase::None)?;
-        let wanted = self.set_point.fresh(now, topics::SET_POINT.stale_after)?;
-        let own = self
-            .state
-            .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)?;
+    pub(super) fn shadow(&self, now: DroneTime, own: Option<DroneState>) -> Option<ShadowComparison> {
+        let mission = self.fresh_mission(now);
+        mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;
+        let (wanted, own) = (self.fresh_set_point(now)?, own?);
         if wanted.kind == SetPointKind::None {
             return None;
         }

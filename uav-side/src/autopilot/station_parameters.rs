@@ -14,7 +14,6 @@ use alight_shared::time::DroneClock;
 use alight_shared::topics;
 
 use super::message::{Address, MavlinkMessage, ParameterValue, severity};
-use super::modes::Firmware;
 use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
@@ -233,7 +232,7 @@ impl StationParameters {
 impl AutopilotLink {
     /// Answers a station that asks for all parameters. They are not known before the mission has reported.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
-        let known = self.mission.get().map(|m| m.settings);
+        let known = self.inputs.mission.get().map(|m| m.settings);
         let all = known
             .iter()
             .flat_map(|s| StationParameter::ALL.map(|p| p.message(s)));
@@ -245,7 +244,7 @@ impl AutopilotLink {
             Some(k) => StationParameter::ALL.get(usize::from(k)).copied(),
             None => StationParameter::named(name),
         };
-        let known = self.mission.get().map(|m| m.settings);
+        let known = self.inputs.mission.get().map(|m| m.settings);
         out.messages
             .extend(parameter.zip(known).map(|(p, s)| p.message(&s)));
     }
@@ -265,7 +264,7 @@ impl AutopilotLink {
             );
             return;
         };
-        let firmware = self.peer.as_ref().map_or(Firmware::Px4, |peer| peer.firmware);
+        let firmware = self.firmware().unwrap_or_default();
         match self.changed_settings(now, p, firmware.parameter(value)) {
             Ok(settings) if self.is_set(&settings) => {
                 self.read_parameter(name, None, out);
@@ -283,7 +282,7 @@ impl AutopilotLink {
     }
     /// The mission has these settings, and no order is on its way that changes them.
     fn is_set(&self, settings: &MissionSettings) -> bool {
-        let shown = self.mission.get().is_some_and(|m| m.settings == *settings);
+        let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
         shown && self.parameters.under_way.is_none()
     }
     /// The settings with this value of `p`, or why they stay.
@@ -293,7 +292,7 @@ impl AutopilotLink {
         p: StationParameter,
         value: f64,
     ) -> Result<MissionSettings, String> {
-        let mission = self.mission.fresh(now, topics::MISSION.stale_after);
+        let mission = self.inputs.fresh_mission(now);
         let mission = mission.ok_or("no mission reports")?;
         if !self.config.takes_orders() {
             return Err(UNSIGNED.into());
@@ -318,7 +317,7 @@ impl AutopilotLink {
     /// Passes on what is set, and informs the stations of what has changed.
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         // Before the autopilot is found no station receives it.
-        let Some(mission) = self.mission.get().filter(|_| self.peer.is_some()) else {
+        let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
         let (polled, settings) = (self.parameters.poll(now, mission), mission.settings);

@@ -13,12 +13,11 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointKind, State};
 use alight_shared::time::Span;
-use alight_shared::topics;
 use nalgebra::Vector3;
 
 use super::message::{CommandLong, CommandResult, MavlinkMessage, command, severity};
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime, thrust};
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
 /// PX4 denies OFFBOARD without a stream of set-points for so long.
@@ -96,7 +95,7 @@ impl AutopilotLink {
     /// Set-points are to be followed before a heartbeat shows that they are: in a take-off, and where the autopilot holds because
     /// they had ceased, in every state in which the mission flies.
     pub(super) fn streams_ahead(&self, now: DroneTime) -> bool {
-        let Some(state) = self.fresh_mission(now).map(|m| m.state) else {
+        let Some(state) = self.inputs.fresh_state(now) else {
             return false;
         };
         let (authority, lapsed) = (self.control_authority(), self.lapse.is_lapsed());
@@ -121,7 +120,7 @@ impl AutopilotLink {
     /// Watches whether a drone that is to take off, or was to, stands on the deck.
     pub(super) fn watch_standing(&mut self, now: DroneTime) {
         let Some(peer) = &self.peer else { return };
-        let mission = self.last_mission(now).map(|m| m.state);
+        let mission = self.inputs.last_state(now);
         let stands = matches!(mission, Some(State::SpinUp | State::StandDown));
         if !peer.armed || !(stands || self.departure.armed) {
             let d = &mut self.departure;
@@ -129,12 +128,11 @@ impl AutopilotLink {
             return;
         }
         let evidence = self.contact(now);
-        let applied = peer.thrust_now(now);
-        let applied = applied.map(|t| thrust::fraction(t, self.config.thrust_curve) / self.hover.value());
+        let applied = self.thrust_of_hover(now);
         // Who follows what is sent gives that, where it reports nothing.
         let sent = (self.sent_thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
         // In whatever attitude it came to rest.
-        let state = (self.state).filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
+        let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
         // By the receivers the deck may be metres off: their height speaks for it alone.
         let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
@@ -156,10 +154,10 @@ impl AutopilotLink {
     }
     /// The pilot's set-point for a drone that stands on the deck; one that may be in the air climbs a little and holds.
     pub(super) fn carried(&mut self, now: DroneTime, wanted: SetPoint) -> Option<SetPoint> {
-        let low = self.config.disarm.max_thrust_of_hover * self.hover.value();
+        let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
         let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
-        let stands =
-            (self.last_mission(now)).is_some_and(|m| matches!(m.state, State::SpinUp | State::StandDown));
+        let state = self.inputs.last_state(now);
+        let stands = matches!(state, Some(State::SpinUp | State::StandDown));
         if !(self.departure.may_fly && falls && stands && wanted.motors == Motors::Run) {
             return Some(wanted);
         }
@@ -169,7 +167,7 @@ impl AutopilotLink {
     /// Chooses the mode and arms, or disarms, as the mission's state wants it.
     pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         // One that is silent may be back.
-        let Some(state) = self.fresh_mission(now).map(|m| m.state) else {
+        let Some(state) = self.inputs.fresh_state(now) else {
             return;
         };
         if state == State::SpinUp {
@@ -184,7 +182,7 @@ impl AutopilotLink {
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
         // A link before this one may have been in our mode, or have armed, and the pilot have ended that.
-        let succeeds = self.fresh_mission(now).map(|m| m.since) < self.succession.began;
+        let succeeds = self.inputs.fresh_mission(now).map(|m| m.since) < self.succession.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.departure;
         let since = *d.since.get_or_insert(now);
@@ -221,9 +219,7 @@ impl AutopilotLink {
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
-        let stands_down = self
-            .fresh_mission(now)
-            .is_some_and(|m| m.state == State::StandDown);
+        let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
             // A command to arm may be under way for as long as its answer takes.
             let over = self.departure.next.is_none_or(|next| now >= next + PAUSE);

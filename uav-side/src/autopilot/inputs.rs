@@ -1,0 +1,106 @@
+//! Messages of the other nodes, the newest of each.
+
+use alight_shared::admission::Latest;
+use alight_shared::msg::{
+    DeckForecast, DeckStage, LandingMode, MissionState, Phase, SetPoint, State, VesselLevel,
+};
+use alight_shared::time::Span;
+use alight_shared::topics;
+use nalgebra::{Vector2, Vector3};
+
+use super::{AutopilotIn, DroneTime};
+use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
+
+/// Messages of the other nodes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LinkInputs {
+    set_point: Latest<SetPoint>,
+    pub(super) mission: Latest<MissionState>,
+    /// Landing mode of the mission, by its newest state however old; None: no state was received.
+    pub(super) mode: Option<LandingMode>,
+    forecast: Latest<DeckForecast>,
+}
+
+impl LinkInputs {
+    /// Takes those of a step: whether the mission was aborted, and whether the set-point is a new one.
+    pub(super) fn take(&mut self, now: DroneTime, input: &AutopilotIn) -> [bool; 2] {
+        let before = self.mission.get().and_then(|m| m.abort);
+        let mission = (input.mission.as_ref()).filter(|m| self.mission.offer(now, m));
+        self.mode = mission.map(|m| m.settings.mode).or(self.mode);
+        if let Some(f) = &input.forecast {
+            self.forecast.offer(now, f);
+        }
+        let aborted = mission.is_some_and(|m| m.abort.is_some() && m.abort != before);
+        let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
+        [aborted, new]
+    }
+    pub(super) fn fresh_set_point(&self, now: DroneTime) -> Option<&SetPoint> {
+        self.set_point.fresh(now, topics::SET_POINT.stale_after)
+    }
+    pub(super) fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
+        self.mission.fresh(now, topics::MISSION.stale_after)
+    }
+    pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
+        self.fresh_mission(now).map(|m| m.state)
+    }
+    /// The mission's last report, for as long as the pilot goes on with it.
+    pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
+        let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
+        self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
+    }
+    pub(super) fn last_state(&self, now: DroneTime) -> Option<State> {
+        self.last_mission(now).map(|m| m.state)
+    }
+    /// The deck as forecast for now, for as long as the newest forecast reaches: the pilot flies by no other.
+    pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
+        let forecast = self.forecast.get()?;
+        forecast.at(now.max(forecast.header.at))
+    }
+    /// Horizontal velocity of the deck above which the mission keeps the drone, NED, m/s; None: above none.
+    pub(super) fn followed_deck(&self, now: DroneTime) -> Option<Vector2<f64>> {
+        let follows = self.fresh_mission(now)?.state.phase() == Phase::Follow;
+        let known = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
+        let deck = self.deck(now).filter(|_| follows && known)?;
+        Some(Vector3::from(deck.velocity).xy())
+    }
+    /// The deck is known by more than a beacon: an unauthenticated position is not passed on.
+    pub(super) fn is_deck_known(&self, now: DroneTime) -> bool {
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
+        forecast.is_some_and(|f| f.vessel_level() != VesselLevel::Beacon)
+    }
+    /// Age of the newest vessel estimate that the forecast rests on, s; None before the first.
+    pub(super) fn link_age_s(&self, now: DroneTime) -> Option<f64> {
+        let forecast = self.forecast.get()?;
+        let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
+        age_s.is_finite().then_some(age_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{forecast, header, mission};
+    use alight_shared::msg::State;
+
+    #[test]
+    fn deck_that_the_mission_follows() {
+        let moving = |_| DeckStage {
+            velocity: [2.0, 1.0, 0.3],
+            ..DeckStage::default()
+        };
+        let (mut inputs, now) = (LinkInputs::default(), DroneTime::EPOCH);
+        assert_eq!(inputs.followed_deck(now), None);
+        inputs.forecast.offer(now, &forecast(header(1, now), moving));
+        inputs
+            .mission
+            .offer(now, &mission(header(1, now), State::Tracking, 0.0));
+        let later = now + topics::FORECAST.stale_after + Span::from_millis(1);
+        let velocity = Some(Vector2::new(2.0, 1.0));
+        assert_eq!([now, later].map(|t| inputs.followed_deck(t)), [velocity, None]);
+        let next = now + Span::from_millis(20);
+        inputs
+            .mission
+            .offer(next, &mission(header(2, next), State::Descent, 0.0));
+        assert_eq!(inputs.followed_deck(next), None);
+    }
+}

@@ -1,0 +1,90 @@
+//! Origin of the autopilot's NED, which is the drone's.
+
+use alight_shared::admission::Periodic;
+use alight_shared::geodesy::Datum;
+use alight_shared::geoid;
+use alight_shared::time::{DroneClock, Span};
+use nalgebra::Vector3;
+
+use super::DroneTime;
+use super::message::{Address, CommandLong, MavlinkMessage, command, id};
+use super::modes::Firmware;
+
+/// Period of requests for an origin that is known: an estimator that restarts moves its origin.
+const KNOWN: Span = Span::from_millis(5000);
+/// Period of requests for an unknown origin.
+const UNKNOWN: Span = Span::from_millis(1000);
+/// No sea is further from the ellipsoid, m (EGM2008: -107 to 86).
+const MAX_GEOID_M: f64 = 120.0;
+/// Reports of the origin that are waited for a receiver's two heights.
+const REPORTS_WITHOUT_GEOID: u8 = 3;
+/// An origin that moved by more than this is another, m: the message has centimetres.
+const MOVED_M: f64 = 0.05;
+
+/// Origin of the autopilot's NED.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct AutopilotOrigin {
+    /// None until the autopilot has reported it.
+    pub(super) datum: Option<Datum>,
+    /// Height of the sea above the ellipsoid that counts, m; None until that is decided.
+    pub(super) geoid_m: Option<f64>,
+    /// Reports so far.
+    reports: u8,
+    timer: Periodic<DroneClock>,
+}
+
+impl AutopilotOrigin {
+    /// Requests for it, where they are due.
+    pub(super) fn ask(&mut self, now: DroneTime, to: Address) -> impl Iterator<Item = MavlinkMessage> {
+        let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
+        let due = self.timer.is_due_spaced(now, period);
+        let heights = (due && self.geoid_m.is_none()).then_some(id::GPS_RAW_INT);
+        let all = heights.into_iter().chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
+        all.map(move |id| {
+            MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
+        })
+    }
+    /// It may be another: it is asked for at once.
+    pub(super) fn ask_again(&mut self) {
+        self.timer = Periodic::default();
+    }
+    /// Both heights of the autopilot's receiver. What they differ by is held: it changes by centimetres in a flight, and the
+    /// origin must not.
+    pub(super) fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
+        let geoid_m = ellipsoid_m - sea_m;
+        if ellipsoid_m != 0.0 && geoid_m.abs() <= MAX_GEOID_M {
+            self.geoid_m.get_or_insert(geoid_m);
+        }
+    }
+    /// The origin of the autopilot's own NED, its height above the sea: without the receiver's heights the geoid's height at
+    /// this place counts from its third report on. Whether it is another than the one before.
+    pub(super) fn on_report(&mut self, reported: &Datum) -> bool {
+        self.reports = self.reports.saturating_add(1);
+        if self.geoid_m.is_none() && self.reports < REPORTS_WITHOUT_GEOID {
+            return false;
+        }
+        let by_model = || {
+            let [latitude, longitude] = [reported.latitude_deg, reported.longitude_deg].map(f64::to_radians);
+            geoid::undulation(latitude, longitude).height_m
+        };
+        let geoid_m = *self.geoid_m.get_or_insert_with(by_model);
+        let origin = Datum {
+            height_m: reported.height_m + geoid_m,
+            ..*reported
+        };
+        let known = self.datum;
+        if !origin.is_on_earth() || known.is_some_and(|k| !(k.distance_m(&origin) > MOVED_M)) {
+            return false;
+        }
+        self.datum = Some(origin);
+        known.is_some()
+    }
+    /// Metres per metre in the map of `firmware`, north, east and down: 0.994 to 1.004, 5 m at a kilometre.
+    pub(super) fn map_scale(&self, firmware: Option<Firmware>) -> Vector3<f64> {
+        let known = self.datum.zip(firmware);
+        let scale = known.map(|(datum, firmware)| datum.metres_per_map_metre(firmware.map_radius_m()));
+        scale.map_or(Vector3::repeat(1.0), |[north, east]| {
+            Vector3::new(north, east, 1.0)
+        })
+    }
+}
