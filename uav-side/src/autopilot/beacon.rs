@@ -4,13 +4,13 @@
 //!
 //! Their clocks are unknown: a report counts from its arrival, and its delay is part of the error that it is given.
 
-use alight_shared::msg::{BeaconSource, DeckBeacon, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
-
+use alight_shared::msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
 use alight_shared::time::Span;
 
+use super::config::AutopilotLinkConfig;
 use super::message::{MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
-use super::{AutopilotLink, DroneTime, Output};
+use super::{DroneTime, Output, OutputHeaders};
 
 /// A place is off by this where the message does not state it, standard deviation of each axis, m: a receiver without
 /// corrections, and a second on its way at 2 m/s.
@@ -31,52 +31,51 @@ const AIS_LASTS_S: f64 = 200.0;
 /// A repeated report is not taken, unless it was received so recently, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
-impl AutopilotLink {
+/// Other systems on the link.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OtherSystems {
+    /// Another vehicle's autopilot was received: when last, and its system.
+    pub(super) autopilot: Option<(DroneTime, u8)>,
+    /// The vessel's place as AIS reported it last.
+    ais: Option<PlaceReport>,
+}
+
+impl OtherSystems {
     /// The beacon that a frame is, where it comes from the configured system and not from the drone's own, or is of the
     /// configured vessel.
-    pub(super) fn beacon(&mut self, now: DroneTime, frame: &MavlinkFrame) -> Option<DeckBeacon> {
+    pub(super) fn beacon(
+        &mut self,
+        now: DroneTime,
+        frame: &MavlinkFrame,
+        own: Option<u8>,
+        c: &AutopilotLinkConfig,
+        headers: &mut OutputHeaders,
+    ) -> Option<DeckBeacon> {
+        let system = frame.from.system;
+        let counts = system != 0 && system == c.beacon_system && own != Some(system);
         let beacon = if let MavlinkMessage::GlobalPosition(report) = &frame.message {
-            self.beacon_of(now, frame, BeaconSource::GlobalPosition, report)
+            counts.then(|| beacon_of(now, BeaconSource::GlobalPosition, report))
         } else if let MavlinkMessage::FollowTarget(report) = &frame.message {
-            self.beacon_of(now, frame, BeaconSource::FollowTarget, report)
+            counts.then(|| beacon_of(now, BeaconSource::FollowTarget, report))
         } else if let MavlinkMessage::Ais(report) = &frame.message {
-            self.beacon_by_ais(now, report)
+            self.beacon_by_ais(now, report, c)
         } else {
             None
-        }?;
+        };
+        let mut beacon = beacon?;
+        beacon.header = headers.next(Output::Beacon, beacon.header.at);
         // Receivers without a fix report 0, 0.
         let fixed = beacon.latitude_deg != 0.0 || beacon.longitude_deg != 0.0;
         (fixed && beacon.check().is_ok()).then_some(beacon)
     }
-    fn beacon_of(
+    /// A report of the configured vessel by AIS, of the time at which it was received. An autopilot repeats what it has received.
+    fn beacon_by_ais(
         &mut self,
         now: DroneTime,
-        frame: &MavlinkFrame,
-        source: BeaconSource,
-        report: &PlaceReport,
+        report: &AisReport,
+        c: &AutopilotLinkConfig,
     ) -> Option<DeckBeacon> {
-        let system = frame.from.system;
-        let own = self.peer.as_ref().is_some_and(|p| p.address.system == system);
-        if system == 0 || system != self.config.beacon_system || own {
-            return None;
-        }
-        Some(DeckBeacon {
-            header: self.headers.next(Output::Beacon, now),
-            source,
-            latitude_deg: report.latitude_deg,
-            longitude_deg: report.longitude_deg,
-            velocity: report.velocity.unwrap_or_default(),
-            place_sd_m: report.error_m.unwrap_or(0.0).max(PLACE_SD_M).max(MIN_BEACON_SD_M),
-            velocity_sd_mps: match report.velocity {
-                Some(_) => VELOCITY_SD_MPS,
-                None => UNKNOWN_VELOCITY_SD_MPS.min(MAX_BEACON_MPS),
-            },
-            lasts_s: LASTS_S,
-        })
-    }
-    /// A report of the configured vessel by AIS, of the time at which it was received. An autopilot repeats what it has received.
-    fn beacon_by_ais(&mut self, now: DroneTime, report: &AisReport) -> Option<DeckBeacon> {
-        let wanted = report.mmsi != 0 && report.mmsi == self.config.beacon_mmsi;
+        let wanted = report.mmsi != 0 && report.mmsi == c.beacon_mmsi;
         let old = !(report.age_s <= AIS_LASTS_S);
         let repeated = report.age_s > AIS_REPEATED_S && self.ais == Some(report.place);
         if !wanted || old || repeated {
@@ -85,9 +84,7 @@ impl AutopilotLink {
         self.ais = Some(report.place);
         let [north, east] = report.place.velocity.unwrap_or_default();
         Some(DeckBeacon {
-            header: self
-                .headers
-                .next(Output::Beacon, now - Span::from_secs(report.age_s)),
+            header: Header::new(0, 0, 0, 0, now - Span::from_secs(report.age_s)),
             source: BeaconSource::Ais,
             latitude_deg: report.place.latitude_deg,
             longitude_deg: report.place.longitude_deg,
@@ -102,33 +99,49 @@ impl AutopilotLink {
     }
 }
 
+fn beacon_of(now: DroneTime, source: BeaconSource, report: &PlaceReport) -> DeckBeacon {
+    DeckBeacon {
+        header: Header::new(0, 0, 0, 0, now),
+        source,
+        latitude_deg: report.latitude_deg,
+        longitude_deg: report.longitude_deg,
+        velocity: report.velocity.unwrap_or_default(),
+        place_sd_m: report.error_m.unwrap_or(0.0).max(PLACE_SD_M).max(MIN_BEACON_SD_M),
+        velocity_sd_mps: match report.velocity {
+            Some(_) => VELOCITY_SD_MPS,
+            None => UNKNOWN_VELOCITY_SD_MPS.min(MAX_BEACON_MPS),
+        },
+        lasts_s: LASTS_S,
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::AutopilotLinkConfig;
     use super::super::message::Address;
     use super::super::wire::{Decoder, Encoder};
     use super::*;
-    use crate::odometry::OdometryConfig;
-    use alight_shared::geometry::DroneGeometry;
     use alight_shared::time::Time;
 
-    fn link(beacon_system: u8) -> AutopilotLink {
+    type Link = (OtherSystems, AutopilotLinkConfig);
+
+    fn link(beacon_system: u8, beacon_mmsi: u32) -> Link {
         let config = AutopilotLinkConfig {
             beacon_system,
+            beacon_mmsi,
             ..AutopilotLinkConfig::default()
         };
-        let (odometry, geometry) = (OdometryConfig::default(), DroneGeometry::default());
-        AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1)
+        (OtherSystems::default(), config)
     }
     /// Through the bytes of a link.
-    fn received(link: &mut AutopilotLink, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
+    fn received((others, c): &mut Link, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
         let bytes = Encoder::default()
             .frame(Address::new(system, 1), message)
             .unwrap();
         let mut decoder = Decoder::default();
         decoder.push(&bytes);
         let frame = decoder.next_frame().unwrap();
-        link.beacon(Time::from_secs(3.0), &frame)
+        let headers = &mut OutputHeaders::default();
+        others.beacon(Time::from_secs(3.0), &frame, None, c, headers)
     }
 
     #[test]
@@ -139,7 +152,7 @@ mod tests {
             velocity: Some([1.5, -2.0]),
             error_m: None,
         };
-        let mut link = link(42);
+        let mut link = link(42, 0);
         let tracker = MavlinkMessage::GlobalPosition(report);
         let m = received(&mut link, 42, &tracker).unwrap();
         assert_eq!(
@@ -149,7 +162,7 @@ mod tests {
         assert!((m.latitude_deg - report.latitude_deg).abs() < 1e-6 && m.velocity == [1.5, -2.0]);
         assert_eq!(m.place_sd_m, PLACE_SD_M);
         assert_eq!(received(&mut link, 41, &tracker), None);
-        assert_eq!(received(&mut self::link(0), 42, &tracker), None);
+        assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
         // A phone that does not know its speed, with an error that it states.
         let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
@@ -169,12 +182,7 @@ mod tests {
     }
     #[test]
     fn beacon_by_ais_of_the_configured_vessel() {
-        let config = AutopilotLinkConfig {
-            beacon_mmsi: 338_087_471,
-            ..AutopilotLinkConfig::default()
-        };
-        let (odometry, geometry) = (OdometryConfig::default(), DroneGeometry::default());
-        let mut link = AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1);
+        let mut link = link(0, 338_087_471);
         let report = AisReport {
             mmsi: 338_087_471,
             place: PlaceReport {
@@ -212,7 +220,7 @@ mod tests {
         }
         assert!(received(&mut link, 1, &of(|r| r.place.velocity = None)).is_some());
         assert_eq!(
-            received(&mut self::link(42), 42, &MavlinkMessage::Ais(report)),
+            received(&mut self::link(42, 0), 42, &MavlinkMessage::Ais(report)),
             None
         );
     }

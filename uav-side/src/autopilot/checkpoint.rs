@@ -47,12 +47,8 @@ impl AutopilotLink {
         // However old: the mission's own may have been too old to count, too.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.parameters.recall(readable.and_then(|m| m.mode));
-        let ended = readable.map(|m| m.ended_missions).unwrap_or_default();
-        for (end, is_over) in self.mission_ends.iter_mut().zip(ended) {
-            end.recall(is_over);
-        }
-        if readable.is_some_and(|m| m.own_mission) {
-            self.own_mission.recall();
+        if let Some(m) = &readable {
+            self.own_mission.recall(m);
         }
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
@@ -140,8 +136,8 @@ impl AutopilotLink {
             wind: e.wind.checkpoint(),
             hover_thrust,
             hover_learned_s,
-            ended_missions: self.mission_ends.map(|end| end.is_over()),
-            own_mission: self.own_mission.is_under_way(),
+            ended_missions: self.own_mission.ended(),
+            own_mission: self.own_mission.monitor.is_under_way(),
             // The process's, which has the frames.
             signing: SigningTimes::default(),
         })

@@ -23,7 +23,8 @@ impl AutopilotLink {
         if self.asked_by_station(now, frame, out) {
             return false;
         }
-        if let Some(beacon) = self.beacon(now, frame) {
+        let own = self.peer.as_ref().map(|p| p.address.system);
+        if let Some(beacon) = (self.others).beacon(now, frame, own, &self.config, &mut self.headers) {
             out.beacon = Some(beacon);
             return false;
         }
@@ -129,9 +130,9 @@ impl AutopilotLink {
                 self.estimate.heading.status(now, *flags);
             }
             MavlinkMessage::MissionCurrent { total, state } => {
-                self.own_mission.current(peer.firmware, *total, *state);
+                self.own_mission.monitor.current(peer.firmware, *total, *state);
             }
-            MavlinkMessage::MissionItemReached { item } => self.own_mission.reached(*item),
+            MavlinkMessage::MissionItemReached { item } => self.own_mission.monitor.reached(*item),
             MavlinkMessage::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
                 let given = self.switch.on_channels(now, c.rc_switch, channels);
@@ -337,7 +338,7 @@ impl AutopilotLink {
 
     /// The system of another vehicle's autopilot that was received recently, where none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
-        let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.other?);
+        let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.others.autopilot?);
         let lately = (now - at).secs() <= OTHER_AFTER_S;
         (lately && system != own).then_some(system)
     }
@@ -350,7 +351,7 @@ impl AutopilotLink {
             Some(p) if (p.address, p.firmware) == (from, firmware) => {}
             Some(p) if (now - p.heartbeat_at).secs() <= OTHER_AFTER_S => {
                 if from.system != p.address.system {
-                    self.other = Some((now, from.system));
+                    self.others.autopilot = Some((now, from.system));
                 }
                 return false;
             }

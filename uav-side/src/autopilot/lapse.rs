@@ -10,8 +10,10 @@
 use alight_shared::msg::AutopilotMode;
 use alight_shared::time::Span;
 
+use super::DroneTime;
+use super::clock::RemoteClock;
 use super::modes::Firmware;
-use super::{AutopilotLink, DroneTime};
+use super::peer::MavlinkPeer;
 
 /// Nothing was sent for longer than this, s: five periods of the set-points.
 const GAP_S: f64 = 0.1;
@@ -131,12 +133,15 @@ impl LapseMonitor {
         };
         ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
-}
-
-impl AutopilotLink {
     /// Judges a hold that has just begun; `received`: something of the autopilot arrived in this step.
-    pub(super) fn watch_lapse(&mut self, now: DroneTime, received: bool) {
-        let Some(peer) = &self.peer else { return };
+    pub(super) fn watch(
+        &mut self,
+        now: DroneTime,
+        received: bool,
+        sent_at: Option<DroneTime>,
+        peer: &MavlinkPeer,
+        clock: &RemoteClock,
+    ) {
         let loss_s = match peer.firmware {
             Firmware::Px4 => Some(peer.parameters.loss_s()),
             Firmware::ArduCopter => None,
@@ -144,11 +149,11 @@ impl AutopilotLink {
         let observed = Observed {
             mode: peer.mode,
             received,
-            sent_at: self.sent_at,
+            sent_at,
             loss_s,
-            stood_still: self.clock.stood_still(now),
+            stood_still: clock.stood_still(now),
         };
-        self.lapse.step(now, &observed);
+        self.step(now, &observed);
     }
 }
 

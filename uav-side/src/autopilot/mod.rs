@@ -64,6 +64,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::odometry::OdometryConfig;
 use authority::{AuthorityEvidence, AuthorityStateMachine};
+use beacon::OtherSystems;
 use checkpoint::LinkSuccession;
 use clock::RemoteClock;
 use disarm::DisarmSequence;
@@ -73,7 +74,7 @@ use inputs::LinkInputs;
 use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, MavlinkMessage, severity};
 use modes::Firmware;
-use own_mission::{MissionEnd, MissionStart, OwnMissionMonitor};
+use own_mission::OwnMissionSequence;
 use peer::MavlinkPeer;
 use rangefinder::RangeReadings;
 use rc_switch::RcSwitch;
@@ -213,7 +214,6 @@ struct Timers {
     heartbeat: Periodic<DroneClock>,
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
-    own_mission: Periodic<DroneClock>,
     armed: Periodic<DroneClock>,
 }
 
@@ -229,10 +229,7 @@ pub struct AutopilotLink {
     succession: LinkSuccession,
 
     peer: Option<MavlinkPeer>,
-    /// Another vehicle's autopilot was received: when last, and its system.
-    other: Option<(DroneTime, u8)>,
-    /// The vessel's place as AIS reported it last.
-    ais: Option<place_report::PlaceReport>,
+    others: OtherSystems,
     clock: RemoteClock,
     estimate: DroneEstimate,
     range: RangeReadings,
@@ -266,10 +263,7 @@ pub struct AutopilotLink {
     home: Option<(DroneTime, Datum)>,
     arm_tries: u32,
     departure: TakeOffSequence,
-    own_mission: OwnMissionMonitor,
-    /// The end of the autopilot's own mission in this flight, by the battery, because it is done, by an order.
-    mission_ends: [MissionEnd; 3],
-    mission_start: MissionStart,
+    own_mission: OwnMissionSequence,
     timers: Timers,
 }
 
@@ -426,7 +420,7 @@ impl AutopilotLink {
             hover_thrust: if settled { hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
             shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
-            own_mission: self.own_mission.now(),
+            own_mission: self.own_mission.monitor.now(),
         })
     }
     /// Reason that forbids a landing and a take-off, by all that is known on the link.
@@ -465,7 +459,7 @@ impl AutopilotLink {
     /// Part of the autopilot's state that is reported at once when it changes.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
-        peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.now()))
+        peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.monitor.now()))
     }
 }
 
@@ -489,8 +483,11 @@ impl Node for AutopilotLink {
             self.station.stopped(now);
         }
 
-        self.watch_lapse(now, received);
-        self.watch_own_mission();
+        if let Some(peer) = &self.peer {
+            let sent_at = self.sent_at;
+            self.lapse.watch(now, received, sent_at, peer, &self.clock);
+            self.own_mission.watch(peer);
+        }
         self.watch_standing(now);
         let evidence = self.evidence(now, heartbeat);
         self.authority
@@ -503,8 +500,12 @@ impl Node for AutopilotLink {
             self.send_set_point(now, new, &mut out);
             self.arm(now, &mut out);
             self.take_off(now, &mut out);
-            self.end_mission(now, &mut out);
-            self.start_mission(now, &mut out);
+            if let Some(peer) = &self.peer {
+                let peer = (peer, self.authority.control_authority());
+                let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.timers.command);
+                self.own_mission.end(now, peer, mission, pause, &mut out);
+                self.own_mission.start(now, peer, mission, pause, &mut out);
+            }
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
@@ -512,7 +513,9 @@ impl Node for AutopilotLink {
         self.publish_order(now, &mut out);
         self.publish_settings(now, &mut out);
         self.send_periodic(now, &mut out);
-        self.ask_own_mission(now, &mut out);
+        if let Some(peer) = &self.peer {
+            self.own_mission.ask(now, peer, &mut out);
+        }
         self.publish_deck(now, &mut out);
         self.disarm_own_landing(now, &mut out);
 

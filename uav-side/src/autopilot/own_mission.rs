@@ -16,12 +16,14 @@
 //! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished); ArduPilot
 //! `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
 
-use alight_shared::msg::{AutopilotMode, OwnMission, ReasonCode, State};
-use alight_shared::time::Span;
+use alight_shared::admission::Periodic;
+use alight_shared::msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State};
+use alight_shared::time::{DroneClock, Span};
 
 use super::message::{CommandLong, MavlinkMessage, command, id, severity};
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, DroneTime};
+use super::peer::MavlinkPeer;
+use super::{AutopilotOut, ControlAuthority, DroneTime};
 
 /// Period of requests for the state of ArduCopter's mission while it flies that.
 const ASK: Span = Span::from_millis(1000);
@@ -52,7 +54,7 @@ pub(super) struct OwnMissionMonitor {
 
 /// The end of the autopilot's own mission, once in a flight, whichever link's.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MissionEnd {
+struct MissionEnd {
     /// Commands so far.
     sent: u32,
     /// The autopilot has been in our mode since the first of them.
@@ -61,20 +63,9 @@ pub(super) struct MissionEnd {
 
 impl MissionEnd {
     /// Not again in this flight.
-    pub(super) fn is_over(&self) -> bool {
+    fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
-    /// Recalls what the link before this one has done.
-    pub(super) fn recall(&mut self, is_over: bool) {
-        self.done |= is_over;
-    }
-}
-
-/// Start of the autopilot's mission, at our mission's request.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MissionStart {
-    /// Commands since the wish began.
-    sent: u32,
 }
 
 impl OwnMissionMonitor {
@@ -98,7 +89,7 @@ impl OwnMissionMonitor {
         }
     }
     /// The link before this one has observed it under way, and no other mode was chosen since: the Hold after it counts.
-    pub(super) fn recall(&mut self) {
+    fn recall(&mut self) {
         (self.began, self.own) = (true, true);
     }
     /// Whether a mission is under way, for a link after this one.
@@ -127,19 +118,40 @@ impl OwnMissionMonitor {
     }
 }
 
-impl AutopilotLink {
-    /// Whether it flies its own mission, and whether that is done.
-    pub(super) fn watch_own_mission(&mut self) {
-        if let Some(p) = &self.peer {
-            self.own_mission.step(p.armed, p.flies_mission, p.mode);
+/// The autopilot's own mission, and the commands that end and start it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OwnMissionSequence {
+    pub(super) monitor: OwnMissionMonitor,
+    /// End in this flight: by the battery, because it is done, by an order.
+    ends: [MissionEnd; 3],
+    /// Commands to start it since the wish began.
+    starts: u32,
+    timer: Periodic<DroneClock>,
+}
+
+impl OwnMissionSequence {
+    /// Recalls what the link before this one has done and observed.
+    pub(super) fn recall(&mut self, m: &LinkCheckpoint) {
+        for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
+            end.done |= is_over;
         }
+        if m.own_mission {
+            self.monitor.recall();
+        }
+    }
+    /// Which ends are over, for a link after this one.
+    pub(super) fn ended(&self) -> [bool; 3] {
+        self.ends.map(|end| end.is_over())
+    }
+    /// Whether it flies its own mission, and whether that is done.
+    pub(super) fn watch(&mut self, peer: &MavlinkPeer) {
+        self.monitor.step(peer.armed, peer.flies_mission, peer.mode);
     }
 
     /// ArduCopter is asked how far its mission is. PX4 reports it unasked, and takes no such request.
-    pub(super) fn ask_own_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let Some(peer) = &self.peer else { return };
+    pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
-        if asks && self.timers.own_mission.is_due_spaced(now, ASK) {
+        if asks && self.timer.is_due_spaced(now, ASK) {
             let which = [f64::from(id::MISSION_CURRENT)];
             let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, which);
             out.messages.push(MavlinkMessage::Command(request));
@@ -147,60 +159,69 @@ impl AutopilotLink {
     }
 
     /// The drone is to come back: the autopilot's own mission ends.
-    pub(super) fn end_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let idle = self.inputs.fresh_mission(now).filter(|m| m.state == State::Idle);
+    pub(super) fn end(
+        &mut self,
+        now: DroneTime,
+        (peer, authority): (&MavlinkPeer, ControlAuthority),
+        mission: Option<&MissionState>,
+        pause: &mut Periodic<DroneClock>,
+        out: &mut AutopilotOut,
+    ) {
+        let idle = mission.filter(|m| m.state == State::Idle);
         let (which, text) = match idle.map(|m| m.waiting.code) {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
             Some(ReasonCode::OrderedBack) => (2, "ends the autopilot's mission: ordered back"),
             Some(ReasonCode::MissionDone) => (1, "the autopilot's mission is done: returns to the vessel"),
             Some(_) | None => (usize::MAX, ""),
         };
-        let Some(peer) = &self.peer else { return };
         if !peer.armed {
-            self.mission_ends = Default::default();
+            self.ends = Default::default();
             return;
         }
         let ours = peer.mode == AutopilotMode::Offboard;
-        for end in &mut self.mission_ends {
+        for end in &mut self.ends {
             end.done |= end.sent > 0 && ours;
         }
-        let may = self.own_mission.now() != OwnMission::None && self.control_authority().may_offer();
-        let Some(end) = self.mission_ends.get_mut(which).filter(|_| may) else {
+        let may = self.monitor.now() != OwnMission::None && authority.may_offer();
+        let Some(end) = self.ends.get_mut(which).filter(|_| may) else {
             return;
         };
-        if end.is_over() || !self.timers.command.is_ready(now) {
+        if end.is_over() || !pause.is_ready(now) {
             return;
         }
         end.sent += 1;
         let command = CommandLong::mode(peer.address, peer.firmware.offboard());
         out.messages.push(MavlinkMessage::Command(command));
         out.alarm(severity::WARNING, text.into());
-        self.timers.command.restart(now, PAUSE);
+        pause.restart(now, PAUSE);
     }
 
     /// A sortie of unattended cycles goes on with the autopilot's own mission, from its beginning.
-    pub(super) fn start_mission(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let wanted = self
-            .inputs
-            .fresh_mission(now)
-            .is_some_and(|m| m.state == State::Hold && m.waiting.code == ReasonCode::HandsOver);
-        let Some(peer) = &self.peer else { return };
+    pub(super) fn start(
+        &mut self,
+        now: DroneTime,
+        (peer, authority): (&MavlinkPeer, ControlAuthority),
+        mission: Option<&MissionState>,
+        pause: &mut Periodic<DroneClock>,
+        out: &mut AutopilotOut,
+    ) {
+        let wanted =
+            mission.is_some_and(|m| m.state == State::Hold && m.waiting.code == ReasonCode::HandsOver);
         if !wanted {
-            self.mission_start = MissionStart::default();
+            self.starts = 0;
             return;
         }
-        let may = self.control_authority().commands() && self.mission_start.sent < TRIES;
-        if !may || !self.timers.command.is_ready(now) {
+        if !authority.commands() || self.starts >= TRIES || !pause.is_ready(now) {
             return;
         }
-        self.mission_start.sent += 1;
+        self.starts += 1;
         let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
         out.messages.push(MavlinkMessage::Command(start));
         out.alarm(
             severity::NOTICE,
             "hands over to the autopilot's own mission".into(),
         );
-        self.timers.command.restart(now, PAUSE);
+        pause.restart(now, PAUSE);
     }
 }
 
