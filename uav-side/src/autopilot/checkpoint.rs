@@ -46,14 +46,14 @@ impl AutopilotLink {
         let before = s.recovery.checkpoint();
         // However old: the mission's own may have been too old to count, too.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
-        self.parameters.recall(readable.and_then(|m| m.mode));
+        self.operators.parameters.recall(readable.and_then(|m| m.mode));
         if let Some(m) = &readable {
             self.own_mission.recall(m);
         }
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
-        self.lapse.succeed(now, m.header.at);
+        self.stream.lapse.succeed(now, m.header.at);
         self.inputs.mode = self.inputs.mode.or(m.mode);
         match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),
@@ -84,7 +84,7 @@ impl AutopilotLink {
         }
         let peer = self.peer.get_or_insert_with(|| {
             // It was alive; a heartbeat that came meanwhile is lost.
-            let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.attitudes);
+            let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);
             peer

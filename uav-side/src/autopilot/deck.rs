@@ -127,7 +127,7 @@ impl AutopilotLink {
         let (Some((place, sea_m)), Some(peer)) = (place, &self.peer) else {
             return;
         };
-        let due = self.home.is_none_or(|(at, sent)| {
+        let due = self.commands.home.is_none_or(|(at, sent)| {
             let age = now - at;
             age >= HOME_REPEAT || age >= HOME_PERIOD && place.distance_m(&sent) > HOME_MOVED_M
         });
@@ -137,7 +137,7 @@ impl AutopilotLink {
         let (lat, lon) = (place.latitude_deg, place.longitude_deg);
         let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m]);
         out.messages.push(MavlinkMessage::Command(command));
-        self.home = Some((now, place));
+        self.commands.home = Some((now, place));
     }
 }
 

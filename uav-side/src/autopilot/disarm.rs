@@ -8,7 +8,9 @@
 
 use core::fmt;
 
-use alight_shared::time::Span;
+use alight_shared::admission::Periodic;
+use alight_shared::msg::{MissionState, State};
+use alight_shared::time::{DroneClock, Span};
 use serde::{Deserialize, Serialize};
 
 use super::DroneTime;
@@ -191,6 +193,36 @@ impl DisarmSequence {
     }
 }
 
+/// Forced disarms of a drone on the deck.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ForcedDisarm {
+    /// After the pilot's touchdown.
+    pub(super) touchdown: DisarmSequence,
+    /// While the autopilot holds on its own.
+    pub(super) alone: DisarmSequence,
+    /// In a landing of the autopilot's own.
+    pub(super) own_landing: DisarmSequence,
+    pub(super) inhibited: Option<DisarmInhibit>,
+    /// The abort for which the disarm was restarted.
+    abort: Option<[u32; 2]>,
+    pub(super) report: Periodic<DroneClock>,
+}
+
+impl ForcedDisarm {
+    /// Commands sent.
+    pub(super) fn sent(&self) -> u32 {
+        self.touchdown.sent() + self.alone.sent() + self.own_landing.sent()
+    }
+    /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
+    pub(super) fn restart(&mut self, mission: &MissionState) {
+        if mission.abort != self.abort && mission.state == State::Landed {
+            self.touchdown.clear();
+            self.alone.clear();
+        }
+        self.abort = mission.abort;
+    }
+}
+
 impl DisarmConfig {
     /// The longest time from the pilot's touchdown to the answer to the last of the quick commands, s:
     /// `evidence_timeout_s + hold_s + tries pause_s`.
@@ -202,7 +234,7 @@ impl DisarmConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{MissionState, State, still_armed_s};
+    use alight_shared::msg::still_armed_s;
     use alight_shared::time::Time;
 
     #[test]

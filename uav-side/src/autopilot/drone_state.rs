@@ -4,7 +4,7 @@
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, SetPoint};
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -16,6 +16,7 @@ use super::inputs::LinkInputs;
 use super::message::{OdometryReport, VelocityFrame};
 use super::modes::Firmware;
 use super::origin::AutopilotOrigin;
+use super::rangefinder::RangeReadings;
 use super::thrust::HoverThrust;
 use super::{DroneTime, Output, OutputHeaders};
 use crate::odometry::wind::WindMonitor;
@@ -211,14 +212,19 @@ pub(super) struct DroneEstimate {
     /// Specific force upwards along the body's axis, smoothed, m/s².
     force: Option<f64>,
     pub(super) hover: HoverThrust,
+    pub(super) range: RangeReadings,
+    /// Height of the drone's centre above its feet, m.
+    feet_below_m: f64,
 }
 
 impl DroneEstimate {
     /// Estimate for a drone that hovers by the thrust `hover` at first.
-    pub(super) fn new(odometry: &OdometryConfig, hover: f64) -> DroneEstimate {
+    pub(super) fn new(odometry: &OdometryConfig, geometry: &DroneGeometry, hover: f64) -> DroneEstimate {
         DroneEstimate {
             smooth: Odometry::new(odometry),
             hover: HoverThrust::new(hover),
+            range: RangeReadings::new(geometry),
+            feet_below_m: geometry.feet_below_m,
             ..DroneEstimate::default()
         }
     }
@@ -242,7 +248,7 @@ impl DroneEstimate {
         (self.heading, self.origin) = Default::default();
     }
     /// New odometry of the autopilot: smooths it, and learns the wind and, where the drone flies by this `thrust` (fraction), the
-    /// hover thrust. The drone's own, and the time since the one before it, s; None before origin and heading are known.
+    /// hover thrust. The drone's own; None before origin and heading are known.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -252,7 +258,7 @@ impl DroneEstimate {
         firmware: Option<Firmware>,
         c: &AutopilotLinkConfig,
         headers: &mut OutputHeaders,
-    ) -> Option<(DroneState, f64)> {
+    ) -> Option<DroneState> {
         self.heading.watch(&reported);
         // Before its heading is aligned, its directions are anybody's.
         reported.datum = self.origin.datum.filter(|_| self.heading.was_aligned())?;
@@ -281,7 +287,17 @@ impl DroneEstimate {
         state.header = headers.next(Output::Odometry, reported.header.at);
         self.wind.update(&mut state, inputs.followed_deck(now));
         self.state = Some(state);
-        Some((state, dt))
+        let speed = self.relative_to(now, inputs.deck(now)).map(|(_, _, away)| away);
+        self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
+        Some(state)
+    }
+    /// Height of the feet above the deck, m, the drone's speed relative to it, and that away from it along its normal, m/s; None
+    /// while drone or deck is unknown.
+    pub(super) fn relative_to(&self, now: DroneTime, deck: Option<DeckStage>) -> Option<(f64, f64, f64)> {
+        let (state, deck) = (self.fresh(now)?, deck?);
+        let height = deck.height_of(&state.position()) - self.feet_below_m;
+        let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
+        Some((height, speed, deck.speed_away(&state.velocity())))
     }
     /// A set-point in the frame of the autopilot with this firmware.
     pub(super) fn for_autopilot(&self, s: &SetPoint, firmware: Option<Firmware>) -> SetPoint {

@@ -6,8 +6,14 @@ use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
+use super::clock::RemoteClock;
+use super::drone_state::DroneEstimate;
+use super::inputs::LinkInputs;
 use super::message::{MavlinkMessage, severity};
-use super::{AutopilotLink, AutopilotOut, DroneTime};
+use super::rc_switch::RcSwitch;
+use super::station::StationOrders;
+use super::station_parameters::StationParameters;
+use super::{AutopilotOut, DroneTime};
 
 /// Characters of a STATUSTEXT.
 pub const MAX_TEXT: usize = 50;
@@ -53,22 +59,69 @@ impl AutopilotOut {
     }
 }
 
-impl AutopilotLink {
+/// Operators at a ground station and at the remote control.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Operators {
+    pub(super) reports: GroundReports,
+    pub(super) switch: RcSwitch,
+    pub(super) station: StationOrders,
+    pub(super) parameters: StationParameters,
+}
+
+impl Operators {
+    /// An order of the remote control's switch or of a ground station to the mission, an abort first.
+    pub(super) fn publish_order(
+        &mut self,
+        now: DroneTime,
+        mission: Option<&MissionState>,
+        out: &mut AutopilotOut,
+    ) {
+        let (by_switch, refused) = if self.station.aborts() {
+            (None, None)
+        } else {
+            self.switch.poll(now, mission)
+        };
+        if let Some(text) = refused {
+            out.alarm(severity::WARNING, text);
+        }
+        if by_switch.is_some() {
+            out.command = by_switch;
+            return;
+        }
+        let (command, answer) = self.station.poll(now, mission);
+        out.command = command;
+        if let Some(answer) = answer {
+            out.messages.extend(answer.messages());
+            if let Some(text) = answer.text {
+                out.alarm(severity::WARNING, text);
+            }
+        }
+    }
+}
+
+impl GroundReports {
     /// Reports changes of the mission's state, and the named values when they are due.
-    pub(super) fn report_to_ground(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        if self.peer.is_none() {
+    pub(super) fn publish(
+        &mut self,
+        now: DroneTime,
+        inputs: &LinkInputs,
+        estimate: &DroneEstimate,
+        clock: &RemoteClock,
+        out: &mut AutopilotOut,
+    ) {
+        let mission = inputs.mission.get();
+        out.messages.extend(mission.and_then(|m| self.report(now, m)));
+        if !self.values.is_due_spaced(now, VALUES) {
             return;
         }
-        let text = self.inputs.mission.get().and_then(|m| self.ground.report(now, m));
-        out.messages.extend(text);
-        if !self.ground.values.is_due_spaced(now, VALUES) {
-            return;
-        }
-        let time_ms = (self.clock.remote_time_us(now, now) / 1000) as u32;
-        let wind = self.estimate.state.and_then(|s| s.wind).map(Wind::towards);
+        let time_ms = (clock.remote_time_us(now, now) / 1000) as u32;
+        let wind = estimate.state.and_then(|s| s.wind).map(Wind::towards);
+        // From the drone to the deck's centre.
+        let apart = (estimate.fresh(now).zip(inputs.deck(now)))
+            .map(|(state, deck)| (Vector3::from(deck.position) - state.position()).norm());
         let values = [
-            (DISTANCE, self.deck_distance_m(now)),
-            (AGE, self.inputs.link_age_s(now)),
+            (DISTANCE, apart),
+            (AGE, inputs.link_age_s(now)),
             (WIND[0], wind.map(|w| w.speed_mps)),
             (WIND[1], wind.map(|w| w.from_deg as f64)),
         ];
@@ -81,14 +134,6 @@ impl AutopilotLink {
                 })
             }));
     }
-    /// From the drone to the deck's centre, m; None while either is unknown.
-    fn deck_distance_m(&self, now: DroneTime) -> Option<f64> {
-        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
-        Some((Vector3::from(deck.position) - state.position()).norm())
-    }
-}
-
-impl GroundReports {
     /// A text for a state that was entered, else for what is waited for.
     fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<MavlinkMessage> {
         if self.entered != Some((m.state, m.since)) {

@@ -21,7 +21,7 @@ impl AutopilotLink {
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
         // A landing of the autopilot's own needs no mission; one that looks on commands nothing.
         if !(c.own_landing && !self.inputs.looks_on() && self.peer.as_ref().is_some_and(lands)) {
-            self.own_landing.clear();
+            self.disarm.own_landing.clear();
             return;
         }
         let found = self.contact(now);
@@ -40,12 +40,12 @@ impl AutopilotLink {
             speed_mps: c.speed_mps.min(RESTS_MPS),
             ..c
         };
-        if self.own_landing.step(now, &evidence, &lasting) == DisarmDecision::Command {
-            if self.own_landing.sent() == 1 {
+        if self.disarm.own_landing.step(now, &evidence, &lasting) == DisarmDecision::Command {
+            if self.disarm.own_landing.sent() == 1 {
                 let text = "on the deck by the autopilot's own landing: disarms".to_owned();
                 out.alarm(severity::NOTICE, text);
             }
-            self.command_disarm(self.own_landing.sent(), out);
+            self.command_disarm(self.disarm.own_landing.sent(), out);
         }
     }
 }

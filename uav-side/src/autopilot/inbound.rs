@@ -119,7 +119,7 @@ impl AutopilotLink {
             }
             MavlinkMessage::SystemStatus { present, healthy } => {
                 peer.streams.received(message::id::SYS_STATUS);
-                self.switch.on_status(now, *present, *healthy);
+                self.operators.switch.on_status(now, *present, *healthy);
             }
             MavlinkMessage::EstimatorStatus { flags } => {
                 peer.streams.received(message::id::ESTIMATOR_STATUS);
@@ -135,14 +135,14 @@ impl AutopilotLink {
             MavlinkMessage::MissionItemReached { item } => self.own_mission.monitor.reached(*item),
             MavlinkMessage::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
-                let given = self.switch.on_channels(now, c.rc_switch, channels);
+                let given = self.operators.switch.on_channels(now, c.rc_switch, channels);
                 if let Some(kind) = given {
                     self.command_by_switch(now, kind, out);
                 }
             }
             MavlinkMessage::Text { severity: of, text } => {
                 if *of <= severity::WARNING {
-                    self.departure.explained(now, text);
+                    self.commands.departure.explained(now, text);
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
@@ -191,7 +191,7 @@ impl AutopilotLink {
         }
         let at = self.clock.local_time(now, millis(d.time_ms));
         let sample = at.and_then(|at| rangefinder::sample(at, d, &self.config));
-        let newer = sample.and_then(|s| self.range.take(s, &mut self.headers));
+        let newer = sample.and_then(|s| self.estimate.range.take(s, &mut self.headers));
         out.ranges.extend(newer);
     }
 
@@ -205,13 +205,13 @@ impl AutopilotLink {
     fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
         let Some(peer) = &mut self.peer else { return };
         if command == command::ARM_DISARM && result == CommandResult::Accepted {
-            self.departure.accepted(now);
+            self.commands.departure.accepted(now);
         }
         if command == command::MESSAGE_INTERVAL {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM
             && result == CommandResult::Accepted
-            && self.departure.disarms() + self.disarm.sent() + self.alone.sent() + self.own_landing.sent() > 0
+            && self.commands.departure.disarms() + self.disarm.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
@@ -221,7 +221,7 @@ impl AutopilotLink {
         ) && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
         {
             if command == command::ARM_DISARM
-                && let Some(why) = self.departure.denied(now, result)
+                && let Some(why) = self.commands.departure.denied(now, result)
             {
                 let text = format!("{} {why}", peer.firmware.name());
                 out.alarm(severity::WARNING, text);
@@ -235,9 +235,9 @@ impl AutopilotLink {
     /// The remote control's switch was moved: the mission is commanded.
     fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
         let header = self.headers.next(Output::Command, now);
-        self.switch.give(header, kind);
+        self.operators.switch.give(header, kind);
         if kind == CommandKind::Abort {
-            self.station.stopped(now);
+            self.operators.station.stopped(now);
         }
         let (severity, order) = named(kind);
         out.alarm(severity, format!("the remote control commands {order}"));
@@ -305,8 +305,8 @@ impl AutopilotLink {
             result,
             to: from,
         };
-        let admits = [self.switch.bars(), self.config.takes_orders()];
-        match self.station.received(now, from, asked, admits) {
+        let admits = [self.operators.switch.bars(), self.config.takes_orders()];
+        match self.operators.station.received(now, from, asked, admits) {
             CommandOutcome::Answered(result) => out.messages.push(answer(result)),
             CommandOutcome::Rejected(result, why) => {
                 out.messages.push(answer(result));
@@ -315,9 +315,9 @@ impl AutopilotLink {
             }
             CommandOutcome::Order(kind) => {
                 let header = self.headers.next(Output::Command, now);
-                let replaced = self.station.give((command, kind), from, header);
+                let replaced = self.operators.station.give((command, kind), from, header);
                 if kind == CommandKind::Abort {
-                    self.station.stopped(now);
+                    self.operators.station.stopped(now);
                 }
                 out.messages.extend(replaced.iter().flat_map(Answer::messages));
                 out.messages.push(answer(CommandResult::InProgress));
@@ -361,7 +361,7 @@ impl AutopilotLink {
                     firmware,
                     now,
                     &self.config,
-                    self.attitudes,
+                    self.stream.attitudes,
                 ));
                 self.authority.forget();
                 self.clock.forget();
@@ -383,11 +383,8 @@ impl AutopilotLink {
         let thrust = self.applied_thrust(now).filter(|_| flies);
         let (firmware, c) = (self.firmware(), &self.config);
         let (inputs, headers) = (&self.inputs, &mut self.headers);
-        let stepped = (self.estimate).step(now, reported, inputs, thrust, firmware, c, headers);
-        let Some((state, dt)) = stepped else { return };
-        let speed = self.relative_to_deck(now).map(|(_, _, away)| away);
-        self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
-        out.odometry.push(state);
+        let state = (self.estimate).step(now, reported, inputs, thrust, firmware, c, headers);
+        out.odometry.extend(state);
     }
 }
 

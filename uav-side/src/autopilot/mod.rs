@@ -52,7 +52,6 @@ pub use disarm::DisarmInhibit;
 
 use alight_shared::admission::Periodic;
 use alight_shared::bus::wiring;
-use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
@@ -67,21 +66,15 @@ use authority::{AuthorityEvidence, AuthorityStateMachine};
 use beacon::OtherSystems;
 use checkpoint::LinkSuccession;
 use clock::RemoteClock;
-use disarm::DisarmSequence;
+use disarm::ForcedDisarm;
 use drone_state::DroneEstimate;
-use ground_station::GroundReports;
+use ground_station::Operators;
 use inputs::LinkInputs;
-use lapse::LapseMonitor;
 use message::{Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, MavlinkMessage, severity};
 use modes::Firmware;
+use outbound::{LinkCommands, SetPointStream};
 use own_mission::OwnMissionSequence;
 use peer::MavlinkPeer;
-use rangefinder::RangeReadings;
-use rc_switch::RcSwitch;
-use station::StationOrders;
-use station_parameters::StationParameters;
-use take_off::TakeOffSequence;
-use thrust::SentThrust;
 
 type DroneTime = Time<DroneClock>;
 
@@ -210,21 +203,15 @@ impl OutputHeaders {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Timers {
-    command: Periodic<DroneClock>,
     heartbeat: Periodic<DroneClock>,
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
-    armed: Periodic<DroneClock>,
 }
 
 /// The link's node.
 #[derive(Clone, Debug, Default)]
 pub struct AutopilotLink {
     config: AutopilotLinkConfig,
-    /// Height of the drone's centre above its feet, m.
-    feet_below_m: f64,
-    /// Attitude set-points will be sent.
-    attitudes: bool,
     headers: OutputHeaders,
     succession: LinkSuccession,
 
@@ -232,37 +219,13 @@ pub struct AutopilotLink {
     others: OtherSystems,
     clock: RemoteClock,
     estimate: DroneEstimate,
-    range: RangeReadings,
-    /// Whether little thrust is commanded.
-    sent_thrust: SentThrust,
 
     inputs: LinkInputs,
     authority: AuthorityStateMachine,
-    disarm: DisarmSequence,
-    /// Disarm while the autopilot holds on its own.
-    alone: DisarmSequence,
-    /// Disarm in a landing of the autopilot's own.
-    own_landing: DisarmSequence,
-    inhibited: Option<DisarmInhibit>,
-    /// Place at which it holds after a false touchdown.
-    held: Option<outbound::HeldPosition>,
-    /// The last set-point with motors running.
-    flown: Option<SetPoint>,
-    sent_at: Option<DroneTime>,
-    lapse: LapseMonitor,
-    ground: GroundReports,
-    switch: RcSwitch,
-    station: StationOrders,
-    parameters: StationParameters,
-    set_points: u32,
-    /// The abort for which the disarm was restarted.
-    abort: Option<[u32; 2]>,
-    low_since: Option<DroneTime>,
-    diversions: u32,
-    /// When home was sent, and which.
-    home: Option<(DroneTime, Datum)>,
-    arm_tries: u32,
-    departure: TakeOffSequence,
+    disarm: ForcedDisarm,
+    stream: SetPointStream,
+    operators: Operators,
+    commands: LinkCommands,
     own_mission: OwnMissionSequence,
     timers: Timers,
 }
@@ -279,15 +242,16 @@ impl AutopilotLink {
     ) -> Self {
         AutopilotLink {
             config: config.clone(),
-            feet_below_m: geometry.feet_below_m,
-            attitudes,
             headers: OutputHeaders {
                 drone_id,
                 boot,
                 ..OutputHeaders::default()
             },
-            estimate: DroneEstimate::new(odometry, config.hover_thrust),
-            range: RangeReadings::new(geometry),
+            stream: SetPointStream {
+                attitudes,
+                ..SetPointStream::default()
+            },
+            estimate: DroneEstimate::new(odometry, geometry, config.hover_thrust),
             ..AutopilotLink::default()
         }
     }
@@ -302,7 +266,7 @@ impl AutopilotLink {
             rejected: (self.clock.rejected).saturating_add(self.estimate.assembler.rejected),
             restarts: self.clock.restarts,
             hover_thrust: self.estimate.hover.value(),
-            set_points: self.set_points,
+            set_points: self.stream.sent,
         }
     }
     /// Our own address: the vehicle's system, unless configured otherwise.
@@ -346,7 +310,7 @@ impl AutopilotLink {
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
-            lapsed: self.lapse.is_lapsed(),
+            lapsed: self.stream.lapse.is_lapsed(),
         }
     }
 
@@ -367,31 +331,6 @@ impl AutopilotLink {
         out.messages.extend(self.estimate.origin.ask(now, peer.address));
     }
 
-    /// An order of the remote control's switch or of a ground station to the mission, an abort first.
-    fn publish_order(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let mission = self.inputs.mission.get();
-        let (by_switch, refused) = if self.station.aborts() {
-            (None, None)
-        } else {
-            self.switch.poll(now, mission)
-        };
-        if let Some(text) = refused {
-            out.alarm(severity::WARNING, text);
-        }
-        if by_switch.is_some() {
-            out.command = by_switch;
-            return;
-        }
-        let (command, answer) = self.station.poll(now, mission);
-        out.command = command;
-        if let Some(answer) = answer {
-            out.messages.extend(answer.messages());
-            if let Some(text) = answer.text {
-                out.alarm(severity::WARNING, text);
-            }
-        }
-    }
-
     /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
         if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
@@ -410,7 +349,7 @@ impl AutopilotLink {
                 AutopilotMode::Offboard if !ours => AutopilotMode::Other,
                 mode => mode,
             },
-            lapsed: self.lapse.is_lapsed(),
+            lapsed: self.stream.lapse.is_lapsed(),
             landed: p.landed(now),
             origin_sea_m: (origin.datum.zip(origin.geoid_m)).map(|(d, geoid_m)| d.height_m - geoid_m),
             battery: p.charge(now),
@@ -425,7 +364,7 @@ impl AutopilotLink {
     }
     /// Reason that forbids a landing and a take-off, by all that is known on the link.
     fn rejection(&self, now: DroneTime, p: &MavlinkPeer) -> Reason {
-        if self.switch.is_held_on_abort() {
+        if self.operators.switch.is_held_on_abort() {
             return ReasonCode::SwitchAborts.into();
         }
         if let Some(other) = self.other_autopilot(now) {
@@ -480,12 +419,12 @@ impl Node for AutopilotLink {
         let received = input.received.iter().any(|f| Some(f.from) == peer);
         let [aborted, new] = self.inputs.take(now, input);
         if aborted {
-            self.station.stopped(now);
+            self.operators.station.stopped(now);
         }
 
         if let Some(peer) = &self.peer {
-            let sent_at = self.sent_at;
-            self.lapse.watch(now, received, sent_at, peer, &self.clock);
+            let s = &mut self.stream;
+            s.lapse.watch(now, received, s.sent_at, peer, &self.clock);
             self.own_mission.watch(peer);
         }
         self.watch_standing(now);
@@ -493,7 +432,7 @@ impl Node for AutopilotLink {
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
         if evidence.mode != AutopilotMode::Offboard {
-            self.diversions = 0;
+            self.commands.diversions = 0;
         }
         if self.inputs.may_command() {
             self.divert(now, &mut out);
@@ -502,15 +441,20 @@ impl Node for AutopilotLink {
             self.take_off(now, &mut out);
             if let Some(peer) = &self.peer {
                 let peer = (peer, self.authority.control_authority());
-                let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.timers.command);
+                let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.commands.pause);
                 self.own_mission.end(now, peer, mission, pause, &mut out);
                 self.own_mission.start(now, peer, mission, pause, &mut out);
             }
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
-        self.report_to_ground(now, &mut out);
-        self.publish_order(now, &mut out);
+        let inputs = &self.inputs;
+        if self.peer.is_some() {
+            let reports = &mut self.operators.reports;
+            reports.publish(now, inputs, &self.estimate, &self.clock, &mut out);
+        }
+        let mission = inputs.mission.get();
+        self.operators.publish_order(now, mission, &mut out);
         self.publish_settings(now, &mut out);
         self.send_periodic(now, &mut out);
         if let Some(peer) = &self.peer {
@@ -522,7 +466,7 @@ impl Node for AutopilotLink {
         let after = (self.mode(now), self.control_authority());
         if after.1 != before.1 {
             if matches!(after.1, ControlAuthority::TakenOver { .. }) {
-                self.station.stopped(now);
+                self.operators.station.stopped(now);
             }
             out.texts.push(after.1.to_string());
         }

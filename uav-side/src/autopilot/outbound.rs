@@ -1,19 +1,24 @@
 //! Outbound messages: the pilot's set-point, commands to disarm, to divert and to arm.
 
+use alight_shared::admission::Periodic;
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, DeckStage, DroneState, LandedState, Motors, PlanStage, ReasonCode, SetPoint,
     SetPointKind, State, still_armed, still_armed_s,
 };
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
+use super::lapse::LapseMonitor;
 use super::message::{
     Address, AttitudeThrustTarget, CommandLong, MavlinkMessage, PositionTarget, command, severity,
 };
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, thrust};
+use super::take_off::TakeOffSequence;
+use super::thrust::{self, SentThrust};
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED};
 use crate::tracking::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
@@ -46,25 +51,48 @@ pub(super) struct HeldPosition {
     yaw: f64,
 }
 
+/// Stream of set-points to the autopilot.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SetPointStream {
+    /// Attitude set-points will be sent.
+    pub(super) attitudes: bool,
+    /// Place at which the link holds after a false touchdown.
+    pub(super) held: Option<HeldPosition>,
+    /// The last set-point with motors running.
+    pub(super) flown: Option<SetPoint>,
+    pub(super) sent_at: Option<DroneTime>,
+    pub(super) sent: u32,
+    /// Whether little thrust is commanded.
+    pub(super) thrust: SentThrust,
+    pub(super) lapse: LapseMonitor,
+}
+
+/// Commands to the autopilot.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LinkCommands {
+    /// Time between two of them.
+    pub(super) pause: Periodic<DroneClock>,
+    /// The battery has been low since.
+    low_since: Option<DroneTime>,
+    pub(super) diversions: u32,
+    arm_tries: u32,
+    /// When home was sent, and which.
+    pub(super) home: Option<(DroneTime, Datum)>,
+    pub(super) departure: TakeOffSequence,
+}
+
 impl AutopilotLink {
-    /// Height of the feet above the deck, m, the drone's speed relative to it, and that away from it along its normal, m/s; None
-    /// while drone or deck is unknown.
-    pub(super) fn relative_to_deck(&self, now: DroneTime) -> Option<(f64, f64, f64)> {
-        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
-        let height = deck.height_of(&state.position()) - self.feet_below_m;
-        let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
-        Some((height, speed, deck.speed_away(&state.velocity())))
-    }
     /// The deck may carry the drone, or nothing shows that it is away from it: the hover thrust cannot be learned.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
         let state = self.inputs.last_state(now);
         let stands = state.is_some_and(|s| {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
-        let range = self.range.fresh_m(now);
+        let range = self.estimate.range.fresh_m(now);
         // While the mission waits the drone may stand on a deck that is known by the receivers alone.
         let waits = state.is_none_or(|s| s == State::Idle);
-        let height = self.relative_to_deck(now).map(|(h, _, _)| h).filter(|_| waits);
+        let above = self.estimate.relative_to(now, self.inputs.deck(now));
+        let height = above.map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
         // A successor goes on with what was learned before it.
         let began = state.is_none() || waits && self.succession.recovery.checkpoint().is_some();
@@ -75,15 +103,15 @@ impl AutopilotLink {
     /// The evidence of contact, independent of the pilot's touchdown detection.
     pub(super) fn contact(&self, now: DroneTime) -> ContactEvidence {
         let state = self.estimate.fresh(now);
-        let below = self.relative_to_deck(now);
+        let below = self.estimate.relative_to(now, self.inputs.deck(now));
         let forecast_height = below.map(|(h, _, _)| h);
-        let range = self.range.fresh_m(now);
-        let believed = |r: &f64| self.range.believes(*r, forecast_height);
+        let range = self.estimate.range.fresh_m(now);
+        let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
             // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
-            range_height: range.filter(believed).map(|r| r - self.range.feet_m),
+            range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
             forecast_height,
             speed: below
@@ -91,7 +119,7 @@ impl AutopilotLink {
                 .or_else(|| state.map(|s| s.velocity().norm())),
             load_factor: self.estimate.load_factor(now),
             thrust: self.thrust_of_hover(now),
-            commanded_low: self.control_authority().commands() && self.sent_thrust.is_low(now),
+            commanded_low: self.control_authority().commands() && self.stream.thrust.is_low(now),
             reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
         }
     }
@@ -99,16 +127,16 @@ impl AutopilotLink {
     /// The set-point to send while Alight commands, from the pilot's.
     fn apply(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         if wanted.motors == Motors::Run {
-            self.disarm.clear();
-            self.inhibited = None;
+            self.disarm.touchdown.clear();
+            self.disarm.inhibited = None;
             if wanted.kind == SetPointKind::None {
                 return None;
             }
             let carried = self.carried(now, *wanted);
             if carried == Some(*wanted) {
-                self.held = None;
+                self.stream.held = None;
             }
-            self.flown = carried;
+            self.stream.flown = carried;
             return carried;
         }
         let thrust_off = SetPoint {
@@ -124,25 +152,25 @@ impl AutopilotLink {
         }
         let evidence = self.contact(now);
         // Who begins to press now sees the thrust cut at once, and what carried the drone before for a little longer.
-        let c = match self.flown {
+        let c = match self.stream.flown {
             Some(_) => self.config.disarm,
             None => self.lasting(),
         };
-        match self.disarm.step(now, &evidence, &c) {
-            DisarmDecision::Press => self
-                .flown
-                .or_else(|| self.press_or_climb(now, &evidence, &c, wanted.attitude)),
+        match self.disarm.touchdown.step(now, &evidence, &c) {
+            DisarmDecision::Press => {
+                (self.stream.flown).or_else(|| self.press_or_climb(now, &evidence, &c, wanted.attitude))
+            }
             DisarmDecision::Command => {
-                self.command_disarm(self.disarm.sent(), out);
+                self.command_disarm(self.disarm.touchdown.sent(), out);
                 Some(thrust_off)
             }
             DisarmDecision::Idle => {
-                (self.inhibited, self.held) = (None, None);
+                (self.disarm.inhibited, self.stream.held) = (None, None);
                 Some(thrust_off)
             }
             DisarmDecision::InAir(inhibit) => {
-                if self.inhibited != Some(inhibit) {
-                    self.inhibited = Some(inhibit);
+                if self.disarm.inhibited != Some(inhibit) {
+                    self.disarm.inhibited = Some(inhibit);
                     out.alarm(
                         severity::CRITICAL,
                         format!("no disarm, the drone climbs by {CLEAR_M} m and holds: {inhibit}"),
@@ -163,21 +191,10 @@ impl AutopilotLink {
         }
     }
 
-    /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
-    fn restart_disarm(&mut self, now: DroneTime) {
-        let Some((state, abort)) = self.inputs.fresh_mission(now).map(|m| (m.state, m.abort)) else {
-            return;
-        };
-        if abort != self.abort && state == State::Landed {
-            self.disarm.clear();
-            self.alone.clear();
-        }
-        self.abort = abort;
-    }
     /// After a moment without set-points an earlier touchdown does not count any more.
     fn interrupted(&mut self) {
-        self.disarm.clear();
-        self.flown = None;
+        self.disarm.touchdown.clear();
+        self.stream.flown = None;
     }
 
     /// The command number `sent`.
@@ -200,7 +217,7 @@ impl AutopilotLink {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.inputs.fresh_mission(now);
         let still_s = mission.and_then(|m| still_armed_s(now, m, armed, self.config.disarm.longest_s()));
-        if let Some(s) = still_s.filter(|_| self.timers.armed.is_due_spaced(now, STILL_ARMED)) {
+        if let Some(s) = still_s.filter(|_| self.disarm.report.is_due_spaced(now, STILL_ARMED)) {
             out.alarm(severity::CRITICAL, still_armed(s as f32));
         }
     }
@@ -221,9 +238,9 @@ impl AutopilotLink {
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
-        let decision = self.alone.step(now, &evidence, &lasting);
+        let decision = self.disarm.alone.step(now, &evidence, &lasting);
         if decision == DisarmDecision::Command {
-            self.command_disarm(self.alone.sent(), out);
+            self.command_disarm(self.disarm.alone.sent(), out);
         }
         // What it holds against is ignored; what it follows presses no longer when the evidence stays away.
         let follows = self.control_authority().commands();
@@ -244,7 +261,7 @@ impl AutopilotLink {
     ) -> Option<SetPoint> {
         match disarm::inhibit(evidence, c) {
             None | Some(DisarmInhibit::NotSupported) if evidence.is_low() => {
-                self.held = None;
+                self.stream.held = None;
                 Some(SetPoint {
                     header: self.headers.unnumbered(now),
                     kind: SetPointKind::Attitude,
@@ -271,16 +288,16 @@ impl AutopilotLink {
     pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.inputs.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
-        if self.held.is_none() {
+        if self.stream.held.is_none() {
             let s = self.estimate.state?;
             let place = s.position() - Vector3::z() * CLEAR_M;
-            self.held = Some(HeldPosition {
+            self.stream.held = Some(HeldPosition {
                 place,
                 from_deck: centre.map(|c| place - c),
                 yaw: s.euler().z,
             });
         }
-        let held = self.held.as_mut()?;
+        let held = self.stream.held.as_mut()?;
         let mut velocity = [0.0; 3];
         if let (Some(d), Some(c), Some(r)) = (deck, centre, held.from_deck) {
             let highest = held.place.z;
@@ -297,7 +314,7 @@ impl AutopilotLink {
             ..PlanStage::default()
         };
         let header = self.headers.unnumbered(now);
-        if self.attitudes {
+        if self.stream.attitudes {
             return Some(SetPoint {
                 header,
                 ..steer(&stage, &self.estimate.state?, self.estimate.hover.value())
@@ -330,15 +347,17 @@ impl AutopilotLink {
     /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
         let wanted = self.inputs.fresh_set_point(now).copied();
-        self.restart_disarm(now);
-        let since = self.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
+        if let Some(mission) = self.inputs.fresh_mission(now) {
+            self.disarm.restart(mission);
+        }
+        let since = self.stream.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
         let alone = self.lapsed_on_deck(now, wanted.as_ref());
         if alone || wanted.is_none() {
             self.interrupted();
         }
         if !alone {
-            self.alone.clear();
+            self.disarm.alone.clear();
         }
         if !due {
             return;
@@ -353,10 +372,10 @@ impl AutopilotLink {
         {
             let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
             let is_low = outgoing.kind == SetPointKind::Attitude && outgoing.thrust <= low;
-            self.sent_thrust.sent(now, is_low);
+            self.stream.thrust.sent(now, is_low);
             out.messages.push(self.to_mavlink(to, &outgoing));
-            self.sent_at = Some(now);
-            self.set_points = self.set_points.saturating_add(1);
+            self.stream.sent_at = Some(now);
+            self.stream.sent = self.stream.sent.saturating_add(1);
         }
     }
 
@@ -412,7 +431,7 @@ impl AutopilotLink {
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
-        let mission = self.inputs.last_mission(now).filter(|_| self.inhibited.is_none());
+        let mission = (self.inputs.last_mission(now)).filter(|_| self.disarm.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
         // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
@@ -428,17 +447,17 @@ impl AutopilotLink {
         // What the mission has chosen it may have by the voltage alone.
         let reported = peer.charge(now);
         if !(limit.is_infinite() || reported.is_some_and(|c| c < limit)) {
-            self.low_since = None;
+            self.commands.low_since = None;
             return;
         }
-        let low_s = (now - *self.low_since.get_or_insert(now)).secs();
+        let low_s = (now - *self.commands.low_since.get_or_insert(now)).secs();
         let authority = self.control_authority();
         let repeated =
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(authority.commands() && !lands || repeated)
             || low_s < due_s
-            || !self.timers.command.is_ready(now)
-            || self.diversions >= b.tries
+            || !self.commands.pause.is_ready(now)
+            || self.commands.diversions >= b.tries
         {
             return;
         }
@@ -455,8 +474,8 @@ impl AutopilotLink {
         }
         let command = CommandLong::mode(peer.address, mode);
         out.messages.push(MavlinkMessage::Command(command));
-        self.diversions += 1;
-        self.timers.command.restart(now, COMMAND_PAUSE);
+        self.commands.diversions += 1;
+        self.commands.pause.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, to);
     }
 
@@ -473,11 +492,11 @@ impl AutopilotLink {
     pub(super) fn arm(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         if peer.mode != AutopilotMode::Offboard {
-            self.arm_tries = 0;
+            self.commands.arm_tries = 0;
         }
         if peer.armed {
             // A later disarm is the will of a person, or ours on the deck.
-            self.arm_tries = ARM_TRIES;
+            self.commands.arm_tries = ARM_TRIES;
         }
         let mission = self.inputs.fresh_mission(now);
         let commanded =
@@ -486,15 +505,15 @@ impl AutopilotLink {
             || self.control_authority() != ControlAuthority::Disarmed
             || peer.landed(now) != LandedState::OnGround
             || !commanded
-            || self.arm_tries >= ARM_TRIES
-            || !self.timers.command.is_ready(now)
+            || self.commands.arm_tries >= ARM_TRIES
+            || !self.commands.pause.is_ready(now)
             || !self.is_away_from_deck(now)
         {
             return;
         }
         let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
         out.messages.push(MavlinkMessage::Command(arm));
-        self.arm_tries += 1;
-        self.timers.command.restart(now, COMMAND_PAUSE);
+        self.commands.arm_tries += 1;
+        self.commands.pause.restart(now, COMMAND_PAUSE);
     }
 }

@@ -271,8 +271,8 @@ impl AutopilotLink {
             }
             Ok(settings) => {
                 let header = self.headers.next(Output::Settings, now);
-                self.parameters
-                    .begin(SettingsOrder { header, settings }, from.system, p);
+                let order = SettingsOrder { header, settings };
+                self.operators.parameters.begin(order, from.system, p);
             }
             Err(why) => {
                 self.read_parameter(name, None, out);
@@ -283,7 +283,7 @@ impl AutopilotLink {
     /// The mission has these settings, and no order is on its way that changes them.
     fn is_set(&self, settings: &MissionSettings) -> bool {
         let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
-        shown && self.parameters.under_way.is_none()
+        shown && self.operators.parameters.under_way.is_none()
     }
     /// The settings with this value of `p`, or why they stay.
     fn changed_settings(
@@ -300,7 +300,7 @@ impl AutopilotLink {
         if let Some(why) = self.is_locked(now, mission) {
             return Err(why.into());
         }
-        let under_way = self.parameters.under_way.as_ref();
+        let under_way = self.operators.parameters.under_way.as_ref();
         let wanted = under_way.map_or(mission.settings, |u| u.order.message.settings);
         p.changed(&wanted, value)
     }
@@ -320,7 +320,7 @@ impl AutopilotLink {
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
-        let (polled, settings) = (self.parameters.poll(now, mission), mission.settings);
+        let (polled, settings) = (self.operators.parameters.poll(now, mission), mission.settings);
         out.settings = polled.order;
         let values = polled.values.iter().map(|p| p.message(&settings));
         out.messages.extend(values);

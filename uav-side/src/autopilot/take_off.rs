@@ -98,7 +98,7 @@ impl AutopilotLink {
         let Some(state) = self.inputs.fresh_state(now) else {
             return false;
         };
-        let (authority, lapsed) = (self.control_authority(), self.lapse.is_lapsed());
+        let (authority, lapsed) = (self.control_authority(), self.stream.lapse.is_lapsed());
         match state {
             State::SpinUp | State::TakeOff | State::StandDown => {
                 authority.may_offer() || authority == ControlAuthority::Disarmed
@@ -122,15 +122,15 @@ impl AutopilotLink {
         let Some(peer) = &self.peer else { return };
         let mission = self.inputs.last_state(now);
         let stands = matches!(mission, Some(State::SpinUp | State::StandDown));
-        if !peer.armed || !(stands || self.departure.armed) {
-            let d = &mut self.departure;
+        if !peer.armed || !(stands || self.commands.departure.armed) {
+            let d = &mut self.commands.departure;
             (d.standing, d.verdict, d.may_fly) = Default::default();
             return;
         }
         let evidence = self.contact(now);
         let applied = self.thrust_of_hover(now);
         // Who follows what is sent gives that, where it reports nothing.
-        let sent = (self.sent_thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
+        let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
         // In whatever attitude it came to rest.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
@@ -143,8 +143,8 @@ impl AutopilotLink {
             // The mission stands down on two witnesses of its own.
             (mission == Some(State::StandDown)).then_some(true),
         ];
-        let ceased = self.sent_at.is_none_or(|at| now - at > GAP) || self.lapse.is_lapsed();
-        let d = &mut self.departure;
+        let ceased = self.stream.sent_at.is_none_or(|at| now - at > GAP) || self.stream.lapse.is_lapsed();
+        let d = &mut self.commands.departure;
         d.verdict = d.standing.step(now, applied.or(sent), force, &heights);
         d.may_fly = match d.verdict {
             StandingVerdict::Stands => false,
@@ -158,7 +158,7 @@ impl AutopilotLink {
         let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
         let state = self.inputs.last_state(now);
         let stands = matches!(state, Some(State::SpinUp | State::StandDown));
-        if !(self.departure.may_fly && falls && stands && wanted.motors == Motors::Run) {
+        if !(self.commands.departure.may_fly && falls && stands && wanted.motors == Motors::Run) {
             return Some(wanted);
         }
         self.hold_above(now).or(Some(wanted))
@@ -175,7 +175,7 @@ impl AutopilotLink {
         } else if state.wants_motors_off() {
             self.disarm_stopped(now, out);
         } else {
-            self.departure = TakeOffSequence::default();
+            self.commands.departure = TakeOffSequence::default();
         }
     }
 
@@ -184,7 +184,7 @@ impl AutopilotLink {
         // A link before this one may have been in our mode, or have armed, and the pilot have ended that.
         let succeeds = self.inputs.fresh_mission(now).map(|m| m.since) < self.succession.began;
         let Some(peer) = &self.peer else { return };
-        let d = &mut self.departure;
+        let d = &mut self.commands.departure;
         let since = *d.since.get_or_insert(now);
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
@@ -222,16 +222,16 @@ impl AutopilotLink {
         let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
             // A command to arm may be under way for as long as its answer takes.
-            let over = self.departure.next.is_none_or(|next| now >= next + PAUSE);
-            if over {
-                self.departure = TakeOffSequence::default();
+            let d = &mut self.commands.departure;
+            if d.next.is_none_or(|next| now >= next + PAUSE) {
+                *d = TakeOffSequence::default();
             }
             return;
         }
         // A drone that somebody else flies is theirs.
-        let may = armed && ours && (self.departure.armed || stands_down);
-        let low = self.sent_thrust.is_low(now);
-        let d = &mut self.departure;
+        let may = armed && ours && (self.commands.departure.armed || stands_down);
+        let low = self.stream.thrust.is_low(now);
+        let d = &mut self.commands.departure;
         let stands = d.verdict == StandingVerdict::Stands && low;
         if !(may && stands) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
             return;
