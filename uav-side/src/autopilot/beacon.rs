@@ -53,29 +53,23 @@ impl OtherSystems {
     ) -> Option<DeckBeacon> {
         let system = frame.from.system;
         let counts = system != 0 && system == c.beacon_system && own != Some(system);
-        let beacon = if let MavlinkMessage::GlobalPosition(report) = &frame.message {
+        let mut beacon = if let MavlinkMessage::GlobalPosition(report) = &frame.message {
             counts.then(|| beacon_of(now, BeaconSource::GlobalPosition, report))
         } else if let MavlinkMessage::FollowTarget(report) = &frame.message {
             counts.then(|| beacon_of(now, BeaconSource::FollowTarget, report))
         } else if let MavlinkMessage::Ais(report) = &frame.message {
-            self.beacon_by_ais(now, report, c)
+            self.beacon_by_ais(now, report, c.beacon_mmsi)
         } else {
             None
-        };
-        let mut beacon = beacon?;
+        }?;
         beacon.header = headers.next(Output::Beacon, beacon.header.at);
         // Receivers without a fix report 0, 0.
         let fixed = beacon.latitude_deg != 0.0 || beacon.longitude_deg != 0.0;
         (fixed && beacon.check().is_ok()).then_some(beacon)
     }
     /// A report of the configured vessel by AIS, of the time at which it was received. An autopilot repeats what it has received.
-    fn beacon_by_ais(
-        &mut self,
-        now: DroneTime,
-        report: &AisReport,
-        c: &AutopilotLinkConfig,
-    ) -> Option<DeckBeacon> {
-        let wanted = report.mmsi != 0 && report.mmsi == c.beacon_mmsi;
+    fn beacon_by_ais(&mut self, now: DroneTime, report: &AisReport, mmsi: u32) -> Option<DeckBeacon> {
+        let wanted = report.mmsi != 0 && report.mmsi == mmsi;
         let old = !(report.age_s <= AIS_LASTS_S);
         let repeated = report.age_s > AIS_REPEATED_S && self.ais == Some(report.place);
         if !wanted || old || repeated {

@@ -46,7 +46,7 @@ impl AutopilotLink {
         let before = s.recovery.checkpoint();
         // However old: the mission's own may have been too old to count, too.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
-        self.operators.parameters.recall(readable.and_then(|m| m.mode));
+        self.operators.parameters.recalled = readable.and_then(|m| m.mode);
         if let Some(m) = &readable {
             self.own_mission.recall(m);
         }
@@ -136,7 +136,7 @@ impl AutopilotLink {
             wind: e.wind.checkpoint(),
             hover_thrust,
             hover_learned_s,
-            ended_missions: self.own_mission.ended(),
+            ended_missions: self.own_mission.ends.map(|end| end.is_over()),
             own_mission: self.own_mission.monitor.is_under_way(),
             // The process's, which has the frames.
             signing: SigningTimes::default(),

@@ -48,21 +48,19 @@ impl RemoteClock {
         if !self.timer.is_due_spaced(now, Span::from_secs(1.0 / hz)) {
             return None;
         }
-        self.requests.push_back(now.nanos());
-        if self.requests.len() > MAX_REQUESTS {
-            self.requests.pop_front();
-        }
-        Some(MavlinkMessage::Timesync {
-            remote_ns: 0,
-            local_ns: now.nanos(),
-        })
+        self.requests.push_front(now.nanos());
+        self.requests.truncate(MAX_REQUESTS);
+        let (remote_ns, local_ns) = (0, now.nanos());
+        Some(MavlinkMessage::Timesync { remote_ns, local_ns })
     }
-    /// A message that may be the answer to one of them.
-    pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
+    /// A message that may be the answer to one of them; true: the autopilot has restarted.
+    pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) -> bool {
+        let before = self.restarts;
         if let Some(k) = self.requests.iter().position(|q| *q == asked_ns) {
             self.requests.remove(k);
             self.answered(now, asked_ns, remote_ns, limit_s);
         }
+        self.restarts != before
     }
     /// An answer arrived at `now`: our time in the request, the autopilot's in the answer, ns.
     fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {

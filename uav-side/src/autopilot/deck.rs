@@ -1,7 +1,6 @@
 //! The deck for other users of the link, when that is configured: `LANDING_TARGET`, or `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and a list of numbers.
 
-use alight_shared::geodesy::Datum;
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -29,10 +28,9 @@ impl AutopilotLink {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;
         }
-        if !self.inputs.is_deck_known(now) {
+        let Some(d) = self.inputs.known_deck(now) else {
             return;
-        }
-        let Some(d) = self.inputs.deck(now) else { return };
+        };
         self.timers.deck.restart(now, DECK_PERIOD);
         // The forecast is in the frame that set-points are in.
         let deck = SetPoint {
@@ -100,29 +98,21 @@ impl AutopilotLink {
     }
     /// The deck as the same takes a receiver on the target, with its velocity in the autopilot's frame; None until the origin
     /// is known.
-    fn target_absolute(
-        &self,
-        now: DroneTime,
-        deck: &DeckStage,
-        velocity: [f64; 3],
-    ) -> Option<TargetAbsolute> {
-        let (place, sea_m) = self.estimate.place(deck)?;
-        let [north, east, down] = deck.position_sd;
+    fn target_absolute(&self, now: DroneTime, d: &DeckStage, velocity: [f64; 3]) -> Option<TargetAbsolute> {
+        let (mut place, sea_m) = self.estimate.place(d)?;
+        place.height_m = sea_m;
+        let [north, east, down] = d.position_sd;
         Some(TargetAbsolute {
             time_us: own_us(now),
-            place: Datum {
-                height_m: sea_m,
-                ..place
-            },
+            place,
             place_sd: [north.max(east), down],
             velocity,
-            velocity_sd: deck.velocity_sd,
+            velocity_sd: d.velocity_sd,
         })
     }
     /// Sends the deck's place as home, where that is configured. The command's single precision is half a metre of it.
     pub(super) fn send_home(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        let known = self.inputs.is_deck_known(now);
-        let deck = self.inputs.deck(now).filter(|_| self.config.send_home && known);
+        let deck = (self.inputs.known_deck(now)).filter(|_| self.config.send_home);
         let place = deck.and_then(|d| self.estimate.place(&d));
         let (Some((place, sea_m)), Some(peer)) = (place, &self.peer) else {
             return;
@@ -136,7 +126,7 @@ impl AutopilotLink {
         }
         let (lat, lon) = (place.latitude_deg, place.longitude_deg);
         let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m]);
-        out.messages.push(MavlinkMessage::Command(command));
+        out.send(command);
         self.commands.home = Some((now, place));
     }
 }

@@ -147,7 +147,7 @@ pub(crate) struct DisarmSequence {
     missing_since: Option<DroneTime>,
     /// It has been complete since.
     complete_since: Option<DroneTime>,
-    next: Option<DroneTime>,
+    next: Periodic<DroneClock>,
     sent: u32,
 }
 
@@ -182,13 +182,12 @@ impl DisarmSequence {
         if (now - complete_since).secs() < hold_s {
             return DisarmDecision::Press;
         }
-        let due = self.next.is_none_or(|t| now >= t);
-        if !c.on_deck || !due {
+        if !c.on_deck || !self.next.is_ready(now) {
             return DisarmDecision::Idle;
         }
         self.sent = self.sent.saturating_add(1);
         let pause_s = if self.sent < c.tries { c.pause_s } else { RARE_S };
-        self.next = Some(now + Span::from_secs(pause_s));
+        self.next.restart(now, Span::from_secs(pause_s));
         DisarmDecision::Command
     }
 }
@@ -209,10 +208,6 @@ pub(super) struct ForcedDisarm {
 }
 
 impl ForcedDisarm {
-    /// Commands sent.
-    pub(super) fn sent(&self) -> u32 {
-        self.touchdown.sent() + self.alone.sent() + self.own_landing.sent()
-    }
     /// An abort after the touchdown asks for stopped motors: the quick commands are given again.
     pub(super) fn restart(&mut self, mission: &MissionState) {
         if mission.abort != self.abort && mission.state == State::Landed {

@@ -4,8 +4,8 @@
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, SetPoint};
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, RangeSample, SetPoint};
 use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -13,14 +13,14 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::config::AutopilotLinkConfig;
 use super::heading::HeadingAlignment;
 use super::inputs::LinkInputs;
-use super::message::{OdometryReport, VelocityFrame};
+use super::message::{DistanceReport, OdometryReport, VelocityFrame};
 use super::modes::Firmware;
 use super::origin::AutopilotOrigin;
-use super::rangefinder::RangeReadings;
 use super::thrust::HoverThrust;
 use super::{DroneTime, Output, OutputHeaders};
 use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
+use crate::range_witness::{RangeWitness, disagree};
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
@@ -28,6 +28,8 @@ const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Position and attitude on their own are not used within this time after an `ODOMETRY`.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
+/// No deck is nearer to the rangefinder than the feet by more than this, m.
+const BELOW_FEET_M: f64 = 0.10;
 /// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
 /// After a jump of its position by more than this its origin is asked for again, m.
@@ -153,10 +155,8 @@ impl DroneStateAssembler {
             return self.reject();
         }
         // Without inertial samples touchdown cannot be detected, and nothing is flown.
-        let i = self
-            .inertial
-            .as_mut()
-            .filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
+        let inertial = self.inertial.as_mut();
+        let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
         let force = if i.count > 0 {
             i.sum / f64::from(i.count)
         } else {
@@ -198,6 +198,52 @@ impl DroneStateAssembler {
     }
 }
 
+/// A reading of the rangefinder; None out of its limits, and of 0 m, which is no reading whatever its limits.
+pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
+    let ([low, high], variance) = (d.limits_m, d.variance.filter(|v| *v > 0.0));
+    let sample = RangeSample {
+        header: Header::new(0, 0, 0, 0, at),
+        range_m: d.range_m,
+        variance: variance.unwrap_or(c.range_sd_m * c.range_sd_m),
+    };
+    // A rangefinder without an echo reports its greatest distance.
+    (d.range_m > 0.0 && (low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
+}
+
+/// The newest reading, and whether it counts.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RangeReadings {
+    /// Reading with the feet on the deck, m.
+    pub(super) feet_m: f64,
+    newest: Option<RangeSample>,
+    /// Whether the rangefinder follows the drone.
+    pub(super) witness: RangeWitness,
+}
+
+impl RangeReadings {
+    /// Takes a reading; None for one that is no newer than the last.
+    pub(super) fn take(&mut self, mut s: RangeSample, headers: &mut OutputHeaders) -> Option<RangeSample> {
+        if self.newest.is_some_and(|r| s.header.at <= r.header.at) {
+            return None;
+        }
+        s.header = headers.next(Output::Range, s.header.at);
+        self.witness.reads(s.header.at, s.range_m);
+        self.newest = Some(s);
+        self.newest
+    }
+    /// The last fresh reading, m.
+    pub(super) fn fresh_m(&self, now: DroneTime) -> Option<f64> {
+        let fresh = (self.newest).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
+        fresh.map(|r| r.range_m)
+    }
+    /// Whether this range (m) is one of the deck's: not of a rangefinder that does not follow the drone, none that no deck can
+    /// be at, and not against the forecast.
+    pub(super) fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
+        let height = range_m - self.feet_m;
+        height >= -BELOW_FEET_M && !self.witness.contradicts() && !disagree(height, forecast_height)
+    }
+}
+
 /// Estimate of the drone's state, of the wind, and of the thrust that hovers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
@@ -210,7 +256,7 @@ pub(super) struct DroneEstimate {
     pub(super) wind: WindMonitor,
     pub(super) state: Option<DroneState>,
     /// Specific force upwards along the body's axis, smoothed, m/s².
-    force: Option<f64>,
+    pub(super) force: Option<f64>,
     pub(super) hover: HoverThrust,
     pub(super) range: RangeReadings,
     /// Height of the drone's centre above its feet, m.
@@ -220,22 +266,18 @@ pub(super) struct DroneEstimate {
 impl DroneEstimate {
     /// Estimate for a drone that hovers by the thrust `hover` at first.
     pub(super) fn new(odometry: &OdometryConfig, geometry: &DroneGeometry, hover: f64) -> DroneEstimate {
-        DroneEstimate {
+        let mut estimate = DroneEstimate {
             smooth: Odometry::new(odometry),
             hover: HoverThrust::new(hover),
-            range: RangeReadings::new(geometry),
             feet_below_m: geometry.feet_below_m,
             ..DroneEstimate::default()
-        }
+        };
+        estimate.range.feet_m = geometry.feet_below_m - geometry.rangefinder_m[2];
+        estimate
     }
     /// The state while that is fresh.
     pub(super) fn fresh(&self, now: DroneTime) -> Option<DroneState> {
-        let stale_after = topics::DRONE_STATE.stale_after;
-        self.state.filter(|s| now - s.header.at <= stale_after)
-    }
-    /// Specific force upwards as a fraction of gravity.
-    pub(super) fn load_factor(&self, now: DroneTime) -> Option<f64> {
-        self.fresh(now).and(self.force).map(|f| f / GRAVITY)
+        (self.state).filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after)
     }
     /// Forgets what was known in the former frame.
     pub(super) fn restart(&mut self) {
@@ -265,9 +307,7 @@ impl DroneEstimate {
         let counted = core::mem::replace(&mut self.resets, self.assembler.resets) != self.assembler.resets;
         let scale = self.origin.map_scale(firmware);
         reported.position = reported.position().component_mul(&scale).into();
-        let dt = self
-            .state
-            .map_or(0.01, |s| (reported.header.at - s.header.at).secs());
+        let dt = (self.state).map_or(0.01, |s| (reported.header.at - s.header.at).secs());
         let up = -reported.specific_force[2];
         let since = dt.clamp(0.0, 1.0);
         self.force = Some(low_pass(self.force, up, since, SPECIFIC_FORCE_TIME_S));
@@ -282,7 +322,7 @@ impl DroneEstimate {
             state = self.smooth.step(&reported, false);
         }
         if counted || (self.smooth.jumps().offset - before.offset).norm() > JUMPED_M {
-            self.origin.ask_again();
+            self.origin.timer = Default::default();
         }
         state.header = headers.next(Output::Odometry, reported.header.at);
         self.wind.update(&mut state, inputs.followed_deck(now));
@@ -301,20 +341,17 @@ impl DroneEstimate {
     }
     /// A set-point in the frame of the autopilot with this firmware.
     pub(super) fn for_autopilot(&self, s: &SetPoint, firmware: Option<Firmware>) -> SetPoint {
-        let s = self.smooth.for_autopilot(s);
+        let mut s = self.smooth.for_autopilot(s);
         let scale = self.origin.map_scale(firmware);
-        SetPoint {
-            position: Vector3::from(s.position).component_div(&scale).into(),
-            ..s
-        }
+        s.position = Vector3::from(s.position).component_div(&scale).into();
+        s
     }
     /// Place of the deck's centre, and its height above the sea, m; None until the origin is known.
     pub(super) fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
         let (datum, geoid_m) = self.origin.datum.zip(self.origin.geoid_m)?;
         let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
         let place = datum.at(&Vector::<DroneNed>::from(from_datum));
-        let sea_m = place.height_m - geoid_m;
-        Some((place, sea_m))
+        Some((place, place.height_m - geoid_m))
     }
 }
 
@@ -401,5 +438,28 @@ mod tests {
         assert_eq!((f.resets, f.frames), (1, 0));
         f.restart();
         assert_eq!((f.resets, f.frames), (1, 1));
+    }
+    #[test]
+    fn rangefinder_at_its_limit() {
+        let sample = |range_m, variance| {
+            let report = DistanceReport {
+                time_ms: 0,
+                range_m,
+                limits_m: [0.0, 10.0],
+                variance,
+            };
+            range(t(1.0), &report, &AutopilotLinkConfig::default())
+        };
+        assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
+        // No reading, of a rangefinder that states no minimum distance.
+        let none = DistanceReport {
+            time_ms: 0,
+            range_m: 0.0,
+            limits_m: [0.0, 30.0],
+            variance: None,
+        };
+        assert!(range(t(1.0), &none, &AutopilotLinkConfig::default()).is_none());
+        let s = sample(2.0, Some(0.0)).unwrap();
+        assert!((s.variance - 0.0004).abs() < 1e-12);
     }
 }

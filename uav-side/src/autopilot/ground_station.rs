@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::clock::RemoteClock;
 use super::drone_state::DroneEstimate;
 use super::inputs::LinkInputs;
-use super::message::{MavlinkMessage, severity};
+use super::message::{CommandLong, MavlinkMessage, severity};
 use super::rc_switch::RcSwitch;
 use super::station::StationOrders;
 use super::station_parameters::StationParameters;
@@ -51,11 +51,12 @@ pub(super) struct GroundReports {
 impl AutopilotOut {
     /// Something that whoever watches has to know at once, here and at a ground station.
     pub(super) fn alarm(&mut self, severity: u8, text: String) {
-        self.messages.push(MavlinkMessage::Text {
-            severity,
-            text: fit(&text),
-        });
+        self.messages.push(status_text(severity, &text));
         self.texts.push(text);
+    }
+    /// A command to the autopilot.
+    pub(super) fn send(&mut self, command: CommandLong) {
+        self.messages.push(MavlinkMessage::Command(command));
     }
 }
 
@@ -70,16 +71,11 @@ pub(super) struct Operators {
 
 impl Operators {
     /// An order of the remote control's switch or of a ground station to the mission, an abort first.
-    pub(super) fn publish_order(
-        &mut self,
-        now: DroneTime,
-        mission: Option<&MissionState>,
-        out: &mut AutopilotOut,
-    ) {
+    pub(super) fn publish_order(&mut self, now: DroneTime, m: Option<&MissionState>, out: &mut AutopilotOut) {
         let (by_switch, refused) = if self.station.aborts() {
             (None, None)
         } else {
-            self.switch.poll(now, mission)
+            self.switch.poll(now, m)
         };
         if let Some(text) = refused {
             out.alarm(severity::WARNING, text);
@@ -88,7 +84,7 @@ impl Operators {
             out.command = by_switch;
             return;
         }
-        let (command, answer) = self.station.poll(now, mission);
+        let (command, answer) = self.station.poll(now, m);
         out.command = command;
         if let Some(answer) = answer {
             out.messages.extend(answer.messages());
@@ -139,19 +135,13 @@ impl GroundReports {
         if self.entered != Some((m.state, m.since)) {
             self.entered = Some((m.state, m.since));
             self.waiting = None;
-            return Some(MavlinkMessage::Text {
-                severity: severity_of(m),
-                text: fit(&m.state.because(&m.entered)),
-            });
+            return Some(status_text(severity_of(m), &m.state.because(&m.entered)));
         }
         let rejected = m.rejected.map(|why| why.code);
         if core::mem::replace(&mut self.rejected, rejected) != rejected
             && let Some(why) = m.rejected
         {
-            return Some(MavlinkMessage::Text {
-                severity: severity::WARNING,
-                text: fit(&why.to_string()),
-            });
+            return Some(status_text(severity::WARNING, &why.to_string()));
         }
         let code = m.waiting.code;
         match &mut self.waiting {
@@ -166,20 +156,14 @@ impl GroundReports {
                 // Whoever stopped it sees it go on down, and learns at once that it does so on purpose.
                 let stopped = code == ReasonCode::CompletesLanding;
                 *waiting = Some((code, now, nothing || stopped));
-                return stopped.then(|| MavlinkMessage::Text {
-                    severity: severity::WARNING,
-                    text: STOPPED_LOW.into(),
-                });
+                return stopped.then(|| status_text(severity::WARNING, STOPPED_LOW));
             }
         }
-        Some(MavlinkMessage::Text {
-            severity: if m.waits_in_trouble() {
-                severity::WARNING
-            } else {
-                severity::INFO
-            },
-            text: fit(&format!("Waits: {}", m.waiting)),
-        })
+        let severity = match m.waits_in_trouble() {
+            true => severity::WARNING,
+            false => severity::INFO,
+        };
+        Some(status_text(severity, &format!("Waits: {}", m.waiting)))
     }
 }
 
@@ -202,6 +186,11 @@ fn severity_of(m: &MissionState) -> u8 {
         | State::ClimbOut
         | State::StandDown => severity::INFO,
     }
+}
+
+fn status_text(severity: u8, text: &str) -> MavlinkMessage {
+    let text = fit(text);
+    MavlinkMessage::Text { severity, text }
 }
 
 /// `text` in the ASCII characters of one STATUSTEXT: without its remarks in brackets where it is too long, then without its

@@ -9,7 +9,7 @@ use super::modes::Firmware;
 use super::orders::named;
 use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
-use super::{AutopilotLink, AutopilotOut, DroneTime, Output, rangefinder};
+use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
 /// Another autopilot is accepted when the first was silent for this long, and counts as received for so long, s.
 const OTHER_AFTER_S: f64 = 10.0;
@@ -41,7 +41,13 @@ impl AutopilotLink {
                 remote_ns: now.nanos(),
                 local_ns: *local_ns,
             }),
-            MavlinkMessage::Timesync { remote_ns, local_ns } => self.on_timesync(now, *remote_ns, *local_ns),
+            MavlinkMessage::Timesync { remote_ns, local_ns } => {
+                let limit_s = c.timesync_limit_s;
+                if self.clock.on_answer(now, *local_ns, *remote_ns, limit_s) {
+                    self.estimate.forget();
+                    peer.parameters.read_again();
+                }
+            }
             MavlinkMessage::Odometry(o) => {
                 peer.streams.received(message::id::ODOMETRY);
                 if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
@@ -135,9 +141,10 @@ impl AutopilotLink {
             MavlinkMessage::MissionItemReached { item } => self.own_mission.monitor.reached(*item),
             MavlinkMessage::RemoteControl(channels) => {
                 peer.streams.received(message::id::RC_CHANNELS);
-                let given = self.operators.switch.on_channels(now, c.rc_switch, channels);
-                if let Some(kind) = given {
-                    self.command_by_switch(now, kind, out);
+                if let Some(kind) = self.operators.switch.on_channels(now, c.rc_switch, channels) {
+                    let header = self.headers.next(Output::Command, now);
+                    self.operators.switch.give(header, kind);
+                    self.on_order(now, kind, "the remote control", out);
                 }
             }
             MavlinkMessage::Text { severity: of, text } => {
@@ -170,19 +177,6 @@ impl AutopilotLink {
         false
     }
 
-    /// The answer to a question about clocks.
-    fn on_timesync(&mut self, now: DroneTime, remote_ns: i64, local_ns: i64) {
-        let before = self.clock.restarts;
-        self.clock
-            .on_answer(now, local_ns, remote_ns, self.config.timesync_limit_s);
-        if self.clock.restarts != before {
-            self.estimate.forget();
-            if let Some(peer) = &mut self.peer {
-                peer.parameters.read_again();
-            }
-        }
-    }
-
     fn on_distance(&mut self, now: DroneTime, d: &DistanceReport, out: &mut AutopilotOut) {
         if !(d.range_m > 0.0) {
             let rejected = &mut self.estimate.assembler.rejected;
@@ -190,7 +184,7 @@ impl AutopilotLink {
             return;
         }
         let at = self.clock.local_time(now, millis(d.time_ms));
-        let sample = at.and_then(|at| rangefinder::sample(at, d, &self.config));
+        let sample = at.and_then(|at| drone_state::range(at, d, &self.config));
         let newer = sample.and_then(|s| self.estimate.range.take(s, &mut self.headers));
         out.ranges.extend(newer);
     }
@@ -204,14 +198,15 @@ impl AutopilotLink {
     /// The answer to a command of ours.
     fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
         let Some(peer) = &mut self.peer else { return };
+        let (departure, d) = (&mut self.commands.departure, &self.disarm);
         if command == command::ARM_DISARM && result == CommandResult::Accepted {
-            self.commands.departure.accepted(now);
+            departure.accepted(now);
         }
         if command == command::MESSAGE_INTERVAL {
             peer.streams.answered(now, result);
         } else if command == command::ARM_DISARM
             && result == CommandResult::Accepted
-            && self.commands.departure.disarms() + self.disarm.sent() > 0
+            && departure.disarms() + d.touchdown.sent() + d.alone.sent() + d.own_landing.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
@@ -221,7 +216,7 @@ impl AutopilotLink {
         ) && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
         {
             if command == command::ARM_DISARM
-                && let Some(why) = self.commands.departure.denied(now, result)
+                && let Some(why) = departure.denied(now, result)
             {
                 let text = format!("{} {why}", peer.firmware.name());
                 out.alarm(severity::WARNING, text);
@@ -232,15 +227,13 @@ impl AutopilotLink {
         }
     }
 
-    /// The remote control's switch was moved: the mission is commanded.
-    fn command_by_switch(&mut self, now: DroneTime, kind: CommandKind, out: &mut AutopilotOut) {
-        let header = self.headers.next(Output::Command, now);
-        self.operators.switch.give(header, kind);
+    /// An order of an operator, at this place.
+    fn on_order(&mut self, now: DroneTime, kind: CommandKind, place: &str, out: &mut AutopilotOut) {
         if kind == CommandKind::Abort {
             self.operators.station.stopped(now);
         }
         let (severity, order) = named(kind);
-        out.alarm(severity, format!("the remote control commands {order}"));
+        out.alarm(severity, format!("{place} commands {order}"));
     }
 
     /// Takes what a ground station asks of the companion itself; false where it is something else.
@@ -255,7 +248,7 @@ impl AutopilotLink {
                 first: [height, ahead, right, minutes],
                 repetition: Repetition::counted(c.confirmation),
             };
-            self.command_by_station(now, frame.from, &asked, out);
+            self.on_command(now, frame.from, &asked, out);
             return true;
         }
         if let MavlinkMessage::CommandInt { to, command, first } = &frame.message
@@ -266,7 +259,7 @@ impl AutopilotLink {
                 first: *first,
                 repetition: Repetition::Perhaps,
             };
-            self.command_by_station(now, frame.from, &asked, out);
+            self.on_command(now, frame.from, &asked, out);
             return true;
         }
         // A station asks for the list of all components at once.
@@ -292,13 +285,7 @@ impl AutopilotLink {
     }
 
     /// A command to us: an order to the mission, or none of ours.
-    fn command_by_station(
-        &mut self,
-        now: DroneTime,
-        from: Address,
-        asked: &StationCommand,
-        out: &mut AutopilotOut,
-    ) {
+    fn on_command(&mut self, now: DroneTime, from: Address, asked: &StationCommand, out: &mut AutopilotOut) {
         let command = asked.number;
         let answer = |result| MavlinkMessage::CommandAck {
             command,
@@ -316,16 +303,9 @@ impl AutopilotLink {
             CommandOutcome::Order(kind) => {
                 let header = self.headers.next(Output::Command, now);
                 let replaced = self.operators.station.give((command, kind), from, header);
-                if kind == CommandKind::Abort {
-                    self.operators.station.stopped(now);
-                }
                 out.messages.extend(replaced.iter().flat_map(Answer::messages));
                 out.messages.push(answer(CommandResult::InProgress));
-                let (severity, order) = named(kind);
-                out.alarm(
-                    severity,
-                    format!("ground station {} commands {order}", from.system),
-                );
+                self.on_order(now, kind, &format!("ground station {}", from.system), out);
             }
         }
     }
@@ -356,13 +336,8 @@ impl AutopilotLink {
                 return false;
             }
             peer => {
-                *peer = Some(MavlinkPeer::new(
-                    from,
-                    firmware,
-                    now,
-                    &self.config,
-                    self.stream.attitudes,
-                ));
+                let (c, attitudes) = (&self.config, self.stream.attitudes);
+                *peer = Some(MavlinkPeer::new(from, firmware, now, c, attitudes));
                 self.authority.forget();
                 self.clock.forget();
                 self.estimate.forget();

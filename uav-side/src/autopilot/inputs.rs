@@ -1,8 +1,10 @@
-//! Messages of the other nodes, the newest of each.
+//! Messages of the other nodes, the newest of each; and shadow mode, in which the pilot's are compared with the drone's motion, and
+//! nothing is commanded.
 
 use alight_shared::admission::Latest;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, LandingMode, MissionState, Phase, SetPoint, State, VesselLevel,
+    DeckForecast, DeckStage, DroneState, LandingMode, MissionState, Motors, Phase, SetPoint, SetPointKind,
+    ShadowComparison, State, VesselLevel,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -63,10 +65,11 @@ impl LinkInputs {
         let deck = self.deck(now).filter(|_| follows && known)?;
         Some(Vector3::from(deck.velocity).xy())
     }
-    /// The deck is known by more than a beacon: an unauthenticated position is not passed on.
-    pub(super) fn is_deck_known(&self, now: DroneTime) -> bool {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after);
-        forecast.is_some_and(|f| f.vessel_level() != VesselLevel::Beacon)
+    /// The deck where it is known by more than a beacon: an unauthenticated position is not passed on.
+    pub(super) fn known_deck(&self, now: DroneTime) -> Option<DeckStage> {
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after)?;
+        self.deck(now)
+            .filter(|_| forecast.vessel_level() != VesselLevel::Beacon)
     }
     /// Age of the newest vessel estimate that the forecast rests on, s; None before the first.
     pub(super) fn link_age_s(&self, now: DroneTime) -> Option<f64> {
@@ -74,13 +77,43 @@ impl LinkInputs {
         let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
         age_s.is_finite().then_some(age_s)
     }
+    /// Set-points, modes, arming and disarming may be commanded. Before one is received it may be a mission that only looks on.
+    pub(super) fn may_command(&self) -> bool {
+        match self.mode {
+            Some(LandingMode::Land | LandingMode::Match) => true,
+            Some(LandingMode::Shadow) | None => false,
+        }
+    }
+
+    /// Nothing may be commanded.
+    pub(super) fn looks_on(&self) -> bool {
+        self.mode == Some(LandingMode::Shadow)
+    }
+
+    /// Comparison of the pilot's set-point and the drone's motion, while a mission that looks on would fly: angle between
+    /// the two thrust axes and difference of the velocities. (At the same time: the attitude follows a command by its lag.)
+    pub(super) fn shadow(&self, now: DroneTime, own: Option<DroneState>) -> Option<ShadowComparison> {
+        let mission = self.fresh_mission(now);
+        mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;
+        let wanted = (self.fresh_set_point(now)).filter(|s| s.kind != SetPointKind::None)?;
+        let own = own?;
+        let (attitude, down) = (wanted.attitude(), Vector3::z());
+        let (roll, pitch, _) = attitude.euler_angles();
+        Some(ShadowComparison {
+            tilt: [roll, pitch],
+            thrust: wanted.thrust,
+            velocity: wanted.velocity,
+            stops: wanted.motors == Motors::Stop,
+            apart_rad: (attitude * down).angle(&(own.attitude() * down)),
+            apart_mps: (Vector3::from(wanted.velocity) - own.velocity()).norm(),
+        })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fixtures::{forecast, header, mission};
-    use alight_shared::msg::State;
 
     #[test]
     fn deck_that_the_mission_follows() {

@@ -142,10 +142,7 @@ impl LapseMonitor {
         peer: &MavlinkPeer,
         clock: &RemoteClock,
     ) {
-        let loss_s = match peer.firmware {
-            Firmware::Px4 => Some(peer.parameters.loss_s()),
-            Firmware::ArduCopter => None,
-        };
+        let loss_s = (peer.firmware == Firmware::Px4).then(|| peer.parameters.loss_s());
         let observed = Observed {
             mode: peer.mode,
             received,

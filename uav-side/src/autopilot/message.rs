@@ -107,6 +107,13 @@ impl CommandLong {
             parameters,
         }
     }
+    /// The command number `sent` that stops the motors by force.
+    pub(crate) fn disarm(to: Address, sent: u32) -> CommandLong {
+        CommandLong {
+            confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
+            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
+        }
+    }
     /// The command that chooses the mode with this main and sub number of the firmware.
     pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
         CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])

@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `rotors` (whether they follow), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`shadow`] (a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`inputs`] (of the other nodes; a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -35,10 +35,8 @@ pub mod own_mission;
 pub mod parameters;
 mod peer;
 pub mod place_report;
-mod rangefinder;
 mod rc_switch;
 mod rotors;
-mod shadow;
 mod station;
 mod station_parameters;
 mod streams;
@@ -195,10 +193,6 @@ impl OutputHeaders {
         *s = s.wrapping_add(1);
         Header::new(0, self.drone_id, self.boot, *s, at)
     }
-    /// Header of what is not published.
-    fn unnumbered(&self, at: DroneTime) -> Header<DroneClock> {
-        Header::new(0, self.drone_id, self.boot, 0, at)
-    }
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -240,20 +234,14 @@ impl AutopilotLink {
         drone_id: u32,
         boot: u32,
     ) -> Self {
-        AutopilotLink {
+        let mut link = AutopilotLink {
             config: config.clone(),
-            headers: OutputHeaders {
-                drone_id,
-                boot,
-                ..OutputHeaders::default()
-            },
-            stream: SetPointStream {
-                attitudes,
-                ..SetPointStream::default()
-            },
             estimate: DroneEstimate::new(odometry, geometry, config.hover_thrust),
             ..AutopilotLink::default()
-        }
+        };
+        (link.headers.drone_id, link.headers.boot) = (drone_id, boot);
+        link.stream.attitudes = attitudes;
+        link
     }
     /// Who commands, and why.
     pub fn control_authority(&self) -> ControlAuthority {
@@ -287,8 +275,7 @@ impl AutopilotLink {
     }
     /// That as a fraction of the thrust that hovers.
     fn thrust_of_hover(&self, now: DroneTime) -> Option<f64> {
-        let thrust = self.applied_thrust(now);
-        thrust.map(|t| t / self.estimate.hover.value())
+        self.applied_thrust(now).map(|t| t / self.estimate.hover.value())
     }
     fn evidence(&self, now: DroneTime, heartbeat: bool) -> AuthorityEvidence {
         let (p, e) = (self.peer.as_ref(), &self.estimate);
@@ -425,7 +412,7 @@ impl Node for AutopilotLink {
         if let Some(peer) = &self.peer {
             let s = &mut self.stream;
             s.lapse.watch(now, received, s.sent_at, peer, &self.clock);
-            self.own_mission.watch(peer);
+            (self.own_mission.monitor).step(peer.armed, peer.flies_mission, peer.mode);
         }
         self.watch_standing(now);
         let evidence = self.evidence(now, heartbeat);
@@ -442,18 +429,16 @@ impl Node for AutopilotLink {
             if let Some(peer) = &self.peer {
                 let peer = (peer, self.authority.control_authority());
                 let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.commands.pause);
-                self.own_mission.end(now, peer, mission, pause, &mut out);
-                self.own_mission.start(now, peer, mission, pause, &mut out);
+                self.own_mission.command(now, peer, mission, pause, &mut out);
             }
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
-        let inputs = &self.inputs;
         if self.peer.is_some() {
             let reports = &mut self.operators.reports;
-            reports.publish(now, inputs, &self.estimate, &self.clock, &mut out);
+            reports.publish(now, &self.inputs, &self.estimate, &self.clock, &mut out);
         }
-        let mission = inputs.mission.get();
+        let mission = self.inputs.mission.get();
         self.operators.publish_order(now, mission, &mut out);
         self.publish_settings(now, &mut out);
         self.send_periodic(now, &mut out);

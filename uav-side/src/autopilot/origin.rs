@@ -30,7 +30,8 @@ pub(super) struct AutopilotOrigin {
     pub(super) geoid_m: Option<f64>,
     /// Reports so far.
     reports: u8,
-    timer: Periodic<DroneClock>,
+    /// Restarted where it may be another: it is asked for at once.
+    pub(super) timer: Periodic<DroneClock>,
 }
 
 impl AutopilotOrigin {
@@ -43,10 +44,6 @@ impl AutopilotOrigin {
         all.map(move |id| {
             MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
         })
-    }
-    /// It may be another: it is asked for at once.
-    pub(super) fn ask_again(&mut self) {
-        self.timer = Periodic::default();
     }
     /// Both heights of the autopilot's receiver. What they differ by is held: it changes by centimetres in a flight, and the
     /// origin must not.
@@ -68,10 +65,8 @@ impl AutopilotOrigin {
             geoid::undulation(latitude, longitude).height_m
         };
         let geoid_m = *self.geoid_m.get_or_insert_with(by_model);
-        let origin = Datum {
-            height_m: reported.height_m + geoid_m,
-            ..*reported
-        };
+        let mut origin = *reported;
+        origin.height_m += geoid_m;
         let known = self.datum;
         if !origin.is_on_earth() || known.is_some_and(|k| !(k.distance_m(&origin) > MOVED_M)) {
             return false;

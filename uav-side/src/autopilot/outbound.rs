@@ -2,9 +2,10 @@
 
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
+use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, DeckStage, DroneState, LandedState, Motors, PlanStage, ReasonCode, SetPoint,
-    SetPointKind, State, still_armed, still_armed_s,
+    AutopilotMode, BatteryPlace, DeckStage, DroneState, Header, LandedState, Motors, PlanStage, ReasonCode,
+    SetPoint, SetPointKind, State, still_armed, still_armed_s,
 };
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
@@ -104,7 +105,7 @@ impl AutopilotLink {
     pub(super) fn contact(&self, now: DroneTime) -> ContactEvidence {
         let state = self.estimate.fresh(now);
         let below = self.estimate.relative_to(now, self.inputs.deck(now));
-        let forecast_height = below.map(|(h, _, _)| h);
+        let (forecast_height, speed) = below.map(|(h, v, _)| (h, v)).unzip();
         let range = self.estimate.range.fresh_m(now);
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
@@ -114,10 +115,8 @@ impl AutopilotLink {
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
             forecast_height,
-            speed: below
-                .map(|(_, v, _)| v)
-                .or_else(|| state.map(|s| s.velocity().norm())),
-            load_factor: self.estimate.load_factor(now),
+            speed: speed.or_else(|| state.map(|s| s.velocity().norm())),
+            load_factor: state.and(self.estimate.force).map(|f| f / GRAVITY),
             thrust: self.thrust_of_hover(now),
             commanded_low: self.control_authority().commands() && self.stream.thrust.is_low(now),
             reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
@@ -171,10 +170,8 @@ impl AutopilotLink {
             DisarmDecision::InAir(inhibit) => {
                 if self.disarm.inhibited != Some(inhibit) {
                     self.disarm.inhibited = Some(inhibit);
-                    out.alarm(
-                        severity::CRITICAL,
-                        format!("no disarm, the drone climbs by {CLEAR_M} m and holds: {inhibit}"),
-                    );
+                    let text = format!("no disarm, the drone climbs by {CLEAR_M} m and holds: {inhibit}");
+                    out.alarm(severity::CRITICAL, text);
                 }
                 self.hold_above(now)
             }
@@ -200,10 +197,7 @@ impl AutopilotLink {
     /// The command number `sent`.
     pub(super) fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
         let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
-        out.messages.push(MavlinkMessage::Command(CommandLong {
-            confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
-            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
-        }));
+        out.send(CommandLong::disarm(to, sent));
         if sent == self.config.disarm.tries {
             out.alarm(
                 severity::CRITICAL,
@@ -263,7 +257,7 @@ impl AutopilotLink {
             None | Some(DisarmInhibit::NotSupported) if evidence.is_low() => {
                 self.stream.held = None;
                 Some(SetPoint {
-                    header: self.headers.unnumbered(now),
+                    header: Header::new(0, self.headers.drone_id, self.headers.boot, 0, now),
                     kind: SetPointKind::Attitude,
                     motors: Motors::Run,
                     thrust: PRESS_OF_HOVER * self.estimate.hover.value(),
@@ -313,21 +307,19 @@ impl AutopilotLink {
             euler: [0.0, 0.0, held.yaw],
             ..PlanStage::default()
         };
-        let header = self.headers.unnumbered(now);
-        if self.stream.attitudes {
-            return Some(SetPoint {
-                header,
-                ..steer(&stage, &self.estimate.state?, self.estimate.hover.value())
-            });
-        }
-        Some(SetPoint {
-            header,
-            kind: SetPointKind::Trajectory,
-            position: stage.position,
-            velocity,
-            yaw: stage.euler[2],
-            ..SetPoint::default()
-        })
+        let header = Header::new(0, self.headers.drone_id, self.headers.boot, 0, now);
+        let hold = if self.stream.attitudes {
+            steer(&stage, &self.estimate.state?, self.estimate.hover.value())
+        } else {
+            SetPoint {
+                kind: SetPointKind::Trajectory,
+                position: stage.position,
+                velocity,
+                yaw: stage.euler[2],
+                ..SetPoint::default()
+            }
+        };
+        Some(SetPoint { header, ..hold })
     }
 
     /// A hold before a landing is commanded; `unknown` while no mission was received.
@@ -338,10 +330,9 @@ impl AutopilotLink {
     }
     /// A hold in the drone's place, at which a person may hand over.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {
-        let here = self.estimate.state?.position();
-        (self.holds_before_landing(wanted, true)
-            && (Vector3::from(wanted.position) - here).norm() <= OFFER_WITHIN_M)
-            .then_some(*wanted)
+        let apart = Vector3::from(wanted.position) - self.estimate.state?.position();
+        let offers = self.holds_before_landing(wanted, true) && apart.norm() <= OFFER_WITHIN_M;
+        offers.then_some(*wanted)
     }
 
     /// The pilot's set-point, as far as it may be sent now.
@@ -396,19 +387,16 @@ impl AutopilotLink {
         }
         // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
         // follows none. ArduCopter needs no stream.
-        (authority.may_offer() && px4)
-            .then(|| self.offered(wanted))
-            .flatten()
+        let offers = authority.may_offer() && px4;
+        self.offered(wanted).filter(|_| offers)
     }
 
     /// A set-point as a MAVLink message in the autopilot's frame.
     fn to_mavlink(&self, to: Address, s: &SetPoint) -> MavlinkMessage {
         let s = self.estimate.for_autopilot(s, self.firmware());
         if s.kind == SetPointKind::Attitude {
-            let tilt = self
-                .peer
-                .as_ref()
-                .map_or(1.0, |p| p.tilt_compensation(s.attitude));
+            let peer = self.peer.as_ref();
+            let tilt = peer.map_or(1.0, |p| p.tilt_compensation(s.attitude));
             return MavlinkMessage::AttitudeThrust(AttitudeThrustTarget {
                 to,
                 attitude: s.attitude,
@@ -467,13 +455,10 @@ impl AutopilotLink {
         if !repeated {
             let order = if to == Diversion::Land { "land" } else { "return" };
             let charge = reported.map_or("of unknown charge".into(), |c| format!("at {:.0} %", 100.0 * c));
-            out.alarm(
-                severity::WARNING,
-                format!("battery {charge}: the autopilot is commanded to {order}"),
-            );
+            let text = format!("battery {charge}: the autopilot is commanded to {order}");
+            out.alarm(severity::WARNING, text);
         }
-        let command = CommandLong::mode(peer.address, mode);
-        out.messages.push(MavlinkMessage::Command(command));
+        out.send(CommandLong::mode(peer.address, mode));
         self.commands.diversions += 1;
         self.commands.pause.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, to);
@@ -511,8 +496,7 @@ impl AutopilotLink {
         {
             return;
         }
-        let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
-        out.messages.push(MavlinkMessage::Command(arm));
+        out.send(CommandLong::new(peer.address, command::ARM_DISARM, [1.0]));
         self.commands.arm_tries += 1;
         self.commands.pause.restart(now, COMMAND_PAUSE);
     }

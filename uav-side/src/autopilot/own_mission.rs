@@ -20,7 +20,7 @@ use alight_shared::admission::Periodic;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State};
 use alight_shared::time::{DroneClock, Span};
 
-use super::message::{CommandLong, MavlinkMessage, command, id, severity};
+use super::message::{CommandLong, command, id, severity};
 use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 use super::{AutopilotOut, ControlAuthority, DroneTime};
@@ -54,7 +54,7 @@ pub(super) struct OwnMissionMonitor {
 
 /// The end of the autopilot's own mission, once in a flight, whichever link's.
 #[derive(Clone, Copy, Debug, Default)]
-struct MissionEnd {
+pub(super) struct MissionEnd {
     /// Commands so far.
     sent: u32,
     /// The autopilot has been in our mode since the first of them.
@@ -63,7 +63,7 @@ struct MissionEnd {
 
 impl MissionEnd {
     /// Not again in this flight.
-    fn is_over(&self) -> bool {
+    pub(super) fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
 }
@@ -97,7 +97,7 @@ impl OwnMissionMonitor {
         self.began && self.own
     }
     /// With its newest mode. A disarm ends the flight.
-    fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
+    pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);
         }
@@ -123,7 +123,7 @@ impl OwnMissionMonitor {
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
     /// End in this flight: by the battery, because it is done, by an order.
-    ends: [MissionEnd; 3],
+    pub(super) ends: [MissionEnd; 3],
     /// Commands to start it since the wish began.
     starts: u32,
     timer: Periodic<DroneClock>,
@@ -139,27 +139,18 @@ impl OwnMissionSequence {
             self.monitor.recall();
         }
     }
-    /// Which ends are over, for a link after this one.
-    pub(super) fn ended(&self) -> [bool; 3] {
-        self.ends.map(|end| end.is_over())
-    }
-    /// Whether it flies its own mission, and whether that is done.
-    pub(super) fn watch(&mut self, peer: &MavlinkPeer) {
-        self.monitor.step(peer.armed, peer.flies_mission, peer.mode);
-    }
 
     /// ArduCopter is asked how far its mission is. PX4 reports it unasked, and takes no such request.
     pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
         if asks && self.timer.is_due_spaced(now, ASK) {
             let which = [f64::from(id::MISSION_CURRENT)];
-            let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, which);
-            out.messages.push(MavlinkMessage::Command(request));
+            out.send(CommandLong::new(peer.address, command::REQUEST_MESSAGE, which));
         }
     }
 
-    /// The drone is to come back: the autopilot's own mission ends.
-    pub(super) fn end(
+    /// Commands it, as the mission's state wants it, where the command before `pause` permits.
+    pub(super) fn command(
         &mut self,
         now: DroneTime,
         (peer, authority): (&MavlinkPeer, ControlAuthority),
@@ -167,8 +158,27 @@ impl OwnMissionSequence {
         pause: &mut Periodic<DroneClock>,
         out: &mut AutopilotOut,
     ) {
-        let idle = mission.filter(|m| m.state == State::Idle);
-        let (which, text) = match idle.map(|m| m.waiting.code) {
+        let code = |state: State| mission.filter(|m| m.state == state).map(|m| m.waiting.code);
+        let ready = pause.is_ready(now);
+        let ends = self.ends(peer, code(State::Idle), ready && authority.may_offer());
+        let starts = self.starts(code(State::Hold), ready && authority.commands());
+        let (command, severity, text) = if starts {
+            let text = "hands over to the autopilot's own mission";
+            let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
+            (start, severity::NOTICE, text)
+        } else if let Some(text) = ends {
+            let end = CommandLong::mode(peer.address, peer.firmware.offboard());
+            (end, severity::WARNING, text)
+        } else {
+            return;
+        };
+        out.send(command);
+        out.alarm(severity, text.into());
+        pause.restart(now, PAUSE);
+    }
+    /// The drone is to come back: the autopilot's own mission ends, with this text.
+    fn ends(&mut self, peer: &MavlinkPeer, idle: Option<ReasonCode>, may: bool) -> Option<&'static str> {
+        let (which, text) = match idle {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
             Some(ReasonCode::OrderedBack) => (2, "ends the autopilot's mission: ordered back"),
             Some(ReasonCode::MissionDone) => (1, "the autopilot's mission is done: returns to the vessel"),
@@ -176,52 +186,26 @@ impl OwnMissionSequence {
         };
         if !peer.armed {
             self.ends = Default::default();
-            return;
+            return None;
         }
         let ours = peer.mode == AutopilotMode::Offboard;
         for end in &mut self.ends {
             end.done |= end.sent > 0 && ours;
         }
-        let may = self.monitor.now() != OwnMission::None && authority.may_offer();
-        let Some(end) = self.ends.get_mut(which).filter(|_| may) else {
-            return;
-        };
-        if end.is_over() || !pause.is_ready(now) {
-            return;
-        }
+        let may = may && self.monitor.now() != OwnMission::None;
+        let end = self.ends.get_mut(which).filter(|end| may && !end.is_over())?;
         end.sent += 1;
-        let command = CommandLong::mode(peer.address, peer.firmware.offboard());
-        out.messages.push(MavlinkMessage::Command(command));
-        out.alarm(severity::WARNING, text.into());
-        pause.restart(now, PAUSE);
+        Some(text)
     }
-
     /// A sortie of unattended cycles goes on with the autopilot's own mission, from its beginning.
-    pub(super) fn start(
-        &mut self,
-        now: DroneTime,
-        (peer, authority): (&MavlinkPeer, ControlAuthority),
-        mission: Option<&MissionState>,
-        pause: &mut Periodic<DroneClock>,
-        out: &mut AutopilotOut,
-    ) {
-        let wanted =
-            mission.is_some_and(|m| m.state == State::Hold && m.waiting.code == ReasonCode::HandsOver);
-        if !wanted {
+    fn starts(&mut self, hold: Option<ReasonCode>, may: bool) -> bool {
+        if hold != Some(ReasonCode::HandsOver) {
             self.starts = 0;
-            return;
+            return false;
         }
-        if !authority.commands() || self.starts >= TRIES || !pause.is_ready(now) {
-            return;
-        }
-        self.starts += 1;
-        let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
-        out.messages.push(MavlinkMessage::Command(start));
-        out.alarm(
-            severity::NOTICE,
-            "hands over to the autopilot's own mission".into(),
-        );
-        pause.restart(now, PAUSE);
+        let starts = may && self.starts < TRIES;
+        self.starts += u32::from(starts);
+        starts
     }
 }
 

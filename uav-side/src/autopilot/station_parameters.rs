@@ -83,10 +83,9 @@ impl StationParameter {
         let mut changed = *s;
         match self {
             StationParameter::Mode => {
-                let with_number =
-                    |(k, (mode, _)): (usize, &(LandingMode, _))| (k as f64 == value).then_some(*mode);
-                let mode = MODES.iter().enumerate().find_map(with_number);
-                changed.mode = mode.ok_or(format!("{value} is not 0, 1 or 2"))?;
+                let numbered = MODES.iter().enumerate().find(|(k, _)| *k as f64 == value);
+                let (_, (mode, _)) = numbered.ok_or(format!("{value} is not 0, 1 or 2"))?;
+                changed.mode = *mode;
             }
             StationParameter::ApproachHeight => changed.approach_height_m = value,
             // The exposure of the camera's images was checked against the one in the file.
@@ -117,17 +116,13 @@ impl StationParameter {
         mode.map_or(format!("{value}"), |(_, name)| format!("{value} ({name})"))
     }
     fn message(self, s: &MissionSettings) -> MavlinkMessage {
-        let index = StationParameter::ALL
-            .iter()
-            .position(|p| *p == self)
-            .unwrap_or_default();
         MavlinkMessage::Parameter {
             name: self.name().into(),
             value: ParameterValue {
                 bits: (self.value(s) as f32).to_bits(),
                 integer: false,
             },
-            index: index as u16,
+            index: self as u16,
             count: StationParameter::ALL.len() as u16,
         }
     }
@@ -147,8 +142,8 @@ struct UnderWay {
 pub(super) struct StationParameters {
     /// As the mission's state had them last.
     known: Option<MissionSettings>,
-    /// The mode of the mission before this one, until the mission reports.
-    recalled: Option<LandingMode>,
+    /// The mode of the mission before this one, as the link before this one knew it; until the mission reports.
+    pub(super) recalled: Option<LandingMode>,
     under_way: Option<UnderWay>,
 }
 
@@ -175,10 +170,6 @@ impl StationParameters {
             station,
         });
     }
-    /// The mission before this one landed so far, as the link before this one knew it.
-    pub(super) fn recall(&mut self, mode: Option<LandingMode>) {
-        self.recalled = mode;
-    }
     /// By the mission's newest state.
     fn poll(&mut self, now: DroneTime, mission: &MissionState) -> Polled {
         let settings = &mission.settings;
@@ -191,13 +182,10 @@ impl StationParameters {
             let moved = |p: &StationParameter| before.is_some_and(|b| p.value(&b) != p.value(settings));
             polled.values = StationParameter::ALL.into_iter().filter(moved).collect();
             let again = |p: &StationParameter| {
-                format!("{} is {} now: mission restarted", p.name(), p.shown(settings))
+                let text = format!("{} is {} now: mission restarted", p.name(), p.shown(settings));
+                (severity::WARNING, text)
             };
-            polled.texts = polled
-                .values
-                .iter()
-                .map(|p| (severity::WARNING, again(p)))
-                .collect();
+            polled.texts = polled.values.iter().map(again).collect();
             return polled;
         };
         // A state that is older than the order shows what may be about to change by the order before it.
@@ -211,15 +199,11 @@ impl StationParameters {
             let (name, station) = (p.name(), under_way.station);
             if is_taken {
                 let value = p.shown(settings);
-                (
-                    severity::NOTICE,
-                    format!("ground station {station} sets {name} to {value}"),
-                )
+                let text = format!("ground station {station} sets {name} to {value}");
+                (severity::NOTICE, text)
             } else {
-                (
-                    severity::WARNING,
-                    format!("{name} stays: the mission did not take it"),
-                )
+                let text = format!("{name} stays: the mission did not take it");
+                (severity::WARNING, text)
             }
         };
         polled.texts = under_way.changes.iter().map(text).collect();
@@ -232,11 +216,10 @@ impl StationParameters {
 impl AutopilotLink {
     /// Answers a station that asks for all parameters. They are not known before the mission has reported.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
-        let known = self.inputs.mission.get().map(|m| m.settings);
-        let all = known
-            .iter()
-            .flat_map(|s| StationParameter::ALL.map(|p| p.message(s)));
-        out.messages.extend(all);
+        if let Some(m) = self.inputs.mission.get() {
+            out.messages
+                .extend(StationParameter::ALL.map(|p| p.message(&m.settings)));
+        }
     }
     /// A station asks for one, by its index or its name.
     pub(super) fn read_parameter(&self, name: &str, index: Option<u16>, out: &mut AutopilotOut) {
@@ -258,17 +241,12 @@ impl AutopilotLink {
         out: &mut AutopilotOut,
     ) {
         let Some(p) = StationParameter::named(name) else {
-            out.alarm(
-                severity::WARNING,
-                format!("{name} is no parameter of this companion"),
-            );
-            return;
+            let text = format!("{name} is no parameter of this companion");
+            return out.alarm(severity::WARNING, text);
         };
         let firmware = self.firmware().unwrap_or_default();
         match self.changed_settings(now, p, firmware.parameter(value)) {
-            Ok(settings) if self.is_set(&settings) => {
-                self.read_parameter(name, None, out);
-            }
+            Ok(settings) if self.is_set(&settings) => self.read_parameter(name, None, out),
             Ok(settings) => {
                 let header = self.headers.next(Output::Settings, now);
                 let order = SettingsOrder { header, settings };
@@ -292,8 +270,7 @@ impl AutopilotLink {
         p: StationParameter,
         value: f64,
     ) -> Result<MissionSettings, String> {
-        let mission = self.inputs.fresh_mission(now);
-        let mission = mission.ok_or("no mission reports")?;
+        let mission = self.inputs.fresh_mission(now).ok_or("no mission reports")?;
         if !self.config.takes_orders() {
             return Err(UNSIGNED.into());
         }
@@ -475,7 +452,7 @@ mod tests {
         let land = configured();
         let lost = |mode| {
             let mut parameters = StationParameters::default();
-            parameters.recall(mode);
+            parameters.recalled = mode;
             let first = poll(&mut parameters, 10.0, &land);
             assert_eq!(poll(&mut parameters, 10.1, &land), Polled::default());
             first

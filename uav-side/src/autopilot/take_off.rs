@@ -10,12 +10,13 @@
 //! ([`crate::standing`]). Where set-points have ceased meanwhile its autopilot may have lifted it: until two witnesses show that it
 //! stands, a thrust that does not carry it is not passed on, and it climbs a little and holds.
 
+use alight_shared::admission::Periodic;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointKind, State};
-use alight_shared::time::Span;
+use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
-use super::message::{CommandLong, CommandResult, MavlinkMessage, command, severity};
+use super::message::{CommandLong, CommandResult, command, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height};
@@ -51,19 +52,12 @@ pub(super) struct TakeOffSequence {
     verdict: StandingVerdict,
     /// Set-points ceased, and nothing has shown since that it stands.
     may_fly: bool,
-    next: Option<DroneTime>,
+    next: Periodic<DroneClock>,
     /// The autopilot's newest text of a denial.
     text: Option<(DroneTime, String)>,
 }
 
 impl TakeOffSequence {
-    fn is_due(&mut self, now: DroneTime, pause: Span) -> bool {
-        let due = self.next.is_none_or(|next| now >= next);
-        if due {
-            self.next = Some(now + pause);
-        }
-        due
-    }
     /// Commands to disarm so far.
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
@@ -77,7 +71,7 @@ impl TakeOffSequence {
     /// A command to arm or disarm was accepted: PX4's next heartbeat may be a second away.
     pub(super) fn accepted(&mut self, now: DroneTime) {
         if self.arms > 0 && self.disarms == 0 {
-            self.next = Some(now + PAUSE + PAUSE);
+            self.next.restart(now, PAUSE + PAUSE);
         }
     }
     /// Report of a denied command to arm; None where it was not for a take-off.
@@ -198,20 +192,18 @@ impl AutopilotLink {
         if !ours {
             let streamed = peer.firmware != Firmware::Px4 || now - since >= STREAMS;
             let may = authority.may_offer() && !d.was_ours && streamed && d.modes < MODE_TRIES;
-            if may && d.is_due(now, PAUSE) {
+            if may && d.next.is_due_spaced(now, PAUSE) {
                 d.modes += 1;
-                let command = CommandLong::mode(peer.address, peer.firmware.offboard());
-                out.messages.push(MavlinkMessage::Command(command));
+                out.send(CommandLong::mode(peer.address, peer.firmware.offboard()));
             }
             return;
         }
         // In that mode PX4 wants the stream, too.
         let streamed = now - since >= STREAMS;
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
-        if may && d.is_due(now, PAUSE) {
+        if may && d.next.is_due_spaced(now, PAUSE) {
             (d.arms, d.armed) = (d.arms + 1, true);
-            let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
-            out.messages.push(MavlinkMessage::Command(arm));
+            out.send(CommandLong::new(peer.address, command::ARM_DISARM, [1.0]));
         }
     }
 
@@ -223,7 +215,7 @@ impl AutopilotLink {
         if !armed && !stands_down {
             // A command to arm may be under way for as long as its answer takes.
             let d = &mut self.commands.departure;
-            if d.next.is_none_or(|next| now >= next + PAUSE) {
+            if d.next.is_ready(now - PAUSE) {
                 *d = TakeOffSequence::default();
             }
             return;
@@ -233,19 +225,12 @@ impl AutopilotLink {
         let low = self.stream.thrust.is_low(now);
         let d = &mut self.commands.departure;
         let stands = d.verdict == StandingVerdict::Stands && low;
-        if !(may && stands) || d.disarms >= DISARM_TRIES || !d.is_due(now, DISARM_PAUSE) {
+        if !(may && stands) || d.disarms >= DISARM_TRIES || !d.next.is_due_spaced(now, DISARM_PAUSE) {
             return;
         }
         d.disarms += 1;
-        let (sent, to) = (
-            d.disarms,
-            self.peer.as_ref().map(|p| p.address).unwrap_or_default(),
-        );
-        out.messages.push(MavlinkMessage::Command(CommandLong {
-            confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
-            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
-        }));
-        if sent == DISARM_TRIES {
+        out.send(CommandLong::disarm(peer.address, d.disarms));
+        if d.disarms == DISARM_TRIES {
             let text = "still ARMED after a stopped take-off: disarm by remote control";
             out.alarm(severity::CRITICAL, text.into());
         }
