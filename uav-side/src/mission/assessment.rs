@@ -11,9 +11,9 @@ use alight_shared::topics;
 use super::MissionNode;
 use super::outlook::Outlook;
 use super::reservation::{Promise, Reservation, stated_course};
-use super::situation::{ControlState, Deck, OwnState, Situation, rotors_carry, several, tips_rad};
+use super::situation::{ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
+use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
-use crate::standing::StandingVerdict;
 
 impl MissionNode {
     /// Updates the odds of a landing from here, and the probability above which waiting on is not worth it, with each
@@ -149,18 +149,14 @@ impl MissionNode {
             not_cleared: take_off::not_cleared(self.grant.get(), self.drone_id, now),
             on_ground: autopilot.is_some_and(|a| a.landed == LandedState::OnGround),
             battery_for_take_off: self.battery.for_take_off(c),
-            turns_back: None,
-            seeks: None,
-            own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
-            turns_in_s: None,
-            lift_off: None,
-            risen_m: 0.0,
-            rise_measured: false,
-            standing: StandingVerdict::Unknown,
-            unwitnessed_s: 0.0,
-            rotors_turn_s: 0.0,
-            lifts_s: None,
-            tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
+            sortie: SortieEvidence {
+                own_mission: autopilot.map_or(OwnMission::None, |a| a.own_mission),
+                ..SortieEvidence::default()
+            },
+            leaving: TakeOffEvidence {
+                tips_rad: (self.forecast.get().zip(drone)).map_or(0.0, |(f, d)| tips_rad(f, d, now)),
+                ..TakeOffEvidence::default()
+            },
         }
     }
 

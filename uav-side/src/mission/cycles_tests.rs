@@ -41,7 +41,7 @@ fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     };
     let mut s = with(|s| {
         (s.flight, s.on_ground) = (ControlState::Disarmed, true);
-        s.lift_off = Some(Moments {
+        s.leaving.lift_off = Some(Moments {
             now: sure,
             later: None,
         });
@@ -123,7 +123,7 @@ fn preparation_of_the_next_sortie() {
     // The sea is waited for, however long; what does not pass is not.
     let steep = |s: &mut Situation| {
         s.now = at(500.0);
-        s.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
+        s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
     };
     assert_eq!(waits(&standing(steep)), (State::Preparing, TakeOffTilted, None));
     let slid = |s: &mut Situation| {
@@ -220,7 +220,7 @@ fn unattended_cycles_without_a_moment() {
     };
     let none = standing(|s| {
         s.flight = ControlState::OnGround;
-        s.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
+        s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
     });
     let mut progress = cycling();
     for tries in 1..=4 {
@@ -311,7 +311,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     let flown = |own_mission| {
         with(|s| {
             s.flight = ControlState::OtherControl(AutopilotMode::Other);
-            s.own_mission = own_mission;
+            s.sortie.own_mission = own_mission;
         })
     };
     let d = step(MissionPhase::Idle, on_sortie, None, &flown(OwnMission::Done));
@@ -354,8 +354,8 @@ fn way_to_a_vessel_that_is_not_received() {
     };
     let silent = |change: fn(&mut Situation)| {
         let mut s = with(|s| {
-            (s.forecast_age_s, s.seeks) = (90.0, Some(seeks));
-            s.turns_back = Some(Reason::new(ReasonCode::TurnsBack, 0.3, 0.31));
+            (s.forecast_age_s, s.sortie.seeks) = (90.0, Some(seeks));
+            s.sortie.turns_back = Some(Reason::new(ReasonCode::TurnsBack, 0.3, 0.31));
         });
         change(&mut s);
         s
@@ -408,7 +408,7 @@ fn way_to_a_vessel_that_is_not_received() {
             .code,
         ForecastStale
     );
-    let far = silent(|s| s.seeks.iter_mut().for_each(|k| k.offset.x = 6e3));
+    let far = silent(|s| s.sortie.seeks.iter_mut().for_each(|k| k.offset.x = 6e3));
     assert_eq!(
         step(MissionPhase::Idle, called, None, &far).waiting.code,
         ForecastStale

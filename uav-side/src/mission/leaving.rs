@@ -60,7 +60,7 @@ impl MissionNode {
                 wind: self.wind(),
                 drone: &self.drone_geometry,
             };
-            s.lift_off = jump.moments(now);
+            s.leaving.lift_off = jump.moments(now);
         }
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
         let hover = autopilot.map_or(1.0, |a| hover_thrust(a, &self.drone_geometry));
@@ -70,10 +70,10 @@ impl MissionNode {
             .map(|t| t / hover);
         let gives = |min: f64| thrust.is_some_and(|t| t >= min);
         let m = &mut self.leaving;
-        s.rotors_turn_s = lasts(&mut m.turn, gives(TURN_OF_HOVER), now);
+        s.leaving.rotors_turn_s = lasts(&mut m.turn, gives(TURN_OF_HOVER), now);
         let rises = self.phase.state() == State::TakeOff;
         let lifts_s = lasts(&mut m.lift, rises && gives(LIFTS_OF_HOVER), now);
-        s.lifts_s = thrust.map(|_| lifts_s);
+        s.leaving.lifts_s = thrust.map(|_| lifts_s);
         self.judge_rise(now, thrust, s);
         self.judge_standing(now, thrust, s);
     }
@@ -99,8 +99,8 @@ impl MissionNode {
                 .and_then(|f| f.at(d.header.at.max(f.header.at)));
             rise.update(d.header.at, d.velocity[2], deck.map(|deck| deck.velocity[2]));
         }
-        s.risen_m = m.rise.map_or(0.0, |rise| rise.risen_m());
-        s.rise_measured = m.rise.is_some_and(|rise| rise.is_measured());
+        s.leaving.risen_m = m.rise.map_or(0.0, |rise| rise.risen_m());
+        s.leaving.rise_measured = m.rise.is_some_and(|rise| rise.is_measured());
     }
 
     /// Whether it stands.
@@ -118,7 +118,7 @@ impl MissionNode {
         let force = drone.map(|d| Vector3::from(d.specific_force).norm() / GRAVITY);
         let feet_m = self.drone_geometry.feet_below_m - self.drone_geometry.rangefinder_m[2];
         let range = (m.range).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
-        let rise = (s.rise_measured).then_some(s.risen_m);
+        let rise = (s.leaving.rise_measured).then_some(s.leaving.risen_m);
         let heights = [
             by_height(range.map(|r| r.range_m - feet_m)),
             by_height(rise),
@@ -128,7 +128,7 @@ impl MissionNode {
         if m.verdict == StandingVerdict::Stands {
             m.witnessed = Some(now);
         }
-        s.standing = m.verdict;
-        s.unwitnessed_s = m.witnessed.map_or(0.0, |at| (now - at).secs());
+        s.leaving.standing = m.verdict;
+        s.leaving.unwitnessed_s = m.witnessed.map_or(0.0, |at| (now - at).secs());
     }
 }

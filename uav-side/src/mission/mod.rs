@@ -482,14 +482,14 @@ impl MissionNode {
             commit_clearance_m: c.commit_clearance_m,
             battery: s.battery,
             battery_reserve: s.battery_reserve,
-            likelihood: match s.lift_off {
+            likelihood: match s.leaving.lift_off {
                 Some(moments) => Some(moments.now.whole()),
                 None => s.odds.map(|o| o.whole()),
             },
-            harm: s.odds.filter(|_| s.lift_off.is_none()).map(|o| o.harm()),
+            harm: s.odds.filter(|_| s.leaving.lift_off.is_none()).map(|o| o.harm()),
             meets: self.meets,
             low_battery: self.progress.low_battery,
-            turns_in_s: s.turns_in_s,
+            turns_in_s: s.sortie.turns_in_s,
             sorties: self.progress.cycles.count(c),
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
             order: self.commands.order(),

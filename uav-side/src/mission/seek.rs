@@ -20,7 +20,7 @@ const ARRIVED_M: f64 = 10.0;
 pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
     let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
-    s.seeks.filter(|_| progress.sortie && without).filter(near)
+    s.sortie.seeks.filter(|_| progress.sortie && without).filter(near)
 }
 
 /// Why it is on its way: how far, m, and how long the vessel has been silent, s.
@@ -46,7 +46,7 @@ pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
         let received = Reason::new(ReasonCode::Recovered, 0.0, c.radio_fresh_s);
         return MissionPhase::GetAltitude { from }.enter(received);
     }
-    match &s.seeks {
+    match &s.sortie.seeks {
         Some(seeks) => MissionPhase::Seek.stay(reason(seeks)),
         None => MissionPhase::Seek.stay(old_data(s).unwrap_or(s.no_deck())),
     }
@@ -54,7 +54,7 @@ pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
 
 /// Place and heading of the drone: at the approach height over the level that is known, or as high as it is.
 pub(super) fn place(s: &Situation, c: &MissionConfig) -> (Vector3<f64>, f64) {
-    let Some((own, seeks)) = s.own.zip(s.seeks) else {
+    let Some((own, seeks)) = s.own.zip(s.sortie.seeks) else {
         let own = s
             .own
             .map_or((Vector3::zeros(), 0.0), |own| (own.position, own.yaw));

@@ -285,6 +285,40 @@ pub struct SilentVessel {
     pub silent_s: f64,
 }
 
+/// The way back from a sortie.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SortieEvidence {
+    /// Expected place of a vessel that was received before.
+    pub seeks: Option<SilentVessel>,
+    /// Why the drone turns back now.
+    pub turns_back: Option<Reason>,
+    /// Time until it does, s; None while that is not known.
+    pub turns_in_s: Option<f64>,
+    /// Whether the autopilot flies its own mission, or has flown all of it.
+    pub own_mission: OwnMission,
+}
+
+/// Evidence for a take-off.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TakeOffEvidence {
+    /// Probability of a take-off now and soon; None while that is not known or not asked for.
+    pub lift_off: Option<Moments>,
+    /// Height that the drone has risen from the deck since its take-off began, m.
+    pub risen_m: f64,
+    /// All of that was measured.
+    pub rise_measured: bool,
+    /// Whether it stands, while it spins up or stands down.
+    pub(crate) standing: StandingVerdict,
+    /// It has not been witnessed to stand for so long, s.
+    pub unwitnessed_s: f64,
+    /// Time for which its rotors have turned by the autopilot's report, s.
+    pub rotors_turn_s: f64,
+    /// In a take-off they have given what lifts it for so long, s; None: the autopilot has not reported its thrust lately.
+    pub lifts_s: Option<f64>,
+    /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
+    pub tips_rad: f64,
+}
+
 /// The situation that a transition judges.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation {
@@ -370,30 +404,10 @@ pub struct Situation {
     pub on_ground: bool,
     /// The charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
-    /// Expected place of a vessel that was received before.
-    pub seeks: Option<SilentVessel>,
-    /// Why a drone on a sortie turns back now.
-    pub turns_back: Option<Reason>,
-    /// Whether the autopilot flies its own mission, or has flown all of it.
-    pub own_mission: OwnMission,
-    /// Time until it does, s; None while that is not known.
-    pub turns_in_s: Option<f64>,
-    /// Probability of a take-off now and soon; None while that is not known or not asked for.
-    pub lift_off: Option<Moments>,
-    /// Height that the drone has risen from the deck since its take-off began, m.
-    pub risen_m: f64,
-    /// All of that was measured.
-    pub rise_measured: bool,
-    /// Whether it stands, while it spins up or stands down.
-    pub(crate) standing: StandingVerdict,
-    /// It has not been witnessed to stand for so long, s.
-    pub unwitnessed_s: f64,
-    /// Time for which its rotors have turned by the autopilot's report, s.
-    pub rotors_turn_s: f64,
-    /// In a take-off they have given what lifts it for so long, s; None: the autopilot has not reported its thrust lately.
-    pub lifts_s: Option<f64>,
-    /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
-    pub tips_rad: f64,
+    /// The way back from a sortie.
+    pub sortie: SortieEvidence,
+    /// Evidence for a take-off.
+    pub leaving: TakeOffEvidence,
 }
 
 /// A drone that tips on the deck goes on for so long after the thrust was cut, s: a period, the wire and three lags of the

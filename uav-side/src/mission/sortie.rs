@@ -183,9 +183,9 @@ impl MissionNode {
             let newest = vessel(forecast, drone).map(|v| steadied(self.last_vessel.as_ref(), v));
             self.last_vessel = newest.or(self.last_vessel);
         }
-        s.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
+        s.sortie.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
         let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
-        let (Some(energy), Some(seeks), Some(last)) = (known, &s.seeks, &self.last_vessel) else {
+        let (Some(energy), Some(seeks), Some(last)) = (known, &s.sortie.seeks, &self.last_vessel) else {
             return;
         };
         let (offset, velocity) = towards(last, seeks);
@@ -195,8 +195,8 @@ impl MissionNode {
             wind: (drone.and_then(|d| d.wind)).map_or(Vector2::zeros(), Vector2::from),
             air_mps: c.battery_air_speed_mps,
         };
-        s.turns_back = energy.turns_back(&way);
-        s.turns_in_s = Some(energy.turns_in_s(&way));
+        s.sortie.turns_back = energy.turns_back(&way);
+        s.sortie.turns_in_s = Some(energy.turns_in_s(&way));
     }
 }
 

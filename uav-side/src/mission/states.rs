@@ -120,8 +120,8 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
-    let done = (s.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
-    let ends = s.turns_back.or(done).filter(|_| progress.sortie);
+    let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
+    let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
     // One that is received, or may be found.
     let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
     let turns_back = ends.filter(|_| may_return);
@@ -133,7 +133,8 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     if s.flight != ControlState::Ours {
         let missing = ends.and_then(|_| old_data(s));
         // In unattended cycles no pilot is there to give the mode.
-        let recalled = progress.cycles.on && s.own_mission == OwnMission::Flies && old_data(s).is_none();
+        let flies = s.sortie.own_mission == OwnMission::Flies;
+        let recalled = progress.cycles.on && flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
         // The pilot who holds the switch on abort has it taken by nothing: once ours it would hover there, and not land.
         let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
@@ -501,7 +502,7 @@ fn held(
     if s.flight == ControlState::Unknown {
         return hold(None).stay(NotFlying);
     }
-    let far = |seeks: &SilentVessel| s.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
+    let far = |seeks: &SilentVessel| s.sortie.turns_back.is_some() || seeks.offset.norm() > seek::FAR_M;
     if let Some(seeks) = seek::due(progress, s).filter(far) {
         return seek::sets_out(progress, &seeks, s);
     }

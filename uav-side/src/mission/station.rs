@@ -80,7 +80,7 @@ fn rejected(
     let low = s.battery.filter(|b| *b < s.battery_reserve);
     (s.rejection)
         .or_else(|| low.map(|b| Reason::new(BatteryLow, b, s.battery_reserve)))
-        .or(s.turns_back.filter(|_| progress.sortie))
+        .or(s.sortie.turns_back.filter(|_| progress.sortie))
         .or_else(|| old_data(s))
         .or_else(|| s.fresh_deck().and_then(|deck| too_far(deck, c)))
         .or_else(|| {

@@ -341,7 +341,7 @@ fn station_ended_by_an_order() {
 fn station_ended_by_the_battery() {
     let mut d = on_station();
     d.progress.sortie = true;
-    let called = flying(|s| s.turns_back = Some(TurnsBack.into()));
+    let called = flying(|s| s.sortie.turns_back = Some(TurnsBack.into()));
     let d = step(&d, &called);
     assert_eq!(d.entered.map(|why| why.code), Some(TurnsBack));
     assert!(d.progress.landing && d.phase.station().is_none());

@@ -137,11 +137,11 @@ pub(super) fn stopped(
 
 /// In a take-off the feet are on the deck still, by a way up that was measured without a gap: the thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
-    !left && s.risen_m < LIES_BELOW_M && is_measured(s)
+    !left && s.leaving.risen_m < LIES_BELOW_M && is_measured(s)
 }
 /// Whether its rise is measured.
 fn is_measured(s: &Situation) -> bool {
-    s.rise_measured && old_data(s).is_none()
+    s.leaving.rise_measured && old_data(s).is_none()
 }
 
 /// Set-points have ceased in a take-off, and the autopilot holds the drone low over the deck: it climbs out once they are back.
@@ -162,8 +162,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
 /// autopilot may have lifted it, for lack of set-points, and it climbs.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
     if is_armed(s)
-        && s.standing != StandingVerdict::Stands
-        && !(s.standing == StandingVerdict::Unknown && stands(false, s))
+        && s.leaving.standing != StandingVerdict::Stands
+        && !(s.leaving.standing == StandingVerdict::Unknown && stands(false, s))
     {
         climbing_out(s, c).enter(why)
     } else {
@@ -248,7 +248,7 @@ pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &Missi
     if let Some(why) = expired().filter(|_| !progress.cycles.on) {
         return MissionPhase::Idle.enter(why);
     }
-    let unlikely = || match &s.lift_off {
+    let unlikely = || match &s.leaving.lift_off {
         Some(moments) => moments.none_soon(c),
         None => Some(s.no_deck()),
     };
@@ -298,7 +298,7 @@ pub(super) fn spin_up(
         return cut(s, c, why);
     }
     // It has risen by itself.
-    if armed.is_some() && s.standing == StandingVerdict::Flies {
+    if armed.is_some() && s.leaving.standing == StandingVerdict::Flies {
         return climbing_out(s, c).enter(MayFly);
     }
     let Some(at) = armed else {
@@ -308,7 +308,7 @@ pub(super) fn spin_up(
             None => stays(None, Reason::new(Arming, waited_s, ARMING_S)),
         };
     };
-    let turn_s = s.rotors_turn_s;
+    let turn_s = s.leaving.rotors_turn_s;
     if turn_s < IDLES_S || s.motors_stopped {
         let spun_s = (s.now - at).secs();
         let why = Reason::new(SpinningUp, spun_s, MOMENT_S);
@@ -318,7 +318,7 @@ pub(super) fn spin_up(
             stays(armed, why)
         };
     }
-    let Some(moments) = &s.lift_off else {
+    let Some(moments) = &s.leaving.lift_off else {
         return cut(s, c, s.no_deck());
     };
     match moments.not_now(c) {
@@ -342,14 +342,14 @@ fn rising(s: &Situation) -> MissionPhase {
 /// Take-off: until the drone is clear of the deck; before the feet have left it the thrust may still be cut, where that is
 /// known without a gap.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
-    let (rose, lasted_s) = (s.risen_m, (s.now - since).secs());
+    let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
     let leaving = MissionPhase::TakeOff { since, left }.stay(Reason::new(Leaving, rose, 0.0));
     if !left {
-        let tips = exceeds(TipsOver, s.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
+        let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
         // Rotors that do not give what lifts it are waited for.
-        let lifts_s = s.lifts_s.unwrap_or(lasted_s);
+        let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
         return match tips.or(lost).or(stuck) {
@@ -437,7 +437,8 @@ pub(super) fn stand_down(
 ) -> PhaseTransition {
     let lasted_s = (s.now - since).secs();
     let stays = |unarmed, why| MissionPhase::StandDown { since, unarmed }.stay(why);
-    let unwitnessed = s.standing == StandingVerdict::Flies || s.unwitnessed_s > WITNESSED_WITHIN_S;
+    let unwitnessed =
+        s.leaving.standing == StandingVerdict::Flies || s.leaving.unwitnessed_s > WITNESSED_WITHIN_S;
     match (s.flight, unarmed) {
         (ControlState::Disarmed, None) => MissionPhase::Idle.enter(Disarmed),
         (ControlState::Disarmed, Some(why)) if lasted_s > ARMING_SHOWS_S => MissionPhase::Idle.enter(why),

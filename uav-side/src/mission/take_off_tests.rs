@@ -35,7 +35,7 @@ fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
         s.on_ground = true;
-        s.lift_off = moments(SURE);
+        s.leaving.lift_off = moments(SURE);
         s.deck.iter_mut().for_each(|d| {
             (d.clearance_m, d.vision_age_s) = (1.4, f64::INFINITY);
         });
@@ -51,7 +51,7 @@ fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situ
     };
     let situation = standing(|s| {
         s.flight = ControlState::OnGround;
-        (s.rotors_turn_s, s.standing) = (turn_s, StandingVerdict::Stands);
+        (s.leaving.rotors_turn_s, s.leaving.standing) = (turn_s, StandingVerdict::Stands);
         change(s);
     });
     (phase, situation)
@@ -131,7 +131,7 @@ fn checks_before_the_countdown() {
                 likelihood: 0.98,
             });
         }),
-        (TakeOffTilted, |s| s.lift_off = moments(STEEP)),
+        (TakeOffTilted, |s| s.leaving.lift_off = moments(STEEP)),
         (ReasonCode::HeadingUnaligned, |s| {
             s.rejection = Some(ReasonCode::HeadingUnaligned.into());
         }),
@@ -199,7 +199,7 @@ fn moment_of_the_take_off() {
     assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
     assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
     // Motors that stand still after arming are waited for, however long ago that was, as long as the autopilot stays armed.
-    let still: fn(&mut Situation) = |s| s.rotors_turn_s = 0.0;
+    let still: fn(&mut Situation) = |s| s.leaving.rotors_turn_s = 0.0;
     for (armed_s, expected) in [
         (1.6, State::SpinUp),
         (8.4, State::SpinUp),
@@ -211,7 +211,7 @@ fn moment_of_the_take_off() {
         at_moment(1.6, |s| s.motors_stopped = true),
         (State::SpinUp, SpinningUp)
     );
-    let steep: fn(&mut Situation) = |s| s.lift_off = moments(STEEP);
+    let steep: fn(&mut Situation) = |s| s.leaving.lift_off = moments(STEEP);
     assert_eq!(at_moment(1.6, steep), (State::SpinUp, TakeOffTilted));
     assert_eq!(at_moment(8.6, steep), (State::StandDown, NoMoment));
     assert_eq!(
@@ -220,7 +220,7 @@ fn moment_of_the_take_off() {
     );
     // A better one is waited for while the autopilot lets the drone stand there.
     let better: fn(&mut Situation) = |s| {
-        s.lift_off = Some(Moments {
+        s.leaving.lift_off = Some(Moments {
             now: LiftOff { along: 0.96, ..SURE },
             later: Some((1.0, SURE)),
         });
@@ -252,7 +252,7 @@ fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
 /// An unmeasured rise cuts no thrust, and neither does a drone that has left the deck and comes down to it again.
 #[test]
 fn thrust_of_a_drone_that_may_be_in_the_air() {
-    let s = with(|s| (s.risen_m, s.tips_rad) = (0.05, 0.3));
+    let s = with(|s| (s.leaving.risen_m, s.leaving.tips_rad) = (0.05, 0.3));
     assert_eq!(
         follows(rising(0.3, false), None, &s),
         (State::StandDown, TipsOver)
@@ -260,7 +260,7 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
     assert_eq!(follows(rising(0.3, true), None, &s).0, State::TakeOff);
     type Change = fn(&mut Situation);
     let gaps: [Change; 3] = [
-        |s| s.rise_measured = false,
+        |s| s.leaving.rise_measured = false,
         |s| s.odometry_age_s = 0.5,
         |s| s.forecast_age_s = 0.5,
     ];
@@ -268,18 +268,18 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
         let mut s = s;
         gap(&mut s);
         assert_eq!(follows(rising(0.3, false), None, &s).0, State::ClimbOut);
-        s.tips_rad = 0.0;
+        s.leaving.tips_rad = 0.0;
         assert_eq!(follows(rising(0.3, false), None, &s).0, State::TakeOff);
         assert_eq!(follows(rising(1.1, false), None, &s).0, State::ClimbOut);
     }
-    let d = decided(rising(0.5, false), None, &with(|s| s.risen_m = 0.4));
+    let d = decided(rising(0.5, false), None, &with(|s| s.leaving.risen_m = 0.4));
     assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
 }
 
 /// Low over the deck nothing but up is safe, whoever holds the drone for lack of set-points.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
-    let lapsed = with(|s| (s.flight, s.risen_m) = (ControlState::Lapsed, 0.5));
+    let lapsed = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
     for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
         let d = decided(phase, None, &lapsed);
         assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
@@ -304,11 +304,11 @@ fn set_points_that_cease_while_it_stands() {
     };
     assert_eq!(cut(|_| {}), (State::StandDown, ReasonCode::NotFlying));
     assert_eq!(
-        cut(|s| s.standing = StandingVerdict::Flies),
+        cut(|s| s.leaving.standing = StandingVerdict::Flies),
         (State::ClimbOut, ReasonCode::NotFlying)
     );
     assert_eq!(
-        cut(|s| (s.standing, s.rise_measured) = (StandingVerdict::Unknown, false)),
+        cut(|s| (s.leaving.standing, s.leaving.rise_measured) = (StandingVerdict::Unknown, false)),
         (State::ClimbOut, ReasonCode::NotFlying)
     );
     let down = |change: fn(&mut Situation)| {
@@ -321,11 +321,12 @@ fn set_points_that_cease_while_it_stands() {
         follows(phase, None, &s)
     };
     assert_eq!(down(|_| {}), (State::StandDown, StillArmed));
-    assert_eq!(down(|s| s.unwitnessed_s = 0.6), (State::StandDown, StillArmed));
+    let brief = down(|s| s.leaving.unwitnessed_s = 0.6);
+    assert_eq!(brief, (State::StandDown, StillArmed));
     for change in [
-        (|s: &mut Situation| s.unwitnessed_s = 0.8) as fn(&mut Situation),
-        |s| s.standing = StandingVerdict::Flies,
-        |s| (s.standing, s.flight) = (StandingVerdict::Flies, ControlState::Lapsed),
+        (|s: &mut Situation| s.leaving.unwitnessed_s = 0.8) as fn(&mut Situation),
+        |s| s.leaving.standing = StandingVerdict::Flies,
+        |s| (s.leaving.standing, s.flight) = (StandingVerdict::Flies, ControlState::Lapsed),
     ] {
         assert_eq!(down(change), (State::ClimbOut, MayFly));
     }
@@ -373,7 +374,7 @@ fn climb_that_ends_sooner() {
 fn feet_that_leave_the_deck_or_do_not() {
     let leaves = |since_s: f64, risen_m: f64, tips_rad: f64, in_sight: bool| {
         let s = with(|s| {
-            (s.risen_m, s.tips_rad, s.on_ground) = (risen_m, tips_rad, false);
+            (s.leaving.risen_m, s.leaving.tips_rad, s.on_ground) = (risen_m, tips_rad, false);
             s.deck.iter_mut().for_each(|d| {
                 d.vision_age_s = if in_sight { 0.05 } else { f64::INFINITY };
             });
@@ -386,7 +387,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
     // Rotors that do not give what lifts it yet are waited for, and those that give it have to.
     let lifted = |since_s: f64, lifts_s: f64| {
-        let s = with(|s| (s.risen_m, s.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
+        let s = with(|s| (s.leaving.risen_m, s.leaving.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
         follows(rising(since_s, false), None, &s)
     };
     assert_eq!(lifted(3.0, 0.0).0, State::TakeOff);
@@ -425,20 +426,20 @@ fn take_off_stopped_by_an_operator() {
             assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
         }
         // On the deck still: by the command, and by a deck that is closed meanwhile.
-        let s = with(|s| s.risen_m = 0.1);
+        let s = with(|s| s.leaving.risen_m = 0.1);
         assert_eq!(
             follows(rising(0.2, false), Some(command), &s),
             (State::StandDown, Operator)
         );
         // The feet may have left: it goes on to its hold, and the sortie after it turns back as any.
-        let s = with(|s| s.risen_m = 0.2);
+        let s = with(|s| s.leaving.risen_m = 0.2);
         let d = decided(rising(0.4, false), Some(command), &s);
         assert_eq!((d.phase, d.progress.stopped), (rising(0.4, false), false));
     }
     let closed = |risen_m: f64| {
         let s = with(|s| {
             s.reservation = Reservation::Others(alight_shared::msg::DECK_CLOSED);
-            s.risen_m = risen_m;
+            s.leaving.risen_m = risen_m;
         });
         follows(rising(0.2, false), None, &s)
     };
@@ -551,14 +552,14 @@ fn end_of_a_sortie_by_the_battery() {
         fresh: None,
     };
     let step = |phase, progress, s: &Situation| decide(phase, progress, None, s, &permits());
-    let s = with(|s| s.turns_back = Some(due));
+    let s = with(|s| s.sortie.turns_back = Some(due));
     let d = step(hold, sortie(false), &s);
     assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
     // Who has stopped it is asked first, and one that is on no sortie stays.
     assert_eq!(step(hold, sortie(true), &s).entered, None);
     assert_eq!(step(hold, MissionProgress::default(), &s).entered, None);
     let others = with(|s| {
-        s.turns_back = Some(due);
+        s.sortie.turns_back = Some(due);
         s.flight = ControlState::OtherControl(AutopilotMode::Other);
     });
     let d = step(MissionPhase::Idle, sortie(false), &others);

@@ -9,7 +9,7 @@ use alight_shared::msg::ReasonCode::{
     TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, OwnMission, PLACES,
+    AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, PLACES,
 };
 use nalgebra::{Vector2, Vector3};
 
@@ -18,9 +18,8 @@ use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, T
 
 use super::phase::DroneTime;
 use super::reservation::{Reservation, stated_course};
-use super::situation::{Deck, OwnState};
+use super::situation::{Deck, OwnState, SortieEvidence, TakeOffEvidence};
 use super::*;
-use crate::standing::StandingVerdict;
 use alight_shared::landing::Odds;
 
 pub(super) fn at(s: f64) -> DroneTime {
@@ -112,18 +111,12 @@ pub(super) fn fair() -> Situation {
         not_cleared: None,
         on_ground: false,
         battery_for_take_off: 0.3,
-        turns_back: None,
-        seeks: None,
-        own_mission: OwnMission::None,
-        turns_in_s: None,
-        lift_off: None,
-        risen_m: 0.0,
-        rise_measured: true,
-        standing: StandingVerdict::Unknown,
-        unwitnessed_s: 0.0,
-        rotors_turn_s: 10.0,
-        lifts_s: None,
-        tips_rad: 0.0,
+        sortie: SortieEvidence::default(),
+        leaving: TakeOffEvidence {
+            rise_measured: true,
+            rotors_turn_s: 10.0,
+            ..TakeOffEvidence::default()
+        },
         dark: None,
     }
 }

@@ -267,9 +267,9 @@ fn turn_back(
 ) -> Option<PhaseTransition> {
     let waits = phase.waits_for_operator();
     let idles = phase == MissionPhase::Idle;
-    let done = (s.own_mission == OwnMission::Done && idles).then(|| ReasonCode::MissionDone.into());
-    let why =
-        (s.turns_back.or(done)).filter(|_| progress.sortie && !progress.landing && !progress.stopped)?;
+    let done = (s.sortie.own_mission == OwnMission::Done && idles).then(|| ReasonCode::MissionDone.into());
+    let why = (s.sortie.turns_back.or(done))
+        .filter(|_| progress.sortie && !progress.landing && !progress.stopped)?;
     if !(waits || idles) {
         return None;
     }
