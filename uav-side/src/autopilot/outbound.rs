@@ -4,8 +4,8 @@ use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, DeckStage, DroneState, Header, LandedState, Motors, PlanStage, ReasonCode,
-    SetPoint, SetPointKind, State, still_armed, still_armed_s,
+    AutopilotMode, BatteryPlace, Header, LandedState, Motors, PlanStage, ReasonCode, SetPoint, SetPointKind,
+    State, still_armed, still_armed_s,
 };
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
@@ -467,9 +467,8 @@ impl AutopilotLink {
     /// The drone stands elsewhere than on the deck, by a forecast and its odometry. The crew has not cleared a deck for
     /// an order to land, and a drone whose vessel is not known may stand on it.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
-        let state = self.estimate.fresh(now);
-        let apart = |s: DroneState, deck: DeckStage| s.position() - Vector3::from(deck.position);
-        let apart = state.zip(self.inputs.deck(now)).map(|(s, deck)| apart(s, deck));
+        let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
+        let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));
         apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
     }
     /// Arms on the ground away from the deck, when that is configured, a person gave the mode and a landing is commanded. From the

@@ -88,10 +88,6 @@ impl OwnMissionMonitor {
             state => state == COMPLETE,
         }
     }
-    /// The link before this one has observed it under way, and no other mode was chosen since: the Hold after it counts.
-    fn recall(&mut self) {
-        (self.began, self.own) = (true, true);
-    }
     /// Whether a mission is under way, for a link after this one.
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
@@ -135,8 +131,9 @@ impl OwnMissionSequence {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
+        // Under way, and no other mode was chosen since: the Hold after it counts.
         if m.own_mission {
-            self.monitor.recall();
+            (self.monitor.began, self.monitor.own) = (true, true);
         }
     }
 

@@ -90,6 +90,7 @@ use phase::{Decision, MissionPhase, MissionProgress, gave_up};
 use place::Waypoint;
 use situation::{ControlState, Situation};
 use states::{RADIO_BLIND_S, blind_limit};
+use succession::MissionSuccession;
 use swing::SwingMonitor;
 use tilt::TiltMonitor;
 use transition::decide;
@@ -198,12 +199,7 @@ pub struct MissionNode {
 
     /// A descent begins so long after the drone is steady, and when that is.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
-    /// Does not know yet whether a mission before it flew.
-    beginning: Option<MissionStartUp>,
-    /// Began without a checkpoint, or lost the drone to the autopilot's hold, and does not know yet that the drone is safe: which.
-    unjudged: Option<ReasonCode>,
-    /// Without an order, and ours, it has been away from the deck.
-    was_away: bool,
+    succession: MissionSuccession,
     phase: MissionPhase,
     progress: MissionProgress,
     previous: State,
@@ -212,8 +208,6 @@ pub struct MissionNode {
     due: Time<DroneClock>,
     /// When it last stepped.
     stepped: Option<Time<DroneClock>>,
-    /// When it last published its state.
-    published: Option<Time<DroneClock>>,
 }
 
 impl MissionNode {
@@ -244,19 +238,15 @@ impl MissionNode {
     /// In a simulation alone: a descent begins so long after the drone is steady above the deck for the first time, however
     /// likely it succeeds.
     #[must_use]
-    pub fn forced_descent(self, after: Option<Span>) -> Self {
-        MissionNode {
-            forced_descent: after.map(|after| (after, None)),
-            ..self
-        }
+    pub fn forced_descent(mut self, after: Option<Span>) -> Self {
+        self.forced_descent = after.map(|after| (after, None));
+        self
     }
     /// A predecessor may have flown: it waits for that one's checkpoint first.
     #[must_use]
-    pub fn as_successor(self) -> Self {
-        MissionNode {
-            beginning: Some(MissionStartUp::default()),
-            ..self
-        }
+    pub fn as_successor(mut self) -> Self {
+        self.succession.beginning = Some(MissionStartUp::default());
+        self
     }
 
     fn receive(&mut self, now: Time<DroneClock>, input: &MissionIn) {
@@ -426,7 +416,7 @@ impl MissionNode {
         // Given back, by whomever, it may be near the deck, with nothing to do there.
         let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
         if changed && away && self.phase == MissionPhase::Idle {
-            self.unjudged.get_or_insert(ReasonCode::GivenBack);
+            self.succession.unjudged.get_or_insert(ReasonCode::GivenBack);
         }
         if (changed || taken) && self.phase == MissionPhase::Idle && !self.progress.landing {
             // Whoever took the drone over has it landed by a new order, not by one that is repeated.
@@ -508,7 +498,7 @@ impl Node for MissionNode {
             self.since = now;
         }
         let mut s = self.situation(now);
-        let begins = self.beginning.is_some();
+        let begins = self.succession.beginning.is_some();
         let Some((order, rejected)) = self.order(now, input, &s) else {
             return MissionOut::default();
         };
@@ -546,7 +536,7 @@ impl Node for MissionNode {
         } else {
             self.due + PERIOD
         };
-        self.published = Some(now);
+        self.succession.published = Some(now);
         let state = self.message(now, &s, decision.waiting);
         MissionOut {
             state: Some(state),

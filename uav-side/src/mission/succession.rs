@@ -6,15 +6,28 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{CommandKind, MissionCheckpoint, MissionState, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Time};
 
-use super::checkpoint::{self, Begun};
+use super::checkpoint::{self, Begun, MissionStartUp};
 use super::phase::{Decision, MissionPhase};
 use super::situation::{ControlState, Situation};
 use super::{MissionIn, MissionNode};
 
+/// Beginning of the mission, and whether the drone that it found is safe.
+#[derive(Clone, Debug, Default)]
+pub(super) struct MissionSuccession {
+    /// Does not know yet whether a mission before it flew.
+    pub(super) beginning: Option<MissionStartUp>,
+    /// Began without a checkpoint, or lost the drone to the autopilot's hold, and does not know yet that the drone is safe: which.
+    pub(super) unjudged: Option<ReasonCode>,
+    /// Without an order, and ours, it has been away from the deck.
+    was_away: bool,
+    /// When it last published its state.
+    pub(super) published: Option<Time<DroneClock>>,
+}
+
 impl MissionNode {
     /// Begins where its predecessor was, or from the start; returns the command that came meanwhile.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
-        self.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
+        self.succession.unjudged = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
             let drone = self.drone.get();
             let same_frame = drone.is_none_or(|d| (d.frames, d.datum) == (m.frames, m.datum));
@@ -24,7 +37,7 @@ impl MissionNode {
             let (phase, changed) = checkpoint::restored(m, same_frame, &s, &self.config);
             self.phase = phase;
             self.progress = checkpoint::progress(m);
-            self.was_away = m.was_away;
+            self.succession.was_away = m.was_away;
             self.last_vessel = m.last_vessel;
             self.meets = m.state.meets;
             self.previous = m.state.previous;
@@ -56,7 +69,7 @@ impl MissionNode {
         input: &MissionIn,
         s: &Situation,
     ) -> Option<(Option<CommandKind>, Option<CheckpointRejection>)> {
-        let Some(beginning) = &mut self.beginning else {
+        let Some(beginning) = &mut self.succession.beginning else {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
@@ -71,7 +84,7 @@ impl MissionNode {
         };
         let ids = [self.drone_id, self.boot];
         let begun = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)?;
-        self.beginning = None;
+        self.succession.beginning = None;
         Some((self.begin(now, &begun), begun.rejected))
     }
 
@@ -79,7 +92,9 @@ impl MissionNode {
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
-        let Some(at) = self.published else { return };
+        let Some(at) = self.succession.published else {
+            return;
+        };
         if let Some(phase) = checkpoint::interrupted(at, state, stopped, s, &self.config) {
             let why = Reason::new(ReasonCode::StoodStill, s.clearance_m(), (now - at).secs());
             (self.previous, self.since, self.entered) = (state, now, why);
@@ -92,19 +107,19 @@ impl MissionNode {
     pub(super) fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
         let waits = self.phase == MissionPhase::Idle;
         // A drone that is handed over above the deck stays there.
-        self.was_away &= waits && s.flight == ControlState::Ours;
+        self.succession.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
-            self.unjudged = None;
+            self.succession.unjudged = None;
             return None;
         }
-        let (phase, why) = if let Some(code) = self.unjudged {
+        let (phase, why) = if let Some(code) = self.succession.unjudged {
             let found = checkpoint::safe_start(s, self.progress.landing, code, &self.config);
-            self.unjudged = self.unjudged.filter(|_| found.is_err());
+            self.succession.unjudged = self.succession.unjudged.filter(|_| found.is_err());
             found.ok().flatten()?
         } else {
-            self.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
+            self.succession.was_away |= s.flight == ControlState::Ours && checkpoint::is_away(s);
             let gives_way = checkpoint::gives_way(s, &self.config);
-            gives_way.filter(|_| self.was_away && !self.progress.landing)?
+            gives_way.filter(|_| self.succession.was_away && !self.progress.landing)?
         };
         Some(Decision {
             phase,
@@ -132,7 +147,7 @@ impl MissionNode {
             frames: self.drone.get().map_or(0, |d| d.frames),
             datum: self.drone.get().map_or(Datum::default(), |d| d.datum),
             mean_deck_z: self.mean_deck_z.map(|(_, z)| z),
-            was_away: self.was_away,
+            was_away: self.succession.was_away,
             sortie: self.progress.sortie,
             cycling: self.progress.cycles.on,
             ready: self.progress.cycles.ready,
