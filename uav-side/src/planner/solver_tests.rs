@@ -127,6 +127,26 @@ fn sparse_form_against_condensed_form() {
     }
 }
 
+#[test]
+fn factor_of_one_tilt_for_the_other() {
+    let model = heading_free(&DroneGeometry::default());
+    let chains = [model.x_chain(), model.y_chain()].map(|chain| chain.discrete(0.1));
+    let [mut x, mut y] = chains.map(|model| Condensed::new(model, 20, 0.1));
+    let mut adopts = y.clone();
+    let cost: Vec<_> = (0..20)
+        .map(|k| StageCost {
+            reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
+            weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
+        })
+        .collect();
+    let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
+    let (mut own, mut adopted) = ([0.0; 20], [0.0; 20]);
+    assert!(x.solve(&state, 0.02, &cost, &mut own));
+    adopts.adopt_factor(&x);
+    assert!(y.solve(&state, 0.02, &cost, &mut own) && adopts.solve(&state, 0.02, &cost, &mut adopted));
+    assert_eq!(own, adopted);
+}
+
 /// The largest difference of two series of inputs.
 fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
     let pairs = a.iter().flatten().zip(b.iter().flatten());
