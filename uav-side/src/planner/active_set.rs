@@ -166,9 +166,11 @@ impl<const N: usize> ActiveSet<N> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
         let mut look = |row: Row, value: f64, bound: f64| {
             let over = row.sign * value - bound - row.unit * row.slack.map_or(0.0, |i| self.slacks[i].value);
-            let of = over / row.unit.abs().max(bound.abs()).max(TOLERANCE) / (row.stage as f64 + 1.0);
-            if over > TOLERANCE && of > most && !self.rows.contains(&row) {
-                (worst, most) = (Some((row, over)), of);
+            if over > TOLERANCE {
+                let of = over / row.unit.abs().max(bound.abs()).max(TOLERANCE) / (row.stage as f64 + 1.0);
+                if of > most && !self.rows.contains(&row) {
+                    (worst, most) = (Some((row, over)), of);
+                }
             }
         };
         let (mut before, mut x) = (instance.previous_input, instance.state);
