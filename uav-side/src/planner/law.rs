@@ -3,9 +3,9 @@
 
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Time};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
-use super::model::{ModelState, state};
+use super::model::{ModelState, state, up_of};
 use super::mpc_faa::Problem;
 use super::reference::{PlanReference, ReferenceGenerator};
 pub use super::view::View;
@@ -73,9 +73,9 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<f64> {
         None
     }
-    /// Tilt of the body about north and east for a planned state and vertical acceleration (NED, m/s²), and the
-    /// factor by which rates of tilt grow.
-    fn attitude(&self, state: &ModelState, _vertical: f64) -> (f64, f64, f64) {
-        (state[state::PHI], state[state::THETA], 1.0)
+    /// Upward axis of the body in NED for a planned state and vertical acceleration (NED, m/s²), and the factor by
+    /// which rates of tilt grow.
+    fn attitude(&self, state: &ModelState, _vertical: f64) -> (Vector3<f64>, f64) {
+        (up_of(state[state::PHI], state[state::THETA]), 1.0)
     }
 }

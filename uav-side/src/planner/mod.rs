@@ -212,15 +212,14 @@ impl Planner {
     }
 
     fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after).copied();
-        if let Some(plan) = self.own_plan(now, mission, forecast.as_ref()) {
+        let mut view = View {
+            mission: *mission,
+            forecast: self.forecast.fresh(now, topics::FORECAST.stale_after).copied(),
+        };
+        if let Some(plan) = self.own_plan(now, mission, view.forecast.as_ref()) {
             return Some(plan);
         }
         let (state, input) = self.start(now)?;
-        let mut view = View {
-            mission: *mission,
-            forecast,
-        };
         let law = &mut self.law;
         law.limit(now, &state, &mut view);
         self.problem.state = state;
@@ -324,8 +323,8 @@ impl Planner {
     /// A state as a stage of the message: tilt turned into the body's heading.
     fn stage(&self, s: &ModelState, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
-        let (north, east, growth) = self.law.attitude(s, down);
-        let (phi, theta) = tilt_of(&up_of(north, east), s[state::PSI]);
+        let (up, growth) = self.law.attitude(s, down);
+        let (phi, theta) = tilt_of(&up, s[state::PSI]);
         let (sin, cos) = s[state::PSI].sin_cos();
         PlanStage {
             position: [s[state::NORTH], s[state::EAST], s[state::DOWN]],

@@ -25,7 +25,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::PlannerConfig;
 use super::law::{LandingStart, Law, View};
-use super::model::{ModelState, angular_velocity, state};
+use super::model::{ModelState, angular_velocity, state, up_of};
 use super::mpc_faa::Problem;
 use super::reference::{PlanReference, ReferenceGenerator};
 use super::weights::FaaDistance;
@@ -132,7 +132,7 @@ impl Law for Rendezvous {
         generator.keep_above(reference, problem);
         left
     }
-    fn attitude(&self, state: &ModelState, vertical: f64) -> (f64, f64, f64) {
+    fn attitude(&self, state: &ModelState, vertical: f64) -> (Vector3<f64>, f64) {
         let push = self.push.at(
             state[state::DOWN],
             &Vector2::new(state[state::V_NORTH], state[state::V_EAST]),
@@ -141,7 +141,10 @@ impl Law for Rendezvous {
             return true_tilt(state, vertical, &push);
         }
         let wind = push / GRAVITY;
-        (state[state::PHI] - wind.y, state[state::THETA] + wind.x, 1.0)
+        (
+            up_of(state[state::PHI] - wind.y, state[state::THETA] + wind.x),
+            1.0,
+        )
     }
 }
 
@@ -365,16 +368,13 @@ impl Rendezvous {
 
 /// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
 /// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
-/// (NED, m/s²). Gives (phi, theta) about north
-/// and east and the factor by which rates of tilt grow.
-pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
+/// (NED, m/s²). Gives its upward axis in NED and the factor by which rates of tilt grow.
+pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (Vector3<f64>, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (
         (-GRAVITY * state[state::THETA] - wind.x) / lift,
         (GRAVITY * state[state::PHI] - wind.y) / lift,
     );
-    // Up axis (x, y, -1) normalised; theta first about east, then phi about the turned north axis.
     let up = Vector3::new(x, y, -1.0).normalize();
-    let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
-    (phi, theta, GRAVITY / lift * up.z * up.z)
+    (up, GRAVITY / lift * up.z * up.z)
 }
