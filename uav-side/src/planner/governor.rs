@@ -44,6 +44,11 @@ impl<const D: usize> GovernedMotion<D> {
     pub fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
         const BRAKING: f64 = 1.15;
+        const CLOSED: f64 = 1e-9;
+        // A closed gap stays closed.
+        if self.place.norm() <= CLOSED && self.velocity.iter().all(|v| *v == 0.0) {
+            return;
+        }
         let n = (time_s / SUBSTEP_S).ceil().clamp(1.0, 40.0);
         let dt = time_s / n;
         for _ in 0..n as usize {
@@ -56,7 +61,7 @@ impl<const D: usize> GovernedMotion<D> {
                     .sqrt()
                     .min(pace.speed)
             };
-            let wanted = if distance > 1e-9 {
+            let wanted = if distance > CLOSED {
                 self.place * (-speed / distance)
             } else {
                 SVector::zeros()
