@@ -451,8 +451,10 @@ mod tests {
     fn mode_of_a_mission_lost_with_the_link() {
         let land = configured();
         let lost = |mode| {
-            let mut parameters = StationParameters::default();
-            parameters.recalled = mode;
+            let mut parameters = StationParameters {
+                recalled: mode,
+                ..StationParameters::default()
+            };
             let first = poll(&mut parameters, 10.0, &land);
             assert_eq!(poll(&mut parameters, 10.1, &land), Polled::default());
             first
