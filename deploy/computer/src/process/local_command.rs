@@ -8,7 +8,7 @@ use alight_shared::topics;
 use crate::config::DroneComputerConfig;
 use crate::process::life::draw_boot;
 
-/// A command of a person at this computer, given at `now`.
+/// A command of the operator at this computer, given at `now`.
 pub fn give(
     computer: &DroneComputerConfig,
     kind: CommandKind,
