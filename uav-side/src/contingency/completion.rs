@@ -10,8 +10,12 @@ use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;
-/// Harder than this a contact has no margin left, m/s: half of what harms.
-const HARMLESS_MPS: f64 = 0.75;
+/// Braking by this, m/s², keeps a drone at most so fast onto the deck, m/s: the plan brakes by 2.5 m/s² to 0.28 m/s, and one foot
+/// that meets the deck at 0.6 m/s turns the opposite one onto it at 0.9.
+const BRAKING_MPS2: f64 = 3.0;
+const FAST_MPS: f64 = 0.35;
+/// A drone that is faster is braked to this, m/s.
+const BRAKED_MPS: f64 = 0.25;
 /// A landing without a plan has braked so long before its contact as one with a plan, s.
 const SOFT_S: f64 = 0.2;
 
@@ -47,13 +51,22 @@ impl Completion<'_> {
         stage
     }
 
-    /// Whether the drone meets the deck harder than is harmless, braking at half of its bound `a` from now on, the other half being for
-    /// thrust that lags: `v0² - a h > v²`.
-    pub(crate) fn is_late(&self) -> bool {
+    /// Vertical acceleration (NED, m/s²) above which a drone that is too fast would not come to rest on the deck softly; None
+    /// for one with the height to brake. At the speed `v` onto it and the height `h` when the thrust acts, which lags by `lag_s`:
+    ///
+    /// `v² > v_t² + 2 a (h - v lag)`, `a` at most what the rotors have left over a deck that accelerates upwards.
+    pub(crate) fn reflex(&self, lag_s: f64) -> Option<f64> {
         let (body, below) = (self.body, self.below);
-        let most = Climb::new(body.position.z, body.velocity.z, self.drone).acceleration_mps2();
-        let (sinks, left) = ((-below.normal_speed).max(0.0), below.clearance.max(0.0));
-        sinks.powi(2) - most * left > HARMLESS_MPS.powi(2)
+        let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
+        let sinks = (-below.normal_speed).max(0.0);
+        let deck = below.stage.acceleration[2];
+        let a = (climb.acceleration_mps2() + deck).clamp(0.0, BRAKING_MPS2);
+        let left = below.clearance - sinks * lag_s;
+        if sinks.powi(2) <= FAST_MPS.powi(2) + 2.0 * a * left.max(0.0) {
+            return None;
+        }
+        let braking = climb.braking(sinks, left - SOFT_S * BRAKED_MPS, BRAKED_MPS);
+        Some(deck + below.stage.normal().z * braking)
     }
 
     /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.

@@ -212,8 +212,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan; in a landing one that is not renewed, or too late for a soft contact, is braked by the newest
-    /// forecast.
+    /// Follows the `stage` of a plan; in a landing a plan that is not renewed, and a drone that is too fast onto the deck, are braked
+    /// by the newest forecast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,
@@ -238,9 +238,16 @@ impl Pilot {
         let mut led = *stage;
         let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
         let old = self.plan.age_s(now) > OLD_PLAN_S;
-        let ahead = ahead.filter(|b| lands && (old || self.completion(body, b).is_late()));
-        if let Some(braked) = ahead.and_then(|b| self.completion(body, &b).renewed(&led)) {
-            (led, authority.brakes) = (braked, true);
+        if let Some(b) = ahead.filter(|_| lands) {
+            let completion = self.completion(body, &b);
+            if old && let Some(braked) = completion.renewed(&led) {
+                (led, authority.brakes) = (braked, true);
+            }
+            // Before its own thrust acts a pilot follows that of the one before.
+            let acts = self.estimate.in_force().is_some();
+            if let Some(most) = completion.reflex(c.thrust_lag_s).filter(|_| acts) {
+                authority.down_mps2 = most;
+            }
         }
         self.tracked(now, stage, &led, body, authority, dt)
     }

@@ -378,8 +378,6 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
 
 #[test]
 fn braking_of_a_plan_not_renewed() {
-    let followed = thrust_of_old_plan(0.05, 2.0, 0.0);
-    assert!((0.9..1.1).contains(&followed), "{followed}");
     // (2² - 0.5²) / 2 (0.6 - 0.1) m/s² within half of what the rotors have beyond hover.
     let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
     assert!((1.3..1.5).contains(&braked), "{braked}");
@@ -389,6 +387,48 @@ fn braking_of_a_plan_not_renewed() {
     // A plan that brakes harder already is followed.
     let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
     assert!(soft > braked, "{soft}");
+}
+
+/// The thrust (of hover) that follows a plan at its speed, so many m/s downwards and so high over a deck that accelerates upwards
+/// by `rises_mps2` (m/s²).
+fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64) -> f64 {
+    let geometry = DroneGeometry::default();
+    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
+    let mut thrust = pilot.estimate.hover();
+    for k in 0..=20 {
+        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+        let mut input = everything(k, now, State::Flare, clearance_m);
+        let d = input.drone.as_mut().unwrap();
+        d.velocity = [0.0, 0.0, sinks_mps];
+        d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
+        let stage = PlanStage {
+            position: d.position,
+            velocity: d.velocity,
+            ..PlanStage::default()
+        };
+        input.plan = input.plan.map(|p| plan(p.header, |_| stage));
+        let deck = DeckStage {
+            acceleration: [0.0, 0.0, -rises_mps2],
+            ..level([0.0, 0.0, -1.3])
+        };
+        input.forecast = input.forecast.map(|f| forecast(f.header, |_| deck));
+        thrust = pilot.step(now, &input).set_point.unwrap().thrust;
+    }
+    thrust * geometry.max_thrust_n / (geometry.mass_kg * GRAVITY)
+}
+
+#[test]
+fn braking_of_a_drone_too_fast_onto_the_deck() {
+    // v² of at most 0.35² + 2 3 (h - 0.05 v): the plan is followed.
+    for (sinks, clearance) in [(2.0, 1.0), (1.0, 0.3), (0.3, 0.1)] {
+        let followed = thrust_onto_deck(sinks, clearance, 0.0);
+        assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
+    }
+    // (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
+    let braked = thrust_onto_deck(2.0, 0.6, 0.0);
+    assert!((1.35..1.55).contains(&braked), "{braked}");
+    // A deck that accelerates upwards leaves the rotors less, and is followed.
+    assert!(thrust_onto_deck(2.0, 1.0, 8.0) > 1.8);
 }
 
 /// A second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at `rise_mps2`.

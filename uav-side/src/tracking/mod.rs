@@ -44,6 +44,8 @@ pub(crate) struct Authority {
     pub(crate) integrate: bool,
     /// The vertical force comes before the horizontal one, at any attitude.
     pub(crate) brakes: bool,
+    /// Bound of the acceleration downwards, NED z, m/s²; where it acts, the vertical force comes first, too.
+    pub(crate) down_mps2: f64,
 }
 
 impl Authority {
@@ -55,6 +57,7 @@ impl Authority {
             planned: Vector2::zeros(),
             integrate: true,
             brakes: false,
+            down_mps2: f64::INFINITY,
         }
     }
     /// In the flare, fading linearly below `fade_clearance_m`.
@@ -67,6 +70,7 @@ impl Authority {
             planned: Vector2::zeros(),
             integrate: clearance > c.fade_clearance_m,
             brakes: false,
+            down_mps2: f64::INFINITY,
         }
     }
 }
@@ -114,7 +118,8 @@ impl Tracker {
 
         let euler = lead(&stage.euler, &stage.euler_rates, lag + c.rate_lag_s);
         let planned = UnitQuaternion::from_euler_angles(euler[0], euler[1], euler[2]);
-        let down = stage.acceleration[2] + vertical;
+        let planned_down = stage.acceleration[2] + vertical;
+        let down = planned_down.min(authority.down_mps2);
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
         let unplanned = (estimate.disturbance() - authority.planned) * authority.disturbance;
         let push = horizontal - unplanned;
@@ -142,7 +147,7 @@ impl Tracker {
         let up = body.attitude * -Vector3::z();
         let upright = (-up.z).max(0.5);
         let mut along = thrust.dot(&up);
-        if authority.brakes {
+        if authority.brakes || down < planned_down {
             along = along.max(-thrust.z / upright);
         }
         let along = along - estimate.lift() / upright;
