@@ -114,6 +114,19 @@ impl Filter {
         f
     }
 
+    /// Takes the camera's rotation, as another filter knows it, into a filter that has just begun.
+    pub fn adopt_mount(&mut self, known: &FilterState) {
+        let Some(first) = self.entries.front_mut().filter(|e| e.observation.is_none()) else {
+            return;
+        };
+        for i in TILT {
+            let (axis, known) = (&mut first.after[i], &known[i]);
+            axis.x[VISION] = known.x[VISION];
+            axis.x[MEAN] -= known.x[VISION];
+            axis.p[VISION][VISION] = known.p[VISION][VISION];
+        }
+    }
+
     /// The state at `t`: predicted from what was known then.
     pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> FilterState {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);

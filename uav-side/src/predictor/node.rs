@@ -212,7 +212,7 @@ impl Predictor {
             .as_mut()
             .filter(|_| o.kind != observation::ObservationKind::Estimate)
         {
-            own.fuse(&self.config, o);
+            own.fuse(&self.config, o, self.filter.as_ref().and_then(Filter::last));
         }
         let waves = &self.waves;
         let noise = AxisNoise::all(&self.config);

@@ -51,12 +51,14 @@ impl OwnModel {
             slope: Default::default(),
         }
     }
-    /// Takes an observation.
-    pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation) {
+    /// Takes an observation. A first one begins with the camera's rotation as the forecast's filter knows it by the radio.
+    pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation, known: Option<&FilterState>) {
         let waves = &self.waves;
-        let filter = self
-            .filter
-            .get_or_insert_with(|| Filter::new(AxisNoise::all(c), c.gate_sd, waves, o));
+        let filter = self.filter.get_or_insert_with(|| {
+            let mut begun = Filter::new(AxisNoise::all(c), c.gate_sd, waves, o);
+            known.into_iter().for_each(|k| begun.adopt_mount(k));
+            begun
+        });
         if filter.fuse(waves, o) == Fused::All {
             self.observed_at = self.observed_at.max(Some(o.at));
         }
