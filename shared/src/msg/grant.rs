@@ -180,7 +180,10 @@ mod tests {
         deck.width_m = 1.74;
         assert_eq!(differs(&deck), None);
         deck.width_m = 1.8;
-        assert_eq!(differs(&deck), Some(Reason::new(ReasonCode::DeckDiffers, 1.7, 1.8)));
+        assert_eq!(
+            differs(&deck),
+            Some(Reason::new(ReasonCode::DeckDiffers, 1.7, 1.8))
+        );
         deck.centre_m = [0.0, 0.0, -1.0];
         let why = differs(&deck).unwrap().to_string();
         assert!(why.contains("-1.30 m") && why.contains("-1.00 m"), "{why}");
