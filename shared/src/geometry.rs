@@ -120,6 +120,8 @@ config! {
         pub camera_m: [f64; 3] = [0.0, 0.0, 0.08], in -5.0..=5.0;
         /// Rangefinder in the body frame, m; it looks down.
         pub rangefinder_m: [f64; 3] = [0.10, 0.0, 0.08], in -5.0..=5.0;
+        /// Antenna of the GNSS receiver that measures the place relative to the vessel, in the body frame, m.
+        pub gnss_antenna_m: [f64; 3] = [0.0, 0.0, -0.10], in -5.0..=5.0;
         /// Lag of the autopilot's attitude loop, s.
         pub attitude_lag_s: f64 = 0.2, in 0.0..=1.0;
     }

@@ -25,6 +25,7 @@ pub mod node;
 #[macro_use]
 pub mod plain;
 pub mod process;
+pub mod rtcm;
 pub mod schema;
 pub mod step;
 pub mod surroundings;

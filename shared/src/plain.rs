@@ -33,7 +33,7 @@ pub trait Visitor {
 
 // SAFETY: every type of the table of topics that lies in memory is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
-// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in odometry, in a plan, in surroundings, in grants, in the checkpoints, in
+// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in odometry, in a plan, in surroundings, in grants, in forecasts, in the checkpoints, in
 // metrics, in what the vessel's processes report and in what a computer reports of itself. Both are sound here because a
 // service's attributes carry `MESSAGE_VERSION` and the package's version, so that only processes of one program ever share a service, and because no process writes a message
 // otherwise than by copying a whole valid value. Bounded lists check their length when they are read.

@@ -179,6 +179,8 @@ topics! {
         RECEIPTS: "receipts", msg::CommandReceipt, 2.0 Hz, 64, 2000 ms;
         /// The drone's status, for the vessel's deck.
         DRONE_STATUS: "status", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
+        /// Frames of RTCM 3 of the vessel's receiver, for a receiver to which it is a moving base; only with one.
+        RTCM: "rtcm", msg::RtcmFrame<VesselClock>, 8.0 Hz, 1100, 2000 ms;
     }
     memory {
         /// The autopilot's odometry.
@@ -237,6 +239,12 @@ topics! {
         CAMERA_LIGHT: "camera/light", msg::CameraLight, 2.0 Hz, 2000 ms, 2 deep;
         /// Report of a computer about itself, by its supervisor.
         COMPUTER: "computer/report", msg::ComputerReport, 2.0 Hz, 3000 ms, 2 deep;
+        /// Frames of RTCM 3 among the bytes of the vessel's sensors.
+        VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrame<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
+        /// The same on the drone's clock, as the bridge admitted them.
+        BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrame<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
+        /// The drone's place relative to the vessel, by its receiver.
+        RELATIVE: "drone/relative", msg::RelativePlace, 5.0 Hz, 1000 ms, 8 deep;
     }
 }
 

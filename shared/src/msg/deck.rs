@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::drone::is_unit;
 use super::{
     Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Reason,
-    ReasonCode, SLOPE_WINDOWS, Seq, VesselLevel, deviations, positive, within,
+    ReasonCode, RelativeState, SLOPE_WINDOWS, Seq, VesselLevel, deviations, positive, within,
 };
 use crate::surroundings::Surroundings;
 use crate::time::{DroneClock, Span};
@@ -214,6 +214,8 @@ pub struct DeckForecast {
     pub tag_age_s: f64,
     /// The beacon that is known, if there is one: the standard deviation of its place now, each horizontal axis, m, and its age, s.
     pub beacon: Option<[f64; 2]>,
+    /// The relative place by moving base, where a receiver measures it.
+    pub relative: Option<RelativeState>,
     /// Decks with the tags of this one that are in sight while it is not known which is its own; 0: none, or it is known.
     pub decks_in_sight: u32,
     /// The deck's height by the rangefinder against the camera's: mean of the normalised innovation squared over 3 s, the largest
@@ -308,6 +310,7 @@ message!(DeckForecast, DroneClock, |m| {
     m.mean_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_z",
     m.height_nis.is_none_or(|n| n >= 0.0) => "height_nis",
     m.beacon.is_none_or(|b| b.iter().all(|v| (0.0..=MAX_POSITION_M).contains(v))) => "beacon",
+    m.relative.is_none_or(|r| r.is_sound()) => "relative",
     m.place_apart_m.is_none_or(|a| within(&a, MAX_POSITION_M)) => "place_apart_m",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)

@@ -47,6 +47,7 @@ mod helm;
 mod link_checkpoint;
 mod mission;
 mod reason;
+mod rtcm;
 mod sensors;
 mod seq;
 mod state;
@@ -87,6 +88,7 @@ pub use mission::{
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
+pub use rtcm::{CarrierSolution, RelativePlace, RelativeState, RtcmFrame};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
 pub use state::{Phase, State};
@@ -104,7 +106,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 29;
+pub const MESSAGE_VERSION: u16 = 30;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -1,0 +1,177 @@
+//! Frames of RTCM 3 in a stream of bytes: found, checked and counted, not decoded.
+//!
+//! A frame is the preamble 0xD3, six zero bits, ten bits of the payload's length, the payload and its CRC-24Q. The payload begins
+//! with twelve bits of the message's number; those of u-blox's 4072 go on with twelve bits of its subtype.
+//! Source: RTCM 10403.3, section 4; u-blox F9 interface description.
+
+use rtcm_rs::MessageFrame;
+use rtcm_rs::rtcm_error::RtcmError;
+
+/// Longest frame, bytes: a payload of 1023 with three bytes before and three after it.
+pub const MAX_FRAME_BYTES: usize = 1029;
+const PREAMBLE: u8 = 0xD3;
+/// Bits after the preamble that are zero.
+const RESERVED: u8 = 0xFC;
+/// u-blox's own message.
+pub const UBLOX: u16 = 4072;
+
+/// Number of a message, and the subtype of one of u-blox's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RtcmNumber {
+    /// Number.
+    pub message: u16,
+    /// Subtype of [`UBLOX`], else 0.
+    pub subtype: u16,
+}
+
+impl RtcmNumber {
+    /// Observations of satellites (MSM 1 to 7 of each system, and the legacy messages of GPS and GLONASS).
+    pub fn is_observation(self) -> bool {
+        let n = self.message;
+        let msm = (1071..=1137).contains(&n) && (1..=7).contains(&(n % 10));
+        msm || (1001..=1004).contains(&n) || (1009..=1012).contains(&n)
+    }
+    /// Place of the base: of a station, or of u-blox's moving base.
+    pub fn is_base(self) -> bool {
+        matches!(self.message, 1005 | 1006) || self.message == UBLOX && self.subtype == 0
+    }
+}
+
+impl core::fmt::Display for RtcmNumber {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.message {
+            UBLOX => write!(f, "{UBLOX}.{}", self.subtype),
+            n => write!(f, "{n}"),
+        }
+    }
+}
+
+/// Number of the message of a whole frame; None of bytes that are none.
+pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
+    let whole = MessageFrame::new(frame).ok()?;
+    let reserved = frame.get(1)? & RESERVED;
+    if reserved != 0 || whole.frame_len() != frame.len() {
+        return None;
+    }
+    let message = whole.message_number()?;
+    let subtype = match (message, whole.data()) {
+        (UBLOX, [_, high, low, ..]) => (u16::from(high & 0x0F) << 8) | u16::from(*low),
+        _ => 0,
+    };
+    Some(RtcmNumber { message, subtype })
+}
+
+/// Finds frames between other bytes.
+#[derive(Clone, Debug, Default)]
+pub struct RtcmDecoder {
+    /// Bytes of an unfinished frame, its preamble first.
+    waiting: Vec<u8>,
+    damaged: u64,
+}
+
+impl RtcmDecoder {
+    /// Takes bytes and passes each whole frame on.
+    pub fn push(&mut self, bytes: &[u8], mut found: impl FnMut(RtcmNumber, &[u8])) {
+        self.waiting.extend_from_slice(bytes);
+        let mut from = 0;
+        while let Some(rest) = self.waiting.get(from..).filter(|rest| !rest.is_empty()) {
+            let Some(start) = rest.iter().position(|b| *b == PREAMBLE) else {
+                from = self.waiting.len();
+                break;
+            };
+            from += start;
+            let rest = rest.get(start..).unwrap_or_default();
+            if rest.get(1).is_some_and(|b| b & RESERVED != 0) {
+                from += 1;
+                continue;
+            }
+            match MessageFrame::new(rest) {
+                Ok(frame) => {
+                    let bytes = frame.frame_data();
+                    if let Some(number) = number(bytes) {
+                        found(number, bytes);
+                    }
+                    from += frame.frame_len();
+                }
+                Err(RtcmError::Incomplete) => break,
+                Err(_) => {
+                    self.damaged += 1;
+                    from += 1;
+                }
+            }
+        }
+        self.waiting.drain(..from.min(self.waiting.len()));
+    }
+    /// Frames whose checksum was wrong; among bytes of other protocols a preamble by chance counts, too.
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Frame with this payload.
+    fn frame(payload: &[u8]) -> Vec<u8> {
+        let mut bytes = vec![PREAMBLE, (payload.len() >> 8) as u8, payload.len() as u8];
+        bytes.extend_from_slice(payload);
+        // CRC-24Q: x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1, from zero.
+        let crc = bytes.iter().fold(0_u32, |crc, byte| {
+            (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
+                let shifted = crc << 1;
+                if shifted & 0x100_0000 == 0 { shifted } else { shifted ^ 0x186_4CFB }
+            })
+        });
+        bytes.extend_from_slice(&crc.to_be_bytes()[1..]);
+        bytes
+    }
+    fn found(decoder: &mut RtcmDecoder, bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+        let mut all = Vec::new();
+        decoder.push(bytes, |number, frame| all.push((number.to_string(), frame.to_vec())));
+        all
+    }
+
+    proptest! {
+        #[test]
+        fn frames_between_other_bytes(
+            payloads in prop::collection::vec(prop::collection::vec(any::<u8>(), 3..200), 1..6),
+            between in prop::collection::vec(0_u8..0xD3, 0..40),
+            part in 1_usize..64,
+        ) {
+            let frames: Vec<_> = payloads.iter().map(|p| frame(p)).collect();
+            let stream: Vec<u8> = frames.iter().flat_map(|f| between.iter().chain(f)).copied().collect();
+            let mut decoder = RtcmDecoder::default();
+            let all: Vec<_> = stream.chunks(part).flat_map(|c| found(&mut decoder, c)).map(|(_, f)| f).collect();
+            prop_assert_eq!(all, frames);
+            prop_assert_eq!(decoder.damaged(), 0);
+        }
+        #[test]
+        fn any_bytes_stay_bounded(bytes in prop::collection::vec(any::<u8>(), 0..4000)) {
+            let mut decoder = RtcmDecoder::default();
+            for chunk in bytes.chunks(17) {
+                decoder.push(chunk, |_, frame| assert!(frame.len() <= MAX_FRAME_BYTES));
+                assert!(decoder.waiting.len() <= MAX_FRAME_BYTES);
+            }
+        }
+    }
+
+    #[test]
+    fn damaged_frame_before_a_whole_one() {
+        // 1077, 4072.1 and 1005 by the first bits of their payloads.
+        let payloads: [&[u8]; 3] = [&[0x43, 0x50, 1, 2], &[0xFE, 0x80, 0x01, 9], &[0x3E, 0xD0, 7]];
+        let [gps, ublox, base] = payloads.map(frame);
+        let mut damaged = gps.clone();
+        damaged[4] ^= 1;
+        let mut decoder = RtcmDecoder::default();
+        let all = found(&mut decoder, &[damaged.clone(), gps, ublox, base].concat());
+        let names: Vec<_> = all.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["1077", "4072.1", "1005"]);
+        assert_eq!(decoder.damaged(), 1);
+        assert_eq!(number(&damaged), None);
+        let of = |message, subtype| RtcmNumber { message, subtype };
+        assert!(of(1077, 0).is_observation() && of(1005, 0).is_base() && of(UBLOX, 0).is_base());
+        assert!(!of(UBLOX, 1).is_base() && !of(1230, 0).is_observation() && !of(1080, 0).is_observation());
+    }
+}
