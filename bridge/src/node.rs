@@ -7,8 +7,8 @@ use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, ch
 use alight_shared::bus::wiring;
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, EstimateUpdate,
-    Header, LinkState, Message, MissionState, OperatorCommand, TimeReply, TimeRequest, UpdateReceiver,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
+    Header, LinkState, Message, MissionState, OperatorCommand, RtcmFrame, TimeReply, TimeRequest,
+    UpdateReceiver, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -38,6 +38,8 @@ pub enum PacketKind {
     Deck,
     /// [`topics::SURROUNDINGS`].
     Surroundings,
+    /// [`topics::RTCM`].
+    Rtcm,
     /// [`topics::OPERATOR`].
     Command,
 }
@@ -85,6 +87,8 @@ pub struct BridgeOut {
     pub deck: Option<DeckGrant<DroneClock>>,
     /// Keep-out volumes and approach of the vessel.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
+    /// Frames of the vessel's receiver, in the order of their arrival.
+    pub rtcm: Vec<RtcmFrame<DroneClock>>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
     /// The link's state, at its own rate.
@@ -111,6 +115,7 @@ wiring! {
             prediction: VesselPrediction<DroneClock>,
             deck: DeckGrant<DroneClock>,
             surroundings: VesselSurroundings<DroneClock>,
+            rtcm: RtcmFrame<DroneClock>,
             commands: Command,
             link: LinkState,
         }
@@ -246,6 +251,11 @@ impl Bridge {
                 let m: VesselSurroundings<VesselClock> = decode(&packet.bytes)?;
                 let (at, _) = self.admit(arrival, &m, kind, &topics::SURROUNDINGS, 0.0)?;
                 out.surroundings = Some(m.restamped(at));
+            }
+            PacketKind::Rtcm => {
+                let m: RtcmFrame<VesselClock> = decode(&packet.bytes)?;
+                let (at, _) = self.admit(arrival, &m, kind, &topics::RTCM, 0.0)?;
+                out.rtcm.push(m.restamped(at));
             }
             PacketKind::Command => {
                 let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;

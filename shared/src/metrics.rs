@@ -111,6 +111,7 @@ names! {
     ImageMean: "image mean",
     TooDark: "too dark",
     MemoryWarnings: "warnings of the shared memory",
+    RtcmDropped: "rtcm frames dropped",
 }
 
 /// The value of a metric, with its unit.

@@ -84,7 +84,7 @@ pub struct InputState {
 }
 
 /// Keys on which one process speaks over the radio, at most.
-pub const MAX_FLOWS: usize = 9;
+pub const MAX_FLOWS: usize = 11;
 
 /// Counts of what a process sent over the radio on one key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]

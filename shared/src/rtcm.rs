@@ -71,17 +71,28 @@ pub struct RtcmDecoder {
 
 impl RtcmDecoder {
     /// Takes bytes and passes each whole frame on.
-    pub fn push(&mut self, bytes: &[u8], mut found: impl FnMut(RtcmNumber, &[u8])) {
+    pub fn push(&mut self, bytes: &[u8], found: impl FnMut(RtcmNumber, &[u8])) {
+        self.split(bytes, found, |_| {});
+    }
+    /// Takes bytes and passes on each whole frame, and the bytes that are in none.
+    pub fn split(
+        &mut self,
+        bytes: &[u8],
+        mut found: impl FnMut(RtcmNumber, &[u8]),
+        mut other: impl FnMut(&[u8]),
+    ) {
         self.waiting.extend_from_slice(bytes);
         let mut from = 0;
         while let Some(rest) = self.waiting.get(from..).filter(|rest| !rest.is_empty()) {
-            let Some(start) = rest.iter().position(|b| *b == PREAMBLE) else {
-                from = self.waiting.len();
+            let start = rest.iter().position(|b| *b == PREAMBLE).unwrap_or(rest.len());
+            let (before, rest) = rest.split_at(start);
+            other(before);
+            from += start;
+            let Some((first, after)) = rest.split_first() else {
                 break;
             };
-            from += start;
-            let rest = rest.get(start..).unwrap_or_default();
-            if rest.get(1).is_some_and(|b| b & RESERVED != 0) {
+            if after.first().is_some_and(|b| b & RESERVED != 0) {
+                other(&[*first]);
                 from += 1;
                 continue;
             }
@@ -96,6 +107,7 @@ impl RtcmDecoder {
                 Err(RtcmError::Incomplete) => break,
                 Err(_) => {
                     self.damaged += 1;
+                    other(&[*first]);
                     from += 1;
                 }
             }
@@ -121,7 +133,11 @@ mod tests {
         let crc = bytes.iter().fold(0_u32, |crc, byte| {
             (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
                 let shifted = crc << 1;
-                if shifted & 0x100_0000 == 0 { shifted } else { shifted ^ 0x186_4CFB }
+                if shifted & 0x100_0000 == 0 {
+                    shifted
+                } else {
+                    shifted ^ 0x186_4CFB
+                }
             })
         });
         bytes.extend_from_slice(&crc.to_be_bytes()[1..]);
@@ -129,7 +145,9 @@ mod tests {
     }
     fn found(decoder: &mut RtcmDecoder, bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
         let mut all = Vec::new();
-        decoder.push(bytes, |number, frame| all.push((number.to_string(), frame.to_vec())));
+        decoder.push(bytes, |number, frame| {
+            all.push((number.to_string(), frame.to_vec()))
+        });
         all
     }
 
@@ -143,8 +161,12 @@ mod tests {
             let frames: Vec<_> = payloads.iter().map(|p| frame(p)).collect();
             let stream: Vec<u8> = frames.iter().flat_map(|f| between.iter().chain(f)).copied().collect();
             let mut decoder = RtcmDecoder::default();
-            let all: Vec<_> = stream.chunks(part).flat_map(|c| found(&mut decoder, c)).map(|(_, f)| f).collect();
-            prop_assert_eq!(all, frames);
+            let (mut all, mut others) = (Vec::new(), Vec::new());
+            for chunk in stream.chunks(part) {
+                decoder.split(chunk, |_, f| all.push(f.to_vec()), |bytes| others.extend_from_slice(bytes));
+            }
+            prop_assert_eq!(&all, &frames);
+            prop_assert_eq!(others, between.repeat(frames.len()));
             prop_assert_eq!(decoder.damaged(), 0);
         }
         #[test]

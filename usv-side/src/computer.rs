@@ -7,7 +7,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
     CommandReceipt, CrewOrder, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
-    OperatorCommand, SensorReadings, Seq, TimeRequest,
+    OperatorCommand, RtcmFrame, SensorReadings, Seq, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
@@ -28,6 +28,7 @@ use crate::deck::{
 use crate::followed::Followed;
 use crate::helm::{BoatMotion, BoatPlace, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
+use crate::rtcm_relay::RtcmRelay;
 use crate::sensors::{Readings, SensorNode};
 use crew::CrewOrders;
 
@@ -41,6 +42,8 @@ pub struct ComputerIn {
     pub sensors: Vec<SensorReadings>,
     /// Orders of the crew.
     pub crew: Vec<CrewOrder>,
+    /// Frames of the sensors' process, of a moving base.
+    pub rtcm: Vec<RtcmFrame<VesselClock>>,
     /// Time requests.
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
     /// Statuses of drones.
@@ -80,6 +83,8 @@ pub struct ComputerOut {
     pub receipts: Vec<CommandReceipt>,
     /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
+    /// Frames of a moving base, for the drones' receivers.
+    pub rtcm: Vec<RtcmFrame<VesselClock>>,
     /// Events of this step.
     pub events: Vec<VesselEvent>,
     /// The lamp at the helm.
@@ -103,7 +108,7 @@ pub enum Lamp {
 wiring! {
     /// Topics that the vessel's process reads; its output goes by radio and to people.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
-        reads { all sensors: SensorReadings, all crew: CrewOrder }
+        reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrame<VesselClock> }
         edge { time_requests, statuses, commands, deck_inputs, helm, checkpoint, ends }
         writes {}
         wakes { SensorReadings }
@@ -144,6 +149,7 @@ pub struct VesselComputer {
     place: Option<BoatPlace>,
     advice: Option<(Time<VesselClock>, Goal)>,
     relay: OperatorRelay,
+    rtcm: RtcmRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
     vessel: u32,
@@ -170,6 +176,7 @@ impl VesselComputer {
             place: None,
             advice: None,
             relay: OperatorRelay::new(vessel, boot),
+            rtcm: RtcmRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
             vessel,
@@ -205,6 +212,10 @@ impl VesselComputer {
     /// The operator relay.
     pub fn relay(&self) -> &OperatorRelay {
         &self.relay
+    }
+    /// The relay of a moving base's frames.
+    pub fn rtcm(&self) -> &RtcmRelay {
+        &self.rtcm
     }
     /// The drones that were received.
     pub fn drones(&self) -> &DroneMonitor {
@@ -435,6 +446,7 @@ impl Node for VesselComputer {
             commands: relayed.commands,
             receipts: relayed.receipts,
             statuses,
+            rtcm: self.rtcm.pass(now, &input.rtcm),
             events,
             lamp: self.lamp(now),
             helm,

@@ -9,6 +9,7 @@
 //! | [`alight_shared::motion_model`] | identification of the motion, prediction and the measured spread of its error |
 //! | [`advice`] | heading and speed on which a landing is most likely to succeed |
 //! | [`rate_control`] | the rates that the radio carries |
+//! | [`rtcm_relay`] | RTCM of the vessel's receiver to the drones, within a budget |
 //! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
 //! | [`helm`] | steers the vessel for a landing, with the skipper's consent |
@@ -30,6 +31,7 @@ mod mavlink_systems;
 pub mod node;
 pub mod rate_control;
 pub mod review;
+pub mod rtcm_relay;
 pub mod sensors;
 
 pub use advice::{Advice, Advisor, CourseOutlook};

@@ -64,7 +64,8 @@ impl SensorEdge {
 impl VesselSide {
     pub(super) fn new(scenario: &Scenario, nodes: &NodeConfigs, boot: u32) -> VesselSide {
         let bus = LockStep::default();
-        let sensors = SensorNode::new(&sources(scenario), VESSEL_ID, boot);
+        let sensors =
+            SensorNode::new(&sources(scenario), VESSEL_ID, boot).with_deck(nodes.vessel.deck.centre_m);
         let Ok(sensors) = Row::join(&bus, sensors);
         let mut side = VesselSide {
             rows: VesselRows {
@@ -140,13 +141,10 @@ impl VesselSide {
             return ComputerOut::default();
         };
         let add_edge = |input: &mut ComputerIn| {
-            let (sensors, crew) = (
-                core::mem::take(&mut input.sensors),
-                core::mem::take(&mut input.crew),
-            );
             *input = ComputerIn {
-                sensors,
-                crew,
+                sensors: core::mem::take(&mut input.sensors),
+                crew: core::mem::take(&mut input.crew),
+                rtcm: core::mem::take(&mut input.rtcm),
                 ..edge
             };
         };

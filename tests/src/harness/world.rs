@@ -326,6 +326,7 @@ impl World {
         self.broadcast(t, PacketKind::Wave, &output.vessel.wave_update);
         self.broadcast(t, PacketKind::Prediction, &output.vessel.prediction);
         self.broadcast(t, PacketKind::Surroundings, &output.vessel.surroundings);
+        self.broadcast(t, PacketKind::Rtcm, &output.rtcm);
         self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);
         if self.shares_deck {
             self.broadcast(t, PacketKind::Deck, &output.grant);

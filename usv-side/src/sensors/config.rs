@@ -64,14 +64,14 @@ impl BusDevices {
         let allowed = match format {
             Format::N2k => "an address, 0 to 253, or a NAME, 0x and up to 16 hexadecimal digits",
             Format::SignalK => "a $source of the server, of 64 characters at most",
-            Format::Nmea | Format::Ubx | Format::Mavlink => {
+            Format::Nmea | Format::Ubx | Format::Mavlink | Format::Rtcm => {
                 "empty: only n2k and signalk have devices to choose from"
             }
         };
         let fits = |device: &str| match format {
             Format::N2k => is_address(device) || device_name(device).is_some(),
             Format::SignalK => device.trim() == device && device.chars().count() <= MAX_DEVICE_NAME,
-            Format::Nmea | Format::Ubx | Format::Mavlink => false,
+            Format::Nmea | Format::Ubx | Format::Mavlink | Format::Rtcm => false,
         };
         let mut chosen = self.each().into_iter().filter(|(_, device)| !device.is_empty());
         chosen.try_for_each(|(key, device)| at.require(fits(device), key, format!("{device:?}"), allowed))
@@ -151,6 +151,8 @@ pub enum Format {
     /// Deltas of a Signal K server.
     #[serde(rename = "signalk")]
     SignalK,
+    /// RTCM 3 alone, of a moving base: no measurements.
+    Rtcm,
 }
 
 impl Format {
@@ -164,7 +166,7 @@ impl Format {
                 let found = decoder.decoded();
                 found.good > 0 || found.ignored == 0
             }
-            Format::Ubx | Format::Mavlink | Format::N2k | Format::SignalK => true,
+            Format::Ubx | Format::Mavlink | Format::N2k | Format::SignalK | Format::Rtcm => true,
         }
     }
 }
@@ -186,6 +188,9 @@ config! {
         /// File with the key of MAVLink 2 signing: a passphrase, of which the key is the SHA-256, or 64 hexadecimal
         /// digits. Empty: nothing is signed, and no signature is checked.
         pub signing_key: String = String::new();
+        /// Its receiver is the moving base of the drones' receivers: the frames of RTCM 3 among its bytes are passed on to them.
+        /// Always so with format `rtcm`.
+        pub rtcm: bool = false;
         /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
         /// Mounting and accuracy of its sensors.
@@ -210,8 +215,18 @@ config! {
             &this.signing_key,
             "empty: only MAVLink is signed",
         )?;
+        let has_frames = matches!(this.format, Format::Nmea | Format::Ubx | Format::Rtcm);
+        let formats = "false: sources of nmea, ubx and rtcm alone have frames of RTCM 3";
+        at.require(!this.rtcm || has_frames, "rtcm", this.rtcm, formats)?;
         let devices = &this.mount.devices;
         devices.check_of(this.format, &at.table("mount").table("devices"))?;
+    }
+}
+
+impl SourceConfig {
+    /// Its frames of RTCM 3 are passed on to the drones.
+    pub fn is_base(&self) -> bool {
+        self.rtcm || self.format == Format::Rtcm
     }
 }
 
@@ -225,6 +240,9 @@ config! {
         let most = MAX_SOURCES / 2;
         let count = this.sources.len();
         at.require(count <= most, "sources", count, "4 sources at most")?;
+        let bases = this.sources.iter().filter(|s| s.is_base()).count();
+        let one = "one with rtcm at most: a drone's receiver has one base";
+        at.require(bases <= 1, "sources", format!("{bases} with rtcm"), one)?;
         this.sources
             .iter()
             .try_for_each(|s| s.check(&at.table("sources")))?;
@@ -427,6 +445,36 @@ mod tests {
                 ),
             }
         }
+    }
+
+    #[test]
+    fn sources_that_are_a_moving_base() {
+        use alight_shared::config::Check;
+        let source = |format, rtcm| SourceConfig {
+            format,
+            rtcm,
+            ..SourceConfig::default()
+        };
+        let fault = |sources: &[SourceConfig]| {
+            let config = SourcesConfig {
+                sources: sources.to_vec(),
+            };
+            config.check(&Keys::ROOT).err().map(|e| e.to_string())
+        };
+        let [nmea, ubx, rtcm] = [Format::Nmea, Format::Ubx, Format::Rtcm].map(|format| source(format, true));
+        for one in [&nmea, &ubx, &rtcm, &source(Format::Rtcm, false)] {
+            assert!(
+                one.is_base() && fault(&[one.clone(), SourceConfig::default()]).is_none(),
+                "{one:?}"
+            );
+        }
+        let two = fault(&[ubx, source(Format::Rtcm, false)]).unwrap();
+        assert!(two.contains("`sources` is 2 with rtcm"), "{two}");
+        let mavlink = fault(&[source(Format::Mavlink, true)]).unwrap();
+        assert!(
+            mavlink.contains("rtcm` is true") && mavlink.contains("nmea, ubx and rtcm"),
+            "{mavlink}"
+        );
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod n2k;
 mod nmea;
 mod node;
 pub(crate) mod plausible;
+mod rtcm;
 mod signalk;
 mod stuck;
 mod ubx;

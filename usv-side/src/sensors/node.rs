@@ -3,13 +3,14 @@
 
 use alight_shared::bus::wiring;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, SensorReadings, SourceStatus};
+use alight_shared::msg::{Header, RtcmFrame, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::age_counts::AgeCounts;
 use super::plausible::Plausibility;
+use super::rtcm::{NoMeasurements, RtcmTraffic};
 use super::{
     Average, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings, Remark,
     SensorDecoder, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
@@ -37,11 +38,13 @@ pub struct SensorsIn {
     pub samples: Vec<Vec<SourceMeasurement>>,
 }
 
-/// Measurements, and requests to sources.
+/// Measurements, frames of RTCM, and requests to sources.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SensorsOut {
     /// For the vessel's process.
     pub readings: Vec<SensorReadings>,
+    /// Frames of a moving base, for the vessel's process.
+    pub rtcm: Vec<RtcmFrame<VesselClock>>,
     /// Number of a source and bytes for it.
     pub requests: Vec<(usize, Vec<u8>)>,
 }
@@ -51,13 +54,16 @@ wiring! {
     SensorPorts of SensorNode: SensorsIn => SensorsOut {
         reads {}
         edge { bytes, samples }
-        writes { readings: SensorReadings }
+        writes { readings: SensorReadings, rtcm: RtcmFrame<VesselClock> }
         wakes {}
     }
 }
 
 struct Source {
+    format: Format,
     decoder: Box<dyn SensorDecoder>,
+    /// Of a moving base.
+    rtcm: Option<RtcmTraffic>,
     latency: Span,
     /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
     clocks: [[SourceClock; 2]; KINDS.len()],
@@ -85,9 +91,13 @@ impl Source {
             Format::N2k => Box::new(N2kDecoder::new(&mounting)),
             Format::SignalK => Box::new(SignalKDecoder::new(&mounting)),
             Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting).of_system(config.system)),
+            Format::Rtcm => Box::new(NoMeasurements),
         };
+        let antenna_m = config.mount.antenna_m.unwrap_or_default();
         Source {
+            format: config.format,
             decoder,
+            rtcm: config.is_base().then(|| RtcmTraffic::new(antenna_m)),
             latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),
             average: Default::default(),
@@ -99,12 +109,26 @@ impl Source {
         }
     }
 
-    fn push(&mut self, now: Time<VesselClock>, bytes: &[u8], decoded: &mut Vec<SourceMeasurement>) {
+    fn push(
+        &mut self,
+        now: Time<VesselClock>,
+        bytes: &[u8],
+        decoded: &mut Vec<SourceMeasurement>,
+        frames: &mut Vec<RtcmFrame<VesselClock>>,
+    ) {
         let taken = bytes.get(..bytes.len().min(MAX_STEP_BYTES)).unwrap_or_default();
-        self.status.lost_bytes += (bytes.len() - taken.len()) as u64;
+        let lost_bytes = &mut self.status.lost_bytes;
+        *lost_bytes += (bytes.len() - taken.len()) as u64;
+        let rtcm = self.rtcm.as_mut();
+        let others = rtcm.map(|rtcm| rtcm.push(now, taken, frames, lost_bytes));
+        // A frame before a sentence would be a part of its line. UBX has frames of its own: it does not wait for others' ends.
+        let read = others.as_deref().filter(|_| self.format == Format::Nmea);
         self.decoder.arrive(now);
-        self.decoder.push(taken, decoded);
+        self.decoder.push(read.unwrap_or(taken), decoded);
         self.status.decoded = self.decoder.decoded();
+        if let (Format::Rtcm, Some(rtcm)) = (self.format, &self.rtcm) {
+            rtcm.count(&mut self.status);
+        }
     }
 
     /// Inertial samples at the filter's rate; other measurements as they are.
@@ -143,7 +167,8 @@ impl Source {
     /// Remarks on its bytes and its clock for the crew.
     fn remarks(&self) -> Vec<Remark> {
         let within = self.plausible.iter().zip(WHOSE);
-        let mut all: Vec<Remark> = within.flat_map(|(p, whose)| p.remarks(whose)).collect();
+        let mut all: Vec<Remark> = self.rtcm.iter().flat_map(RtcmTraffic::remarks).collect();
+        all.extend(within.flat_map(|(p, whose)| p.remarks(whose)));
         all.extend(self.ages.iter().filter_map(AgeCounts::remark));
         all.extend(self.decoder.remarks());
         let s = &self.status;
@@ -239,8 +264,8 @@ fn no_ages() -> [AgeCounts; 2] {
 /// The node of the vessel's sensors.
 pub struct SensorNode {
     sources: Vec<Source>,
-    /// Headers of the newest measurement, and of the newest message.
-    headers: [Header<VesselClock>; 2],
+    /// Headers of the newest measurement, of the newest message, and of the newest frame of RTCM.
+    headers: [Header<VesselClock>; 3],
 }
 
 impl SensorNode {
@@ -248,8 +273,15 @@ impl SensorNode {
     pub fn new(config: &SourcesConfig, vessel: u32, boot: u32) -> Self {
         SensorNode {
             sources: config.sources.iter().map(Source::new).collect(),
-            headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 2],
+            headers: [Header::new(vessel, 0, boot, 0, Time::EPOCH); 3],
         }
+    }
+    /// On a vessel whose deck's centre is here in her body frame, m.
+    #[must_use]
+    pub fn with_deck(mut self, centre_m: [f64; 3]) -> Self {
+        let bases = self.sources.iter_mut().filter_map(|s| s.rtcm.as_mut());
+        bases.for_each(|rtcm| rtcm.place(centre_m));
+        self
     }
     /// The key of MAVLink signing of source `number`.
     pub fn sign(&mut self, number: usize, key: Signing) {
@@ -274,11 +306,11 @@ impl Node for SensorNode {
 
     fn step(&mut self, now: Time<VesselClock>, input: &SensorsIn) -> SensorsOut {
         let (mut readings, mut requests) = (Readings::default(), Vec::new());
-        let [measured, sent] = &mut self.headers;
-        let mut decoded = Vec::new();
+        let [measured, sent, framed] = &mut self.headers;
+        let (mut decoded, mut rtcm) = (Vec::new(), Vec::new());
         for (k, source) in self.sources.iter_mut().enumerate() {
             if let Some(bytes) = input.bytes.get(k).filter(|b| !b.is_empty()) {
-                source.push(now, bytes, &mut decoded);
+                source.push(now, bytes, &mut decoded, &mut rtcm);
             }
             decoded.extend(input.samples.get(k).into_iter().flatten().copied());
             let mut dated = Vec::new();
@@ -303,7 +335,16 @@ impl Node for SensorNode {
         }
         sent.at = now;
         let readings = readings.messages(sent);
-        SensorsOut { readings, requests }
+        framed.at = now;
+        for frame in &mut rtcm {
+            framed.sequence = framed.sequence.wrapping_add(1);
+            frame.header = *framed;
+        }
+        SensorsOut {
+            readings,
+            rtcm,
+            requests,
+        }
     }
 }
 

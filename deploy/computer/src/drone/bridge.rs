@@ -28,13 +28,14 @@ use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
 
 /// Messages of each subscription; the one after them is the report of the vessel's process.
-const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
+const SUBSCRIPTIONS: [(PacketKind, &Topic); 8] = [
     (PacketKind::Estimate, &topics::ESTIMATE),
     (PacketKind::Wave, &topics::WAVE),
     (PacketKind::Prediction, &topics::PREDICTION),
     (PacketKind::TimeReply, &topics::TIME_REPLY),
     (PacketKind::Deck, &topics::DECK),
     (PacketKind::Surroundings, &topics::SURROUNDINGS),
+    (PacketKind::Rtcm, &topics::RTCM),
     (PacketKind::Command, &topics::OPERATOR),
 ];
 /// A query to the vessel once it is there, for messages that come seldom.

@@ -246,6 +246,8 @@ fn metrics(
         MetricName::DroneMessages.count(drones.received()),
         MetricName::DroneMessagesRejected.count(drones.rejected() + radio.undecoded_statuses),
     ];
+    let rtcm = Some(node.rtcm().dropped()).filter(|n| *n > 0);
+    metrics.extend(rtcm.map(|n| MetricName::RtcmDropped.count(n)));
     let for_reason = |r: AccessRejection| MetricName::PeersRejectedFor(r).count(people.peers.of(r));
     let rejected = AccessRejection::ALL
         .into_iter()

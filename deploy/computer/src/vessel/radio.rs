@@ -29,8 +29,9 @@ const OPERATOR: usize = 6;
 const DRONES: usize = 7;
 const SURROUNDINGS: usize = 8;
 const RECEIPTS: usize = 9;
+const RTCM: usize = 10;
 /// The topics and how urgent they are.
-const PUBLICATIONS: [(&Topic, Urgency); 10] = [
+const PUBLICATIONS: [(&Topic, Urgency); 11] = [
     (&topics::ESTIMATE, Urgency::State),
     (&topics::WAVE, Urgency::Model),
     (&topics::PREDICTION, Urgency::Model),
@@ -41,6 +42,7 @@ const PUBLICATIONS: [(&Topic, Urgency); 10] = [
     (&topics::DRONES, Urgency::Status),
     (&topics::SURROUNDINGS, Urgency::State),
     (&topics::RECEIPTS, Urgency::State),
+    (&topics::RTCM, Urgency::Model),
 ];
 /// The subscriptions, in their order; the third is the status of drones.
 const TIME_REQUESTS: usize = 0;
@@ -139,6 +141,7 @@ impl VesselRadio {
             commands,
             receipts,
             statuses,
+            rtcm,
             events: _,
             lamp: _,
             helm: _,
@@ -150,6 +153,7 @@ impl VesselRadio {
         self.send(WAVE, &vessel.wave_update);
         self.send(PREDICTION, &vessel.prediction);
         self.send(SURROUNDINGS, &vessel.surroundings);
+        self.send(RTCM, rtcm);
         if self.operators {
             self.send(DRONES, statuses);
             self.send(RECEIPTS, receipts);

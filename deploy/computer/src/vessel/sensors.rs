@@ -42,7 +42,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 /// The node of this computer's sources, with their keys, for a start with this boot id.
 pub fn node(computer: &VesselComputerConfig, boot: u32) -> Result<SensorNode, CliError> {
-    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot);
+    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot)
+        .with_deck(computer.vessel.deck.centre_m);
     for (number, source) in computer.sensor.sources.iter().enumerate() {
         let name = format!("signing_key of sensor {}", source.name);
         if let Some(key) = mavlink_key::read(&name, &source.signing_key)? {
@@ -58,8 +59,8 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
     if sources.is_empty() {
         return Err(CliError(format!(
             "{}: no sensor is configured; add for each one a table [[sensor.sources]] with connect = \
-             \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://, can://, ws://) and format = \"nmea\", \"n2k\", \"signalk\", \"ubx\" or \
-             \"mavlink\"",
+             \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://, can://, ws://) and format = \"nmea\", \"n2k\", \"signalk\", \"ubx\", \
+             \"mavlink\" or \"rtcm\"",
             args.config.display()
         )));
     }

@@ -175,6 +175,7 @@ impl BoatSensor {
                 [velocity, fix].concat()
             }
             Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
+            Format::Rtcm => Vec::new(),
             Format::Mavlink => {
                 let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);
                 [self.heartbeat(at_ns), self.frame(mavlink::GPS_RAW_INT, &payload)].concat()
@@ -188,6 +189,7 @@ impl BoatSensor {
             Format::N2k => n2k::heading(at_ns, shown),
             Format::SignalK => signalk::heading(at_ns, shown),
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
+            Format::Rtcm => Vec::new(),
             Format::Mavlink => {
                 // Two antennas of one receiver: without a fix of its own in this message.
                 let (nowhere, still) = (Default::default(), [0.0; 3]);

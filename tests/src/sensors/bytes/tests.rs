@@ -109,6 +109,7 @@ fn read(format: Format, mount: &Mount, bytes: &[u8]) -> Vec<SourceMeasurement> {
         Format::N2k => decoded(N2kDecoder::new(&mounting), bytes),
         Format::SignalK => decoded(SignalKDecoder::new(&mounting), bytes),
         Format::Mavlink => decoded(MavlinkDecoder::new(&mounting), bytes),
+        Format::Rtcm => Vec::new(),
     }
 }
 

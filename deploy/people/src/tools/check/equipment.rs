@@ -162,7 +162,7 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
     const TOPIC: FindingTopic = FindingTopic("class");
     let gave_some = |source: &SourceCheck| {
         let status = source.received.as_ref().ok();
-        status.is_some_and(|(_, status)| status.given.iter().any(|n| *n > 0))
+        status.is_some_and(|(_, status)| status.newest_s.is_some() || status.given.iter().any(|n| *n > 0))
     };
     if sources.is_empty() || !sources.iter().all(gave_some) {
         return None;

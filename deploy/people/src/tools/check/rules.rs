@@ -542,7 +542,7 @@ fn source(found: &SourceCheck) -> Finding {
             format!("{who}: nothing came while listening"),
             "is it powered and plugged in, and does it send there?",
         ),
-        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) => TOPIC.warning(
+        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) && s.newest_s.is_none() => TOPIC.warning(
             format!(
                 "{who}: {bytes} bytes and no measurement: {} messages good, {} corrupted, {} of other kinds, {} \
                  without a time",

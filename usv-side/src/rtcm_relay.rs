@@ -1,0 +1,171 @@
+//! RTCM 3 of the vessel's receiver on its way to the radio, within a budget.
+//!
+//! A bucket holds what the radio carries in a second. The place of the base is small, and nothing is of use without it: it
+//! passes as long as the bucket lasts, and the others leave enough for it. An observation that does not fit is dropped with all
+//! that follow until the bucket is full again: whole epochs pass, not a part of each. Other messages wait with them, and leave a
+//! third of the bucket.
+
+use alight_shared::msg::{Header, RtcmFrame};
+use alight_shared::rtcm::number;
+use alight_shared::time::{Time, VesselClock};
+
+/// Frames may take so much of the radio, bytes/s; the bucket holds that of a second.
+pub const BYTES_PER_S: f64 = 3000.0;
+/// Bytes of the message around a frame, and of the radio's headers around that.
+const HEADER_BYTES: usize = 46 + 50;
+/// So much remains for two places of the base, bytes.
+const BASE_BYTES: f64 = 320.0;
+
+/// Bytes of a frame of this length on the radio.
+pub fn radio_bytes(frame: usize) -> f64 {
+    (frame + HEADER_BYTES) as f64
+}
+
+/// Passes frames on to the drones.
+#[derive(Clone, Debug)]
+pub struct RtcmRelay {
+    /// Header of the newest that was passed on.
+    header: Header<VesselClock>,
+    /// Content of the bucket, bytes, and since when.
+    bucket: f64,
+    at: Option<Time<VesselClock>>,
+    /// An observation was dropped since the bucket was full.
+    waits: bool,
+    dropped: u64,
+}
+
+impl RtcmRelay {
+    /// Of vessel `vessel`, whose process started with this boot id.
+    pub fn new(vessel: u32, boot: u32) -> Self {
+        RtcmRelay {
+            header: Header::new(vessel, 0, boot, 0, Time::EPOCH),
+            bucket: BYTES_PER_S,
+            at: None,
+            waits: false,
+            dropped: 0,
+        }
+    }
+    /// Frames that were dropped.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+    /// The frames that fit, with the headers of this process, in their order.
+    pub fn pass(
+        &mut self,
+        now: Time<VesselClock>,
+        frames: &[RtcmFrame<VesselClock>],
+    ) -> Vec<RtcmFrame<VesselClock>> {
+        let since_s = self.at.replace(now).map_or(0.0, |at| (now - at).secs().max(0.0));
+        self.bucket = (self.bucket + since_s * BYTES_PER_S).min(BYTES_PER_S);
+        self.waits &= self.bucket < BYTES_PER_S;
+        let mut passed = Vec::new();
+        for frame in frames {
+            if !self.takes(frame) {
+                self.dropped += 1;
+                continue;
+            }
+            self.header.at = frame.header.at;
+            self.header.sequence = self.header.sequence.wrapping_add(1);
+            passed.push(RtcmFrame {
+                header: self.header,
+                ..*frame
+            });
+        }
+        passed
+    }
+    /// Whether a frame fits; what it needs is taken then.
+    fn takes(&mut self, frame: &RtcmFrame<VesselClock>) -> bool {
+        let Some(number) = number(&frame.bytes) else {
+            return false;
+        };
+        let left = self.bucket - radio_bytes(frame.bytes.len());
+        let fits = if number.is_base() {
+            left >= 0.0
+        } else if number.is_observation() {
+            self.waits |= left < BASE_BYTES;
+            !self.waits
+        } else {
+            !self.waits && left >= BYTES_PER_S / 3.0
+        };
+        if fits {
+            self.bucket = left;
+        }
+        fits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::rtcm_frame;
+    use alight_shared::msg::Seq;
+
+    fn frame(message: u16, bytes: usize) -> RtcmFrame<VesselClock> {
+        RtcmFrame {
+            bytes: Seq::filled(rtcm_frame(message, bytes - 6)),
+            ..RtcmFrame::default()
+        }
+    }
+    /// Numbers of the frames that pass of an epoch of four systems with the base's place, so many times a second for 20 s.
+    fn passed(relay: &mut RtcmRelay, rate_hz: f64, bytes: usize) -> Vec<Vec<u16>> {
+        let epoch = [1077, 1087, 1097, 1127].map(|message| frame(message, bytes));
+        let epoch = [vec![frame(1005, 25)], epoch.to_vec(), vec![frame(1230, 14)]].concat();
+        let numbers = |k: f64| -> Vec<u16> {
+            let passed = relay.pass(Time::from_secs(k / rate_hz), &epoch);
+            passed
+                .iter()
+                .filter_map(|f| number(&f.bytes))
+                .map(|n| n.message)
+                .collect()
+        };
+        (0..(20.0 * rate_hz) as u32).map(f64::from).map(numbers).collect()
+    }
+
+    #[test]
+    fn frames_within_the_budget() {
+        let mut relay = RtcmRelay::new(1, 9);
+        let all = passed(&mut relay, 1.0, 300);
+        assert!(
+            all.iter()
+                .all(|epoch| *epoch == [1005, 1077, 1087, 1097, 1127, 1230]),
+            "{all:?}"
+        );
+        assert_eq!(relay.dropped(), 0);
+    }
+
+    #[test]
+    fn whole_epochs_beyond_the_budget() {
+        let mut relay = RtcmRelay::new(1, 9);
+        let all = passed(&mut relay, 5.0, 400);
+        assert!(
+            all.iter().all(|epoch| epoch.contains(&1005)),
+            "a base's place was dropped: {all:?}"
+        );
+        let observations = |epoch: &Vec<u16>| epoch.iter().filter(|n| (1070..1200).contains(*n)).count();
+        let observed: Vec<usize> = all.iter().map(observations).collect();
+        let count = |low: usize, high: usize| observed.iter().filter(|n| (low..=high).contains(*n)).count();
+        let [whole, parts] = [count(4, 4), count(1, 3)];
+        assert!(whole >= 10 && parts <= whole, "{observed:?}");
+        let bytes: f64 = observed.iter().map(|n| *n as f64 * radio_bytes(400)).sum();
+        assert!(bytes <= 21.0 * BYTES_PER_S, "{bytes} bytes in 20 s");
+    }
+
+    #[test]
+    fn longest_frame_with_a_header_of_its_own() {
+        let mut relay = RtcmRelay::new(1, 9);
+        let mut longest = frame(1077, alight_shared::rtcm::MAX_FRAME_BYTES);
+        longest.header = Header::new(1, 0, 77, 5, Time::from_secs(3.0));
+        let passed: Vec<_> = (0..2)
+            .flat_map(|_| relay.pass(Time::from_secs(3.0), &[longest]))
+            .collect();
+        let headers: Vec<_> = passed.iter().map(|f| f.header).collect();
+        assert_eq!(
+            headers,
+            [1, 2].map(|sequence| Header::new(1, 0, 9, sequence, Time::from_secs(3.0)))
+        );
+        assert!(passed.iter().all(|f| f.bytes == longest.bytes));
+        let mut damaged = longest;
+        damaged.bytes[9] ^= 1;
+        assert!(relay.pass(Time::from_secs(9.0), &[damaged]).is_empty());
+    }
+}
