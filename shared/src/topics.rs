@@ -241,7 +241,7 @@ topics! {
         COMPUTER: "computer/report", msg::ComputerReport, 2.0 Hz, 3000 ms, 2 deep;
         /// Frames of RTCM 3 among the bytes of the vessel's sensors.
         VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrame<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
-        /// The same on the drone's clock, as the bridge admitted them.
+        /// Frames of RTCM 3 on the drone's clock, as the bridge admitted them.
         BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrame<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
         /// The drone's place relative to the vessel, by its receiver.
         RELATIVE: "drone/relative", msg::RelativePlace, 5.0 Hz, 1000 ms, 8 deep;
@@ -418,6 +418,13 @@ mod tests {
                 surroundings: around,
             },
         );
+        let frame = RtcmFrame::<VesselClock> {
+            header,
+            bytes: Seq::filled([0xD3; crate::rtcm::MAX_FRAME_BYTES]),
+            ..RtcmFrame::default()
+        };
+        assert!(wire::encode(&frame).unwrap().len() <= RTCM.bytes);
+        decoded(&RTCM, &frame);
         let course = Course::Steady(60.0);
         let grant = DeckGrant::<VesselClock> {
             header,
@@ -480,7 +487,7 @@ mod tests {
     }
 
     /// Numbers without a unit: counts, numbers of computers, shares, probabilities, ratios.
-    const WITHOUT_UNIT: [&str; 23] = [
+    const WITHOUT_UNIT: [&str; 24] = [
         "boot",
         "sequence",
         "vessel",
@@ -504,6 +511,7 @@ mod tests {
         "datum_sum",
         "base",
         "factors",
+        "bytes",
     ];
 
     #[test]

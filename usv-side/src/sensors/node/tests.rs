@@ -1,5 +1,6 @@
 use super::*;
-use crate::fixtures::sentence;
+use crate::fixtures::{rtcm_frame, sentence};
+use crate::sensors::Mount;
 use alight_shared::vessel_model::{PITCH, ROLL, SURGE, SWAY, YAW};
 use proptest::prelude::*;
 
@@ -216,6 +217,118 @@ fn sensor_node_with_a_heave_that_stands_too_high() {
             .starts_with("heave is beyond what is possible (30.0 m): left out 100 times of 100"),
         "{remark:?}"
     );
+}
+
+/// A node whose one source, of this format, is a moving base.
+fn base_node(format: Format) -> SensorNode {
+    let mount = Mount {
+        antenna_m: Some([1.0, 2.0, -3.0]),
+        ..Mount::default()
+    };
+    let source = SourceConfig {
+        format,
+        rtcm: true,
+        mount,
+        ..SourceConfig::default()
+    };
+    let sources = vec![source];
+    SensorNode::new(&SourcesConfig { sources }, 1, 9).with_deck([-4.0, 0.0, -1.0])
+}
+/// The output after these bytes.
+fn pushed(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[u8]) -> SensorsOut {
+    let input = SensorsIn {
+        bytes: vec![bytes.to_vec()],
+        ..SensorsIn::default()
+    };
+    n.step(now, &input)
+}
+/// Frames at step `k`, every tenth with a damaged one.
+fn epoch(k: i64) -> Vec<Vec<u8>> {
+    let mut damaged = rtcm_frame(1087, 90);
+    damaged[40] ^= 1;
+    let mut all = vec![rtcm_frame(1005, 19), rtcm_frame(1077, 200), rtcm_frame(1230, 8)];
+    all.extend((k % 10 == 0).then_some(damaged));
+    all
+}
+
+#[test]
+fn frames_of_a_base_among_sentences() {
+    let mut n = base_node(Format::Nmea);
+    let (mut attitudes, mut frames, mut before) = (0, Vec::new(), Vec::new());
+    for k in 0..100_i64 {
+        // No end of line stands between a frame and a sentence; the last bytes of a step come in the next.
+        let mut bytes = [before, epoch(k).concat(), messages(k).into_bytes()].concat();
+        before = bytes.split_off(bytes.len() - (k % 7) as usize);
+        let out = pushed(&mut n, at(k), &bytes);
+        attitudes += Readings::of(&out.readings).attitude.len();
+        frames.extend(out.rtcm);
+    }
+    let whole: Vec<Vec<u8>> = (0..100).flat_map(|k| epoch(k).into_iter().take(3)).collect();
+    assert!(
+        frames
+            .iter()
+            .map(|f| &*f.bytes)
+            .eq(whole.iter().map(Vec::as_slice))
+    );
+    // A damaged frame is a part of the sentence after it.
+    assert_eq!(attitudes, 90);
+    let (first, last) = (frames[0].header, frames[299].header);
+    assert_eq!(
+        (first.at, first.boot, first.sequence, last.sequence),
+        (at(0), 9, 1, 300)
+    );
+    assert!(frames.iter().all(|f| f.antenna_m == [5.0, 2.0, -2.0]));
+    let remarks = &n.remarks()[0];
+    assert!(
+        remarks[0]
+            .text
+            .starts_with("RTCM of 5.3 kB/s: 3.0 kB/s of it go by radio")
+            && remarks[0].remedy.is_some(),
+        "{remarks:?}"
+    );
+    let rates = Remark::fine("RTCM: 1005 10.0 Hz, 1077 10.0 Hz, 1230 10.0 Hz; 10 damaged".into());
+    assert_eq!(remarks[1], rates);
+}
+
+#[test]
+fn frames_of_a_base_that_lacks_its_place() {
+    let mut n = base_node(Format::Rtcm);
+    for k in 0..5 {
+        let out = pushed(
+            &mut n,
+            at(10 * k),
+            &[rtcm_frame(1087, 90), messages(k).into_bytes()].concat(),
+        );
+        assert!(out.readings.is_empty() && out.rtcm.len() == 1);
+    }
+    let status = n.status()[0];
+    assert_eq!((status.decoded.good, status.newest_s), (5, Some(at(40).secs())));
+    let texts: Vec<String> = n.remarks()[0].iter().map(|r| r.text.clone()).collect();
+    assert!(
+        texts[0].starts_with("RTCM lacks the base's place (4072.0, 1005 or 1006)"),
+        "{texts:?}"
+    );
+    assert!(
+        texts[1].contains("GLONASS without its biases (1230)"),
+        "{texts:?}"
+    );
+    assert_eq!(texts[2..], ["RTCM: 1087 1.0 Hz"]);
+    // The place came, and not again.
+    pushed(&mut n, at(50), &rtcm_frame(4072, 40));
+    assert_eq!(n.remarks()[0][1].text, "RTCM: 1087 1.0 Hz, 4072.0 once");
+    for k in 6..40 {
+        pushed(&mut n, at(10 * k), &rtcm_frame(1087, 90));
+    }
+    assert!(n.remarks()[0][0].remedy.is_some(), "{:?}", n.remarks());
+}
+
+#[test]
+fn frames_of_one_step_are_bounded() {
+    let mut n = base_node(Format::Ubx);
+    let out = pushed(&mut n, at(0), &rtcm_frame(1077, 94).repeat(50));
+    assert_eq!((out.rtcm.len(), n.status()[0].lost_bytes), (32, 1800));
+    // Without the key nothing is passed on.
+    assert!(pushed(&mut node(1), at(0), &rtcm_frame(1077, 94)).rtcm.is_empty());
 }
 
 proptest! {
