@@ -35,7 +35,7 @@ pub struct RtcmRelay {
 }
 
 impl RtcmRelay {
-    /// Of vessel `vessel`, whose process started with this boot id.
+    /// A relay of vessel `vessel`, whose process started with this boot id.
     pub fn new(vessel: u32, boot: u32) -> Self {
         RtcmRelay {
             header: Header::new(vessel, 0, boot, 0, Time::EPOCH),

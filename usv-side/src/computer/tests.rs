@@ -1,6 +1,7 @@
 //! Tests of the vessel's computer.
 
 use super::*;
+use crate::fixtures::rtcm_frame;
 use alight_shared::msg::{CommandKind, Header, Reason, ReasonCode, State, TimeRequest};
 
 fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
@@ -85,6 +86,25 @@ fn status_with_an_old_mission_state() {
         Some((Some(3), 1, 29)),
         "people see it, the arbiter takes it for silent"
     );
+}
+
+/// Drones listen to one boot of a vessel: that of its own process, not that of its sensors'.
+#[test]
+fn frames_of_a_base_with_the_computers_boot() {
+    let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
+    let now = Time::from_secs(2.0);
+    let frame = RtcmFrame {
+        header: Header::new(1, 0, 77, 5, now),
+        bytes: Seq::filled(rtcm_frame(1005, 19)),
+        ..RtcmFrame::default()
+    };
+    let input = ComputerIn {
+        rtcm: vec![frame],
+        ..ComputerIn::default()
+    };
+    let header = Header::new(1, 0, 9, 1, now);
+    assert_eq!(computer.step(now, &input).rtcm, [RtcmFrame { header, ..frame }]);
+    assert!(computer.step(now, &ComputerIn::default()).rtcm.is_empty());
 }
 
 /// A drone with a sound certificate speaks for another, which lands.

@@ -188,7 +188,7 @@ config! {
         /// File with the key of MAVLink 2 signing: a passphrase, of which the key is the SHA-256, or 64 hexadecimal
         /// digits. Empty: nothing is signed, and no signature is checked.
         pub signing_key: String = String::new();
-        /// Its receiver is the moving base of the drones' receivers: the frames of RTCM 3 among its bytes are passed on to them.
+        /// The receiver is the moving base of the drones' receivers: frames of RTCM 3 among its bytes are passed on to them.
         /// Always so with format `rtcm`.
         pub rtcm: bool = false;
         /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
@@ -224,7 +224,7 @@ config! {
 }
 
 impl SourceConfig {
-    /// Its frames of RTCM 3 are passed on to the drones.
+    /// Whether its frames of RTCM 3 are passed on to the drones.
     pub fn is_base(&self) -> bool {
         self.rtcm || self.format == Format::Rtcm
     }

@@ -62,7 +62,7 @@ wiring! {
 struct Source {
     format: Format,
     decoder: Box<dyn SensorDecoder>,
-    /// Of a moving base.
+    /// Frames of a moving base, where it is one.
     rtcm: Option<RtcmTraffic>,
     latency: Span,
     /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.

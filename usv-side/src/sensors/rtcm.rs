@@ -59,7 +59,7 @@ pub(super) struct RtcmTraffic {
 }
 
 impl RtcmTraffic {
-    /// Of a receiver whose antenna is here in the vessel's body frame, m.
+    /// A receiver whose antenna is here in the vessel's body frame, m.
     pub(super) fn new(antenna_m: [f64; 3]) -> Self {
         RtcmTraffic {
             decoder: RtcmDecoder::default(),

@@ -453,6 +453,10 @@ mod tests {
         );
         // A source that gave nothing is a finding of its own.
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
+        // One that has RTCM alone gives no measurements.
+        let mut base = source([0; 4]);
+        base.received.as_mut().unwrap().1.newest_s = Some(1.0);
+        assert!(vessel(&[source([0, 3, 25, 3]), base], &slow).is_some());
         assert_eq!(vessel(&[], &SensorStatistics::default()), None);
     }
 
