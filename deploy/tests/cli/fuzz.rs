@@ -12,10 +12,11 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage,
-    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
-    WaveSender, WaveUpdate, f16,
+    RtcmFrame, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode,
+    WaveModel, WaveSender, WaveUpdate, f16,
 };
 use alight_shared::process::ProcessState;
+use alight_shared::rtcm::MAX_FRAME_BYTES;
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::wire::{self, MAX_WIRE_BYTES};
 use alight_sim::harness::scenario::Scenario;
@@ -92,6 +93,7 @@ fn decode_all(bytes: &[u8]) {
     let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<RtcmFrame<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<DroneStatus>(bytes).map(|m| m.check());
@@ -150,6 +152,10 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         kind: CommandKind::Land,
     };
+    let frame = RtcmFrame::<VesselClock> {
+        bytes: Seq::filled([0xD3; MAX_FRAME_BYTES]),
+        ..RtcmFrame::default()
+    };
     [
         wire::encode(&EstimateUpdate::whole(&estimate)),
         wire::encode(&whole),
@@ -159,6 +165,7 @@ fn sound() -> Vec<Vec<u8>> {
         wire::encode(&reply),
         wire::encode(&grant),
         wire::encode(&command),
+        wire::encode(&frame),
         wire::encode(&DroneStatus::default()),
         wire::encode(&ProcessState::default()),
     ]
@@ -181,7 +188,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_radio_messages(which in 0_usize..10, all in prop::collection::vec(damage(), 1..8)) {
+    fn damaged_radio_messages(which in 0_usize..11, all in prop::collection::vec(damage(), 1..8)) {
         let good = sound();
         decode_all(&damaged(good[which % good.len()].clone(), &all));
     }
