@@ -318,7 +318,7 @@ mod tests {
             "from far"
         );
         let near = after(&mut trust, 1.0, [0.1, 0.0, 0.1], 2.0);
-        assert!(near.confirmed && near.sight_age_s() < 0.3, "{near:?}");
+        assert!(near.confirmed && near.used_age_s < 0.3, "{near:?}");
         // A confirmation is that of one fix in one frame.
         assert_eq!(trust.take(&measured(2.0, CarrierSolution::Float)), Some(false));
         let float = trust.state(Time::from_secs(2.0)).unwrap();
@@ -334,7 +334,7 @@ mod tests {
             let mut trust = RelativeTrust::default();
             let s = after(&mut trust, 0.0, apart, 2.0);
             assert!((s.contradicted_m.unwrap() - 0.5).abs() < 1e-9 && !s.confirmed);
-            assert!(s.sight_age_s() == f64::INFINITY && s.used_age_s == f64::INFINITY);
+            assert_eq!(s.used_age_s, f64::INFINITY);
             // The tags agree now, but it is still the fix that was false.
             assert!(after(&mut trust, 1.0, [0.0; 3], 2.0).contradicted_m.is_some());
             let mut gone = trust;
