@@ -8,8 +8,10 @@
 //! |---|---|---|
 //! | take-off | where the feet stood on the deck | drift of barometer or GNSS height in a flight |
 //! | mean sea level, by the origin that the autopilot reports | still water with the deck's height over it | tide, both receivers, their geoid models |
-//! | camera | the forecast while it sees the deck, or a relative place that its tags confirmed shows it, and since | drift, as for a take-off |
+//! | camera | the forecast while it sees the deck, and since | drift, as for a take-off |
 //! | rangefinder | whatever is below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
+//!
+//! A relative place that the tags have confirmed counts as the camera.
 //!
 //! A witness that has the deck *higher* by more than it errs by contradicts: the drone stays as high as if both levels were
 //! the deck's. Without a witness it stays no lower than a pilot flew it. Mean sea level is no witness where the drone
