@@ -4,12 +4,16 @@ use alight_shared::msg::ReasonCode::{
     Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings, TiltExcess,
     TooSteep, VisionLost,
 };
+use alight_shared::msg::{CarrierSolution, RelativeState};
+use nalgebra::UnitQuaternion;
 
-use State::{Descent, Flare, Tracking};
+use State::{Descent, Flare, Tracking, TrackingStable};
 
+use super::situation::{Deck, OwnState};
 use super::tests::Does::{Enter, Stay};
 use super::tests::*;
 use super::*;
+use crate::fixtures::{drone, forecast, header, level};
 
 #[test]
 fn flare_clearance() {
@@ -86,6 +90,66 @@ fn flare_without_vision() {
     for radio_age_s in [fair().deck.unwrap().radio_age_s, 9.0] {
         let blind = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, radio_age_s));
         waits(&run(FREE_FLARE, &blind, 1.0), Flare, Flaring);
+    }
+}
+
+#[test]
+fn relative_place_instead_of_lost_tags() {
+    let lost = |clearance_m: f64, relative_age_s: f64| {
+        with_deck(|d| {
+            (d.clearance_m, d.vision_age_s, d.relative_age_s) = (clearance_m, 8.0, relative_age_s);
+            d.radio_age_s = 9.0;
+        })
+    };
+    let rows = [
+        (lost(1.8, 0.2), 2.0, Stay(Descent, Descending)),
+        (lost(0.85, 0.2), 0.0, Enter(Flare, FlareHeight)),
+        // It ends, or it has never been confirmed.
+        (lost(1.8, 2.0), 1.0, Enter(Tracking, VisionLost)),
+        (lost(1.8, f64::INFINITY), 1.0, Enter(Tracking, VisionLost)),
+    ];
+    table(DESCENT, rows);
+    waits(&run(FREE_FLARE, &lost(0.85, 0.2), 1.0), Flare, Flaring);
+    // No descent begins without the tags.
+    let undetected_s = config().descent_vision_s + 0.5;
+    let above = with_deck(|d| (d.vision_age_s, d.relative_age_s) = (undetected_s, 0.2));
+    waits(
+        &step(MissionPhase::TrackingStable, &above),
+        TrackingStable,
+        VisionLost,
+    );
+}
+
+#[test]
+fn relative_place_that_stands_in_for_tags() {
+    let own = OwnState::of(&drone(header(1, at(1.0)), [0.0, 0.0, -4.0]));
+    let age_s = |relative: Option<RelativeState>| {
+        let f = DeckForecast {
+            vision_age_s: 3.0,
+            relative,
+            ..forecast(header(1, at(1.0)), |_| level([0.0, 0.0, -1.3]))
+        };
+        let level = UnitQuaternion::identity();
+        let deck = Deck::of(&f, &own, &DroneGeometry::default(), &level, &config(), at(1.0));
+        deck.unwrap().located_age_s()
+    };
+    let confirmed = RelativeState {
+        solution: CarrierSolution::Fixed,
+        used_age_s: 0.2,
+        confirmed: true,
+        ..RelativeState::default()
+    };
+    let unconfirmed = RelativeState {
+        confirmed: false,
+        ..confirmed
+    };
+    let contradicted = RelativeState {
+        contradicted_m: Some(0.5),
+        ..confirmed
+    };
+    assert_eq!(age_s(Some(confirmed)), 0.2);
+    for relative in [None, Some(unconfirmed), Some(contradicted)] {
+        assert_eq!(age_s(relative), 3.0);
     }
 }
 

@@ -11,6 +11,8 @@
 //! | camera | the forecast while it sees the deck, and since | drift, as for a take-off |
 //! | rangefinder | whatever is below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
+//! A relative place that the tags have confirmed counts as the camera.
+//!
 //! A witness that has the deck *higher* by more than it errs by contradicts: the drone stays as high as if both levels were
 //! the deck's. Without a witness it stays no lower than a pilot flew it. Mean sea level is no witness where the drone
 //! itself has been lower (an inland water below the sea), and contradicts nothing that a take-off from the deck confirms.
@@ -23,6 +25,7 @@ use nalgebra::Vector3;
 
 use super::MissionNode;
 use super::phase::DroneTime;
+use super::situation::relative_age_s;
 use crate::mission_config::MissionConfig;
 
 /// The mean level that counts follows the forecasts' no faster than this, m/s: many times what two GNSS receivers drift apart.
@@ -81,7 +84,7 @@ impl Surface {
 pub(super) struct HeightInput {
     /// Deck's mean level of the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
-    /// The camera sees the deck, by the forecast.
+    /// The camera sees the deck, or a relative place that the tags have confirmed shows it, by the forecast.
     pub(super) observed: bool,
     /// Drone's centre of mass, NED z, m, where odometry is fresh.
     pub(super) own_z: Option<f64>,
@@ -275,7 +278,8 @@ impl MissionNode {
                 .map(|(d, deck)| d.position() - Vector3::from(deck.position));
             let input = HeightInput {
                 forecast_z: level,
-                observed: forecast.is_some_and(|f| f.vision_age_s <= self.config.vision_fresh_s)
+                observed: forecast
+                    .is_some_and(|f| f.vision_age_s.min(relative_age_s(f)) <= self.config.vision_fresh_s)
                     && deck.is_some_and(|d| d.position_sd[2] < VISION_SD_M),
                 own_z: own.map(|d| d.position[2]),
                 feet_m: self.drone_geometry.feet_below_m,

@@ -391,14 +391,14 @@ impl MissionNode {
         };
         if let MissionPhase::Descent { paused, .. } = self.phase
             && (paused.is_none() || c.lowest_plan_m().is_some())
-            && deck.vision_age_s <= c.descent_vision_s
+            && deck.located_age_s() <= c.descent_vision_s
         {
             return c.descent_mps;
         }
         // A committed flare continues without vision for as long as the longest such end allows.
         if let MissionPhase::Flare { committed, .. } = self.phase
-            && (deck.vision_age_s <= blind_limit(deck)
-                || (committed && deck.vision_age_s <= RADIO_BLIND_S + c.flare_timeout_s))
+            && (deck.located_age_s() <= blind_limit(deck)
+                || (committed && deck.located_age_s() <= RADIO_BLIND_S + c.flare_timeout_s))
         {
             return c.flare_mps;
         }

@@ -119,6 +119,8 @@ pub struct Deck {
     pub radio_age_s: f64,
     /// Age of the newest vision measurement, s.
     pub vision_age_s: f64,
+    /// Age of the newest relative place that may stand in for one, s: confirmed by the tags; infinite without.
+    pub relative_age_s: f64,
     /// Speed at which drone and deck come together along its normal, m/s.
     pub sinking_mps: f64,
     /// Maximum predicted horizontal speed over the horizon, m/s.
@@ -159,6 +161,11 @@ fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
         .and_then(|[apart, limit]| exceeds(ReasonCode::DeckElsewhere, apart, limit));
     let height_sd = forecast.height_nis.map(f64::sqrt);
     elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
+}
+
+/// Age of the newest relative place that may stand in for a vision measurement, s.
+pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
+    forecast.relative.map_or(f64::INFINITY, |r| r.sight_age_s())
 }
 
 impl Deck {
@@ -203,6 +210,7 @@ impl Deck {
             } else {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
+            relative_age_s: relative_age_s(forecast),
             sinking_mps: -here.speed_away(&own.velocity),
             speed_mps,
             heave_mps,
@@ -221,6 +229,11 @@ impl Deck {
                 .then(|| ContactOutcomes::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
         })
+    }
+    /// Age of what shows a landing that has begun where the deck is, s: the newest vision measurement, or what stands in for it where
+    /// the tags are too near, hidden or too dark to be detected. A landing begins by the tags.
+    pub fn located_age_s(&self) -> f64 {
+        self.vision_age_s.min(self.relative_age_s)
     }
     /// Next place of the drone on its way to the place at this distance (m) and bearing (rad, from north) from the deck's
     /// centre, NED, m: around the deck, an eighth of a half turn at a time.

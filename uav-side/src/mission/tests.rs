@@ -52,6 +52,7 @@ fn fair_deck() -> Deck {
         radio_age_s: 0.1,
         identified: true,
         vision_age_s: 0.05,
+        relative_age_s: f64::INFINITY,
         sinking_mps: 0.3,
         speed_mps: 0.5,
         heave_mps: 0.5,

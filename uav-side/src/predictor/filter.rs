@@ -70,8 +70,10 @@ pub struct Filter {
     rejected: [u32; 2],
     /// The radio is received.
     radio_available: bool,
-    /// Degrees of freedom that were ever measured in the drone's frame.
+    /// Degrees of freedom that were ever measured by the camera or the rangefinder.
     observed: [bool; AXES],
+    /// The newest measurement of the place in the drone's frame is a relative place.
+    by_relative: bool,
     /// Jumps of the autopilot's estimate that separate vision's slow error from the radio's, north and east, m.
     taken: [f64; 2],
     started: Time<DroneClock>,
@@ -103,6 +105,7 @@ impl Filter {
             rejected: [0; 2],
             radio_available: true,
             observed: [false; AXES],
+            by_relative: false,
             taken: [0.0; 2],
             started: first.at,
         };
@@ -222,6 +225,17 @@ impl Filter {
             a.update(MeasurementRow::Offset, offset[i], variance[i]);
         }
     }
+    /// The place in the drone's frame was measured wrong, by `apart_m`: each axis is as uncertain as that now, and the camera's rotation,
+    /// which may have taken a part of it, is unknown again.
+    pub fn give_up_place(&mut self, apart_m: f64) {
+        let noise = self.noise;
+        self.by_relative = false;
+        let Some(e) = self.keep_newest() else { return };
+        for (a, n) in e.after.iter_mut().zip(&noise).take(3) {
+            a.p[VISION][VISION] += apart_m * apart_m;
+            a.forget(TURN, n.turn.0);
+        }
+    }
     /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.keep_newest() else { return };
@@ -281,14 +295,7 @@ impl Filter {
         };
         self.advance(&mut state, waves, since, o.at);
         let gated = apply(&mut state, o, waves, self.gate, self.common_tilt);
-        if o.kind != ObservationKind::Estimate {
-            for (k, group) in GROUPS.iter().enumerate() {
-                let used = gated & (1 << k) == 0;
-                group
-                    .iter()
-                    .for_each(|&i| self.observed[i] |= used && o.value[i].is_some());
-            }
-        }
+        self.note(o, |k| gated & (1 << k) == 0);
         let gated = gated.count_ones();
         self.entries.insert(
             i,
@@ -309,6 +316,24 @@ impl Filter {
             Fused::All
         } else {
             Fused::Gated(gated)
+        }
+    }
+
+    /// Notes what was measured in the drone's frame; `used`: the groups of degrees of freedom that were not rejected.
+    fn note(&mut self, o: &DeckObservation, used: impl Fn(usize) -> bool) {
+        match o.kind {
+            ObservationKind::Estimate => return,
+            ObservationKind::Relative => {
+                self.by_relative |= used(0);
+                return;
+            }
+            ObservationKind::Tag | ObservationKind::Uvdar => self.by_relative &= !used(0),
+            ObservationKind::Range => {}
+        }
+        for (k, group) in GROUPS.iter().enumerate() {
+            group
+                .iter()
+                .for_each(|&i| self.observed[i] |= used(k) && o.value[i].is_some());
         }
     }
 
@@ -339,9 +364,17 @@ impl Filter {
     /// The autopilot's estimate has jumped.
     pub fn shift(&mut self, jump: &FrameJump) {
         let before = self.offsets();
-        let mut known = self.observed;
+        let by_relative = self.by_relative;
+        let measured = core::array::from_fn(|i| self.observed[i] || by_relative && i < 3);
+        let mut known = measured;
         for e in &mut self.entries {
-            known = shift::state(&mut e.after, jump, &self.observed, &self.noise, self.gate);
+            known = shift::state(
+                &mut e.after,
+                jump,
+                (&measured, by_relative),
+                &self.noise,
+                self.gate,
+            );
             if let Some(o) = &mut e.observation {
                 o.shift(jump);
             }
@@ -350,7 +383,9 @@ impl Filter {
         for (taken, (a, b)) in self.taken.iter_mut().zip(after.into_iter().zip(before)) {
             *taken += a - b;
         }
-        self.observed = known;
+        for (observed, known) in self.observed.iter_mut().zip(known) {
+            *observed &= known;
+        }
         if !(known[0] && known[1]) {
             self.taken = [0.0; 2];
         }
@@ -405,7 +440,7 @@ impl Filter {
         let (channel, slow) = match kind {
             ObservationKind::Estimate => (0, super::axis::RADIO),
             ObservationKind::Tag | ObservationKind::Uvdar => (1, VISION),
-            ObservationKind::Range => return,
+            ObservationKind::Range | ObservationKind::Relative => return,
         };
         let Some(count) = self.rejected.get_mut(channel) else {
             return;

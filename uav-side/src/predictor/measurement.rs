@@ -1,4 +1,4 @@
-//! Measurement function `h(x)` of vision and rangefinder, its Jacobian, and innovations `z - h(x)`.
+//! Measurement function `h(x)` of vision, rangefinder and relative place, its Jacobian, and innovations `z - h(x)`.
 //!
 //! A detection `z` is the deck from the drone's measured pose, in the drone's NED; by the state of the six filters, with
 //! the deck `d` (mean, waves and modes), slow errors `b` of vision, and the direction `l` from the drone to the deck:
@@ -10,6 +10,9 @@
 //!                                            reads k more than the drone's; m: rotation of the camera's mount, b of tilt
 //! heading      d + b
 //! ```
+//!
+//! A range and a relative place are not measured along a camera's line: with `l = 0` their height is `d + b + s(t, y)`, and the
+//! relative place `d + b` north and east. Its `b` is vision's, for it is converted with the same odometry.
 //!
 //! The filters do not couple: each is corrected by its own block of the Jacobian, the tilt's inverted. Of the other
 //! states only the mount makes the height uncertain: by lever-arm heave and compass the forecast is as far off as the
@@ -183,17 +186,21 @@ mod tests {
 
     const CENTRE: Vector3<f64> = Vector3::new(-4.0, 0.5, -1.3);
 
-    /// Arguments, and a detection along any line.
+    /// Arguments, and a detection along any line, or a relative place.
     fn case() -> impl Strategy<Value = (Arguments, DeckObservation)> {
         let units = prop::array::uniform11(-1.0_f64..1.0);
-        (units, prop::array::uniform3(-8.0_f64..8.0)).prop_map(|(units, from_drone)| {
+        let line = prop::option::weighted(0.7, prop::array::uniform3(-8.0_f64..8.0));
+        (units, line).prop_map(|(units, line)| {
             let largest = [10.0, 10.0, 10.0, 0.4, 0.4, 3.0, 0.05, 0.05, 0.05, 0.05, 0.2];
             let o = DeckObservation {
                 at: Time::EPOCH,
-                kind: ObservationKind::Tag,
+                kind: match line {
+                    Some(_) => ObservationKind::Tag,
+                    None => ObservationKind::Relative,
+                },
                 value: [None; AXES],
                 rate: [None; AXES],
-                from_drone: from_drone.into(),
+                from_drone: line.unwrap_or_default().into(),
             };
             (Arguments::from(units).component_mul(&Arguments::from(largest)), o)
         })
@@ -234,10 +241,14 @@ mod tests {
         fn innovation_of_a_predicted_measurement((u, mut o) in case(), turns in -1.0_f64..1.0) {
             let modes = DeckMotion { value: [0.3, -0.2, 0.5, 0.05, -0.04, 0.1], ..DeckMotion::default() };
             let (h, _) = predicted(&u, &o, &CENTRE);
-            o.value = core::array::from_fn(|i| Some((h[i], 1e-4)));
-            o.value[5] = Some((h[5] + TAU * turns.round(), 1e-4));
+            let relative = o.kind == ObservationKind::Relative;
+            o.value = core::array::from_fn(|i| (i < 3 || !relative).then_some((h[i], 1e-4)));
+            o.value[5] = (!relative).then_some((h[5] + TAU * turns.round(), 1e-4));
             for nu in innovations(&state(&u, &modes), &modes, &CENTRE, &o).into_iter().flatten() {
                 prop_assert!(nu.value.abs() < 1e-9, "{nu:?}");
+                // Neither the camera's rotation nor its mount is in a relative place.
+                let vision = nu.row == MeasurementRow::Vision && nu.variance == 1e-4;
+                prop_assert!(vision || !relative, "{nu:?}");
             }
         }
     }

@@ -14,6 +14,7 @@
 //! - `measurement`: what the filters predict of a measurement, and its Jacobian.
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
+//! - `relative`: the place by a receiver with the vessel's as its moving base, and its trust.
 //! - `shift`: what of it moves where the autopilot's estimate jumps.
 //! - [`forecast`]: the horizon.
 //! - `checkpoint`: what outlives the process.
@@ -37,6 +38,7 @@ mod node;
 pub mod observation;
 mod own;
 pub mod placement;
+mod relative;
 mod shift;
 pub mod track;
 pub mod waves;

@@ -6,8 +6,8 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S,
-    PredictorCheckpoint, RangeSample, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate,
-    VesselPrediction, VesselSurroundings, WaveModel,
+    PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -17,6 +17,7 @@ use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 mod by_beacon;
+mod moving_base;
 mod radio;
 mod sight;
 
@@ -30,8 +31,9 @@ use super::forecast::Horizon;
 use super::identity::{Decks, Verdict};
 use super::level::MeanDeckLevel;
 use super::measurement;
-use super::observation::{self, DeckObservation};
+use super::observation::{self, DeckObservation, ObservationKind};
 use super::own::OwnModel;
+use super::relative::RelativeTrust;
 use super::track::DroneTrack;
 use super::waves::{AXES, Waves};
 use alight_shared::checkpoint::Recovery;
@@ -61,6 +63,8 @@ pub struct PredictorIn {
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder.
     pub ranges: Vec<RangeSample>,
+    /// The drone's place relative to the vessel.
+    pub relative: Vec<RelativePlace>,
     /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
@@ -89,6 +93,7 @@ wiring! {
             all tags: TagPose,
             all uvdar: UvdarFix,
             all ranges: RangeSample,
+            all relative: RelativePlace,
         }
         writes { forecast: DeckForecast }
         wakes { DroneState }
@@ -123,6 +128,7 @@ pub struct Predictor {
     range_at: Option<Time<DroneClock>>,
     /// When tags that are another vessel's were detected last, and how far from the radio's place they may be and are, m.
     elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
+    relative: RelativeTrust,
     height: HeightAgreement,
     level: MeanDeckLevel,
     /// Decks with the vessel's tags.
@@ -165,6 +171,7 @@ impl Predictor {
             tag_at: None,
             range_at: None,
             elsewhere: None,
+            relative: RelativeTrust::default(),
             height: HeightAgreement::default(),
             level: MeanDeckLevel::default(),
             decks: Decks::default(),
@@ -210,7 +217,7 @@ impl Predictor {
         if let Some(own) = self
             .own
             .as_mut()
-            .filter(|_| o.kind != observation::ObservationKind::Estimate)
+            .filter(|_| !matches!(o.kind, ObservationKind::Estimate | ObservationKind::Relative))
         {
             own.fuse(&self.config, o, self.filter.as_ref().and_then(Filter::last));
         }
@@ -222,7 +229,9 @@ impl Predictor {
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
-            Fused::Gated(n) if n < 3 && o.kind != observation::ObservationKind::Range => {
+            Fused::Gated(n)
+                if n < 3 && !matches!(o.kind, ObservationKind::Range | ObservationKind::Relative) =>
+            {
                 self.rejections.count(RejectionReason::Outlier);
                 Ok(())
             }
@@ -247,6 +256,7 @@ impl Predictor {
         }
         if let Some(jump) = self.track.push(s) {
             self.decks.shift(&jump);
+            self.relative.forget_frame();
             self.filter.iter_mut().for_each(|f| f.shift(&jump));
             self.own.iter_mut().for_each(|own| own.shift(&jump));
             self.beacon.iter_mut().for_each(|b| b.shift(&jump));
@@ -260,6 +270,7 @@ impl Predictor {
         (self.filter, self.own) = (None, None);
         (self.radio_at, self.radio_sequence) = (None, None);
         (self.vision_at, self.tag_at, self.range_at, self.elsewhere) = (None, None, None, None);
+        self.relative.forget_frame();
         self.height = HeightAgreement::default();
         self.level = MeanDeckLevel::default();
         self.decks = Decks::default();
@@ -282,11 +293,13 @@ impl Predictor {
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        // Without a camera that sees the deck there is no second witness: its level goes on by the radio, whose slow error no
-        // covariance of the filter has.
-        let sees = self
-            .vision_at
-            .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
+        // Without a camera that sees the deck, or what stands in for it, there is no second witness: its level goes on by the radio,
+        // whose slow error no covariance of the filter has.
+        let by_relative_s = self.relative.state(at).map_or(f64::INFINITY, |r| r.sight_age_s());
+        let sees = by_relative_s < self.config.fresh_s
+            || self
+                .vision_at
+                .is_some_and(|t| (at - t).secs() < self.config.fresh_s);
         let [_, _, height, ..] = measurement::innovations(&axes, &modes, lever_arm, &o);
         if let Some(innovation) = height.filter(|_| sees) {
             self.height.take(at, axes[2].normalised(&innovation));
@@ -493,6 +506,7 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             beacon: self.known_by_beacon(now).map(|b| [b.sd_m, b.age_s]),
+            relative: self.relative.state(now),
             decks_in_sight: self.decks.undecided(now),
             height_nis: self.height.value(now),
             place_apart_m: self.place_apart_m(now, filter, [radio_age_s, vision_age_s]),

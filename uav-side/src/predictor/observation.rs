@@ -29,6 +29,8 @@ pub enum ObservationKind {
     Uvdar,
     /// The rangefinder.
     Range,
+    /// A receiver with the vessel's as its moving base.
+    Relative,
 }
 
 /// A value and its variance.
@@ -64,10 +66,11 @@ impl DeckObservation {
         }
     }
     /// The autopilot's estimate has jumped since: detections are where the drone made them, what came by radio where the
-    /// datum lies now.
+    /// datum lies now, a relative place where it is in the frame, whichever way the drone heads.
     pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
             ObservationKind::Estimate => (jump.datum, 0.0),
+            ObservationKind::Relative => (jump.moved, 0.0),
             ObservationKind::Tag | ObservationKind::Uvdar | ObservationKind::Range => match self.value {
                 [Some((n, _)), Some((e, _)), Some((d, _)), ..] => {
                     let place = Vector3::new(n, e, d);

@@ -13,18 +13,22 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::FrameJump;
 use super::waves::AXES;
 
-/// A state of the filters after `jump`; `measured`: degrees of freedom that were ever measured in the drone's frame.
-/// Gives those of which that is still known.
+/// A state of the filters after `jump`; `measured`: degrees of freedom that were ever measured in the drone's frame, and whether the
+/// place was by the relative place, which a heading does not turn. Gives those of which that is still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
     jump: &FrameJump,
-    measured: &[bool; AXES],
+    (measured, by_relative): (&[bool; AXES], bool),
     noise: &[AxisNoise; AXES],
     gate: f64,
 ) -> [bool; AXES] {
     let mut known = *measured;
     let place = Vector3::from_fn(|i, _| s[i].project(MeasurementRow::Vision).0);
-    let by_vision = jump.of(&place) - place;
+    let by_vision = if by_relative {
+        jump.moved
+    } else {
+        jump.of(&place) - place
+    };
     let moves = [0, 1, 2]
         .map(|i| (i, jump.datum[i], by_vision[i]))
         .into_iter()
@@ -87,7 +91,7 @@ mod tests {
     use super::*;
     use crate::odometry::{Odometry, OdometryConfig};
     use alight_shared::frames::body_from_camera;
-    use alight_shared::msg::{DroneState, Header, UvdarFix, VesselEstimate};
+    use alight_shared::msg::{CarrierSolution, DroneState, Header, RelativePlace, UvdarFix, VesselEstimate};
     use alight_shared::node::Node;
     use alight_shared::time::{DroneClock, Time};
     use nalgebra::UnitQuaternion;
@@ -105,6 +109,8 @@ mod tests {
         deck: Vector3<f64>,
         /// Place of the deck from the drone, in its own axes, where the camera sees it.
         sight: Option<Vector3<f64>>,
+        /// Place of the deck from the drone, NED, as a receiver measures it.
+        relative: Option<Vector3<f64>>,
         /// Deck and drone as the forecast and the odometry have them.
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
     }
@@ -119,6 +125,7 @@ mod tests {
                 yaw,
                 deck,
                 sight: None,
+                relative: None,
                 newest: None,
             }
         }
@@ -154,11 +161,22 @@ mod tests {
                     position: (body_from_camera().transpose() * sight).into(),
                     variance: [1e-4; 3],
                 });
+            let antenna = Vector3::from(PredictorConfig::default().drone.gnss_antenna_m);
+            let relative = (self.relative)
+                .filter(|_| self.tick.is_multiple_of(20))
+                .map(|deck| RelativePlace {
+                    header,
+                    baseline_m: (antenna - deck).into(),
+                    baseline_sd_m: [0.01; 3],
+                    solution: CarrierSolution::Fixed,
+                    antenna_m: [0.0; 3],
+                });
             let out = self.predictor.step(
                 now,
                 &PredictorIn {
                     drone: Some(drone),
                     estimate,
+                    relative: relative.into_iter().collect(),
                     uvdar: uvdar.into_iter().collect(),
                     ..PredictorIn::default()
                 },
@@ -217,6 +235,22 @@ mod tests {
             let after = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
             prop_assert!((after - before).norm() < 0.05, "{before:?} {after:?}");
         }
+    }
+
+    #[test]
+    fn deck_by_relative_place_at_a_jump() {
+        // 2 m off the radio's place, 55 m away: no detection that the heading would turn.
+        let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
+        b.run(2.0);
+        b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));
+        b.run(3.0);
+        let before = b.apart();
+        assert!((before - b.relative.unwrap()).norm() < 0.05, "{before:?}");
+        b.relative = None;
+        b.yaw = 2.0;
+        b.place += Vector3::new(3.0, -4.0, 1.0);
+        b.run(0.1);
+        assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
     }
 
     #[test]

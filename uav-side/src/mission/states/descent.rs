@@ -23,10 +23,10 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
             VisionLost,
-            deck.vision_age_s.min(deck.radio_age_s),
+            deck.located_age_s().min(deck.radio_age_s),
             c.vision_fresh_s,
         ),
-        (VisionLost, deck.vision_age_s, c.descent_vision_s),
+        (VisionLost, deck.located_age_s(), c.descent_vision_s),
     ])
 }
 
@@ -48,7 +48,7 @@ fn violation(
 ) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
-    exceeds(VisionLost, deck.vision_age_s, blind_s)
+    exceeds(VisionLost, deck.located_age_s(), blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck.infeasible(c, HYSTERESIS * widening(progress)))

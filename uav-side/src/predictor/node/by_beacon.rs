@@ -35,6 +35,7 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             beacon: Some([known.sd_m, known.age_s]),
+            relative: self.relative.state(now),
             decks_in_sight: self.decks.undecided(now),
             place_apart_m: elsewhere.map(|(_, apart)| apart),
             mean_heading: known.course_rad(),
@@ -60,6 +61,7 @@ impl Predictor {
             radio_age_s,
             vision_age_s,
             tag_age_s: f64::INFINITY,
+            relative: self.relative.state(now),
             decks_in_sight,
             ..DeckForecast::default()
         })

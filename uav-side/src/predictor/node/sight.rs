@@ -5,6 +5,10 @@ use super::*;
 impl Predictor {
     /// Takes the measurements of the deck by camera and rangefinder.
     pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        for m in &input.relative {
+            let admitted = self.relative_place(now, m);
+            self.count(admitted);
+        }
         for m in &input.uvdar {
             let detected = self.observed(now, m, |p, c| observation::uvdar(m, p, c));
             let admitted = detected.and_then(|o| {
@@ -71,7 +75,10 @@ impl Predictor {
         let last = self.filter.as_ref().and_then(Filter::last);
         let compared = last.map_or(o, |s| measurement::without_mount(s, o));
         match k.map(|k| self.decks.verdict(k, &compared, radio)) {
-            Some(Verdict::Own) => self.vision(now, &o, true),
+            Some(Verdict::Own) => {
+                self.compare_relative(&o);
+                self.vision(now, &o, true)
+            }
             Some(Verdict::Other | Verdict::Several(_)) | None => Err(RejectionReason::Outlier),
         }
     }
@@ -83,7 +90,7 @@ impl Predictor {
         is_tag: bool,
     ) -> Result<(), RejectionReason> {
         let at = observation.at;
-        self.fuse(observation)?;
+        self.fuse_next_to_relative(now, observation)?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
         };
@@ -118,7 +125,7 @@ impl Predictor {
         }
     }
 
-    /// Distance of the detected tags from where the radio places the deck, and its maximum, m, where they are
+    /// Distance of the detected tags from where the relative place or the radio has the deck, and its maximum, m, where they are
     /// another vessel's. A silent radio places none; the beacon does then, of a deck that is not followed.
     pub(super) fn apart_from_radio(
         &self,
@@ -127,6 +134,9 @@ impl Predictor {
         o: &DeckObservation,
     ) -> Option<[f64; 2]> {
         let fresh = |at: Option<Time<DroneClock>>| at.is_some_and(|t| (now - t).secs() < self.config.fresh_s);
+        if let Some(apart) = axes.and_then(|axes| self.apart_from_relative(axes, o)) {
+            return Some(apart);
+        }
         if !self.is_received(now) {
             let beacon = self.known_by_beacon(now).filter(|_| !fresh(self.vision_at))?;
             return beacon.apart(o).filter(|[apart, limit]| !(apart <= limit));

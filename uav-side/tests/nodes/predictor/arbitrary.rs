@@ -2,8 +2,8 @@
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DroneState, Header, LinkState, Message, PredictedStage, RangeSample, TagPose, UvdarFix, VesselEstimate,
-    VesselPrediction, WaveMode, WaveModel, f16,
+    CarrierSolution, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, RelativePlace,
+    TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_uav::predictor::PredictorIn;
@@ -27,7 +27,7 @@ proptest! {
 
     #[test]
     fn predictor_arbitrary_input(
-        x in prop::collection::vec(any_number(), 24), which in 0..8u8, at in prop_oneof![0.0..30.0f64, any_number()],
+        x in prop::collection::vec(any_number(), 24), which in 0..9u8, at in prop_oneof![0.0..30.0f64, any_number()],
         from in 0..3u8,
     ) {
         let v = SimulatedVessel::moderate();
@@ -52,6 +52,8 @@ proptest! {
             6 => bad.prediction = Some(VesselPrediction { header: h, step_s: x[0] as f32, origin: a3(1),
                 stages: Seq::filled([PredictedStage { eta: six(4).map(|v: f64| v as f32),
                     eta_dot: six(10).map(f16::from_f64), sd: [f16::from_f64(x[16]); 6], course_sd: [f16::from_f64(x[16]); 3] }; 16]) }),
+            7 => bad.relative = vec![RelativePlace { header: h, baseline_m: a3(0), baseline_sd_m: a3(3).map(|v| v * 1e-2),
+                solution: CarrierSolution::Fixed, antenna_m: a3(6).map(|v| v as f32) }; 3],
             _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32,
                 slopes: Seq::filled([x[8] as u8; 60]), advice: None,
                 modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32],
@@ -65,6 +67,7 @@ proptest! {
             4 => bad.link.unwrap().check(),
             5 => bad.estimate.unwrap().check(),
             6 => bad.prediction.unwrap().check(),
+            7 => bad.relative[0].check(),
             _ => bad.wave.unwrap().check(),
         };
         for k in 0..20 {

@@ -4,6 +4,7 @@
 mod arbitrary;
 mod frames;
 mod kernels;
+mod moving_base;
 mod world;
 
 use alight_shared::admission::RejectionReason;
@@ -46,6 +47,22 @@ fn frame_offset_by_vision() {
         before.unwrap().forecast.source
     };
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
+}
+
+/// In waves, with an odometry that drifts: the relative place alone does what the tags do.
+#[test]
+fn frame_offset_by_relative_place() {
+    let v = SimulatedVessel::moderate();
+    let set = Setup {
+        seed: 3,
+        vision: (f64::INFINITY, f64::INFINITY),
+        relative: (10.0, f64::INFINITY),
+        ..Default::default()
+    };
+    let r = run(&v, &set, 40.0);
+    let (radio_only, both) = (r.accuracy(&v, 5.0..10.0, 0.0), r.accuracy(&v, 20.0..40.0, 0.0));
+    assert!(radio_only.horizontal > 0.3, "the frames differ: {radio_only:?}");
+    assert!(both.horizontal < 0.1 && both.vertical < 0.1, "{both:?}");
 }
 
 #[test]

@@ -7,8 +7,8 @@ use alight_shared::frames::{body_from_camera, wrap_angle};
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, TagPose,
-    VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    CarrierSolution, DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage,
+    RangeSample, RelativePlace, TagPose, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
@@ -152,6 +152,8 @@ pub struct Setup {
     pub height: f64,
     /// The rangefinder reads from this time on, s.
     pub ranges_from: f64,
+    /// The relative place is there from this time to that, s.
+    pub relative: (f64, f64),
     /// A new process at this time (s), with or without what the one before it left.
     pub restart: Option<(f64, bool)>,
 }
@@ -166,6 +168,7 @@ impl Default for Setup {
             latency: (0.03, 0.04),
             height: 7.0,
             ranges_from: f64::INFINITY,
+            relative: (f64::INFINITY, f64::INFINITY),
             restart: None,
         }
     }
@@ -308,6 +311,26 @@ fn range(
     }
 }
 
+/// The place of a drone with this place and attitude relative to an antenna forward of the deck and above it.
+fn relative(
+    rng: &mut ChaCha8Rng,
+    header: Header<DroneClock>,
+    (centre, e): (Vector3<f64>, Vector3<f64>),
+    (drone, attitude): (&Vector3<f64>, &UnitQuaternion<f64>),
+) -> RelativePlace {
+    let antenna_m = [1.5_f32, 0.5, -1.0];
+    let turn = Rotation3::from_euler_angles(e.x, e.y, e.z);
+    let vessels = centre + turn * Vector3::from(antenna_m.map(f64::from));
+    let own = drone + attitude * Vector3::from(DroneGeometry::default().gnss_antenna_m);
+    RelativePlace {
+        header,
+        baseline_m: (own - vessels + normal3(rng) * 0.01).into(),
+        baseline_sd_m: [0.01; 3],
+        solution: CarrierSolution::Fixed,
+        antenna_m,
+    }
+}
+
 /// Adds a message that has arrived; state streams keep the newest.
 fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
     if let Some(e) = m.estimate
@@ -318,6 +341,7 @@ fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
     arrived.wave = m.wave.or(arrived.wave);
     arrived.prediction = m.prediction.or(arrived.prediction);
     arrived.tags.extend(m.tags);
+    arrived.relative.extend(m.relative);
 }
 
 pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
@@ -363,6 +387,10 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
         if k % 3 == 1 && (set.vision.0..set.vision.1).contains(&now) {
             let tag = tag(&mut rng, header(k, now), v.deck(now), (&drone, &attitude), &mount);
             in_flight.push((now + 0.05, input(|i| i.tags.push(tag))));
+        }
+        if k % 20 == 7 && (set.relative.0..set.relative.1).contains(&now) {
+            let m = relative(&mut rng, header(k, now), v.deck(now), (&drone, &attitude));
+            in_flight.push((now + 0.12, input(|i| i.relative.push(m))));
         }
         let range = (k % 4 == 2 && now >= set.ranges_from)
             .then(|| range(header(k, now), v.deck(now), (&drone, &attitude)));

@@ -1,0 +1,80 @@
+//! The relative place by a receiver with the vessel's as its moving base.
+
+use nalgebra::UnitQuaternion;
+
+use super::super::axis::DRIFT;
+use super::super::observation::Plane;
+use super::super::relative;
+use super::*;
+
+impl Predictor {
+    /// Takes a relative place. One that is not fixed, or that the tags contradict, shows in the forecast's state alone.
+    pub(super) fn relative_place(
+        &mut self,
+        now: Time<DroneClock>,
+        m: &RelativePlace,
+    ) -> Result<(), RejectionReason> {
+        Self::admit(now, m)?;
+        let usable = self.relative.take(m).ok_or(RejectionReason::Stale)?;
+        let at = m.header.at;
+        let Some(filter) = self.filter.as_ref().filter(|_| usable) else {
+            return Ok(());
+        };
+        let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
+        let axes = filter.at(&self.waves, at);
+        let deck = measurement::plane(&axes, &self.waves.motion(at), self.waves.lever_arm());
+        // The baseline is about true north, which is where neither compass errs.
+        let to_north = UnitQuaternion::from_euler_angles(0.0, 0.0, -axes[5].x[VISION]);
+        let heading_sd = axes[5].project(MeasurementRow::Level).1.sqrt();
+        let deck = Plane {
+            rotation: to_north * deck.rotation,
+            ..deck
+        };
+        let o = relative::observation(m, &pose, &deck, heading_sd, &self.config);
+        self.relative.locate(&o);
+        self.fuse(&o)?;
+        self.relative.count(at);
+        Ok(())
+    }
+    /// Fuses a detection: more of its errors count next to a relative place.
+    pub(super) fn fuse_next_to_relative(
+        &mut self,
+        now: Time<DroneClock>,
+        o: &DeckObservation,
+    ) -> Result<(), RejectionReason> {
+        if self.relative.is_in_use(now) {
+            self.fuse(&relative::with_camera_error(*o, &self.config))
+        } else {
+            self.fuse(o)
+        }
+    }
+    /// Compares the vessel's own tags with the relative place. Where they contradict it, the place that it gave is given up, so that
+    /// the tags are no outliers.
+    pub(super) fn compare_relative(&mut self, tag: &DeckObservation) {
+        let comparable = self.relative.is_comparable(tag.at);
+        let Some(filter) = self.filter.as_mut().filter(|_| comparable) else {
+            return;
+        };
+        let in_use = self.relative.is_in_use(tag.at);
+        let velocity = velocity(&self.waves, &filter.at(&self.waves, tag.at), tag.at);
+        if let Some(apart_m) = self.relative.compare(tag, &velocity, &self.config)
+            && in_use
+        {
+            filter.give_up_place(apart_m);
+        }
+    }
+    /// Distance of a detection from the relative place, and its maximum, m, where it is another deck's.
+    pub(super) fn apart_from_relative(&self, axes: &[Axis; AXES], o: &DeckObservation) -> Option<[f64; 2]> {
+        if !self.relative.is_comparable(o.at) {
+            return None;
+        }
+        let velocity = velocity(&self.waves, axes, o.at);
+        self.relative.elsewhere(o, &velocity, &self.config)
+    }
+}
+
+/// The deck's velocity in the drone's frame at `at`, m/s, by the filters' state of that time.
+fn velocity(waves: &Waves, axes: &[Axis; AXES], at: Time<DroneClock>) -> Vector3<f64> {
+    let modes = waves.motion(at);
+    Vector3::from_fn(|i, _| axes[i].predicted(MeasurementRow::Rate) + axes[i].x[DRIFT] + modes.rate[i])
+}

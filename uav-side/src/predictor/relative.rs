@@ -1,0 +1,378 @@
+//! Relative place by a receiver with the vessel's as its moving base: the deck's centre that it gives, and whether tags confirm it.
+//!
+//! With the drone's place `p` and attitude `R` in its odometry, the antennas' lever arms `a` (drone) and `v` (vessel, from the deck's
+//! centre), the vessel's attitude `Q` by the filters and the measured baseline `b`, NED, the deck's centre is `p + R a - b - Q v`.
+//! It is in the frame of the odometry as a detection is, and so measures the deck with vision's slow error: what both have in
+//! common, the drift of the odometry, stays observable. The rotation of the camera is not in it.
+//!
+//! A false fix states centimetres and errs by decimetres for as long as it lasts, so each detection by tags is compared with it.
+//! Where they agree within `0.15 m + 3 sd` it is confirmed, and may stand in for a detection that is missing. Where they do
+//! not, it is contradicted: the tags count, and it is not used before it has been solved again.
+
+use alight_shared::estimation::low_pass_gain;
+use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector3;
+
+use super::config::PredictorConfig;
+use super::observation::{DeckObservation, ObservationKind, Plane};
+use super::track::Pose;
+use super::waves::AXES;
+
+/// A fixed solution that states more is not used, standard deviation of a component, m.
+const MAX_SD_M: f64 = 0.1;
+/// Minimum standard deviation of the deck's place, m: multipath, and the antennas' phase centres.
+const MIN_SD_M: f64 = 0.02;
+/// A relative place that has not come for so long is solved again when it comes, s.
+const GONE_S: f64 = 10.0;
+/// A filter that took one so long ago at most has its place by it, s.
+const IN_USE_S: f64 = 1.0;
+/// A detection is compared with a relative place of this time before or after it, s.
+const PAIR_S: f64 = 0.3;
+/// Time constant of the mean difference, s, also the longest time between two detections of one mean; and their minimum number.
+const MEAN_TIME_S: f64 = 1.0;
+const MIN_DETECTIONS: f64 = 5.0;
+/// Difference that neither the tags' place on the deck nor that of the antennas explains, m, besides so many standard deviations.
+const APART_M: f64 = 0.15;
+const APART_SD: f64 = 3.0;
+/// A comparison that leaves more than this open confirms nothing, m: a touchdown off by so much is still on the deck.
+const MAX_CONFIRMED_M: f64 = 0.4;
+/// Tags that are further from a fixed solution are another deck's, m: a false fix is off by less, and two decks do not overlap.
+const OTHER_DECK_M: f64 = 2.0;
+
+/// Deck's centre by the relative place `m`, from the drone's pose and the deck's attitude about true north of its time; `heading_sd`:
+/// of the latter, rad.
+pub(super) fn observation(
+    m: &RelativePlace,
+    drone: &Pose,
+    deck: &Plane,
+    heading_sd: f64,
+    c: &PredictorConfig,
+) -> DeckObservation {
+    let lever_arm = deck.rotation * Vector3::from(m.antenna_m.map(f64::from));
+    let own = drone.attitude * Vector3::from(c.drone.gnss_antenna_m);
+    let centre = drone.position + own - Vector3::from(m.baseline_m) - lever_arm;
+    let square = lever_arm.component_mul(&lever_arm);
+    let [tilt, heading] = [deck.tilt_sd, heading_sd].map(|sd| sd * sd);
+    let turned = Vector3::new(
+        tilt * square.z + heading * square.y,
+        tilt * square.z + heading * square.x,
+        tilt * (square.x + square.y),
+    );
+    let stated = Vector3::from(m.baseline_sd_m.map(|sd| sd * sd));
+    let variance =
+        (stated + turned + drone.variance * c.drone_variance_fraction).add_scalar(MIN_SD_M.powi(2));
+    let mut value = [None; AXES];
+    for i in 0..3 {
+        value[i] = Some((centre[i], variance[i]));
+    }
+    DeckObservation {
+        at: m.header.at,
+        kind: ObservationKind::Relative,
+        value,
+        rate: [None; AXES],
+        // No camera measures it along a line.
+        from_drone: Vector3::zeros(),
+    }
+}
+
+/// Variances of a detection's place by errors that are the same in all of them: the camera's rotation across the line of sight, its
+/// scale along it, and its place.
+fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
+    let turn = c.vision_bias_sd_m_rad[3].max(c.vision_bias_sd_m_rad[4]);
+    let across = |i: usize| line.norm_squared() - line[i] * line[i];
+    let of = |i: usize| turn * turn * across(i) + (c.vision_scale_sd * line[i]).powi(2);
+    Vector3::from_fn(|i, _| of(i) + c.camera_mount_sd_m.powi(2))
+}
+
+/// Detection next to a relative place in use: from the side, where no state has the camera's rotation, as uncertain as that makes it.
+pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> DeckObservation {
+    if o.lever() == [0.0; 2] {
+        let more = camera_variance(&o.from_drone, c);
+        for (value, more) in o.value.iter_mut().zip(more.iter()) {
+            if let Some((_, variance)) = value {
+                *variance += more;
+            }
+        }
+    }
+    o
+}
+
+/// Measured place, m, and its variances.
+fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
+    let [Some(north), Some(east), Some(down), ..] = o.value else {
+        return None;
+    };
+    let all = [north, east, down];
+    Some([all.map(|(v, _)| v).into(), all.map(|(_, r)| r).into()])
+}
+
+/// Mean difference of the tags' place from the relative place, m, of so many detections, and the time of the newest.
+#[derive(Clone, Copy, Debug)]
+struct MeanDifference {
+    at: Time<DroneClock>,
+    mean: Vector3<f64>,
+    n: f64,
+}
+
+/// Trust in the relative place.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RelativeTrust {
+    newest: Option<RelativePlace>,
+    /// The deck by the newest that may be used.
+    fixed: Option<DeckObservation>,
+    used: Option<Time<DroneClock>>,
+    difference: Option<MeanDifference>,
+    confirmed: bool,
+    contradicted_m: Option<f64>,
+}
+
+impl RelativeTrust {
+    /// Takes a measurement; whether it may be used. None: it is no newer than the one before.
+    pub(super) fn take(&mut self, m: &RelativePlace) -> Option<bool> {
+        let since = self.newest.map(|n| (m.header.at - n.header.at).secs());
+        if since.is_some_and(|s| s <= 0.0) {
+            return None;
+        }
+        self.newest = Some(*m);
+        if m.solution != CarrierSolution::Fixed || since.is_some_and(|s| s > GONE_S) {
+            self.forget_frame();
+            self.contradicted_m = None;
+        }
+        let exact = m.baseline_sd_m.iter().all(|sd| *sd <= MAX_SD_M);
+        Some(m.solution == CarrierSolution::Fixed && exact && self.contradicted_m.is_none())
+    }
+    /// The drone's frame has moved: nothing that was measured before is compared, nor confirms anything.
+    pub(super) fn forget_frame(&mut self) {
+        (self.fixed, self.used, self.difference) = (None, None, None);
+        self.confirmed = false;
+    }
+    /// The deck by a measurement that may be used, to be compared with detections.
+    pub(super) fn locate(&mut self, o: &DeckObservation) {
+        self.fixed = Some(*o);
+    }
+    /// The filter has used it.
+    pub(super) fn count(&mut self, at: Time<DroneClock>) {
+        self.used = Some(at);
+    }
+    /// The filter has its place by it.
+    pub(super) fn is_in_use(&self, now: Time<DroneClock>) -> bool {
+        self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
+    }
+
+    /// A detection of the time `at` can be compared with a fixed solution.
+    pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
+        (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
+    }
+    /// Place of a detection less the relative place, the older moved on at the deck's velocity, m, and the variances of their
+    /// difference; None without a fixed solution of about the same time.
+    fn difference(
+        &self,
+        o: &DeckObservation,
+        velocity: &Vector3<f64>,
+        c: &PredictorConfig,
+    ) -> Option<[Vector3<f64>; 2]> {
+        let fixed = self.fixed.as_ref().filter(|_| self.is_comparable(o.at))?;
+        let dt = (o.at - fixed.at).secs();
+        let ([detected, r], [relative, q]) = (place(o)?, place(fixed)?);
+        Some([
+            detected - relative - velocity * dt,
+            r + q + camera_variance(&o.from_drone, c),
+        ])
+    }
+    /// Horizontal distance of a detection from the relative place, and its maximum, m, where it is another deck's.
+    pub(super) fn elsewhere(
+        &self,
+        o: &DeckObservation,
+        velocity: &Vector3<f64>,
+        c: &PredictorConfig,
+    ) -> Option<[f64; 2]> {
+        let [apart, variance] = self.difference(o, velocity, c)?;
+        let limit = OTHER_DECK_M + APART_SD * variance.xy().max().sqrt();
+        let apart = apart.xy().norm();
+        (!(apart <= limit)).then_some([apart, limit])
+    }
+    /// Compares a detection of the vessel's own tags. The difference, m, when that contradicts the relative place from now on.
+    pub(super) fn compare(
+        &mut self,
+        tag: &DeckObservation,
+        velocity: &Vector3<f64>,
+        c: &PredictorConfig,
+    ) -> Option<f64> {
+        let [apart, variance] = self.difference(tag, velocity, c)?;
+        let recent = |d: &MeanDifference| (0.0..=MEAN_TIME_S).contains(&(tag.at - d.at).secs());
+        let (mean, n) = self.difference.filter(recent).map_or((apart, 1.0), |d| {
+            let n = d.n + 1.0;
+            // The mean at first.
+            let gain = low_pass_gain((tag.at - d.at).secs(), MEAN_TIME_S).max(1.0 / n);
+            (d.mean + (apart - d.mean) * gain, n)
+        });
+        self.difference = Some(MeanDifference { at: tag.at, mean, n });
+        if n < MIN_DETECTIONS {
+            return None;
+        }
+        let limits = [variance.xy().max(), variance.z].map(|v| APART_M + APART_SD * v.sqrt());
+        let agree = mean.xy().norm() <= limits[0] && mean.z.abs() <= limits[1];
+        if agree {
+            self.confirmed |= limits.iter().all(|limit| *limit <= MAX_CONFIRMED_M);
+            return None;
+        }
+        self.forget_frame();
+        self.contradicted_m = Some(mean.norm());
+        self.contradicted_m
+    }
+
+    /// State for a forecast of `now`; None where none has come for long.
+    pub(super) fn state(&self, now: Time<DroneClock>) -> Option<RelativeState> {
+        let age = |t: Time<DroneClock>| (now - t).secs().max(0.0);
+        let newest = self.newest.filter(|m| age(m.header.at) < GONE_S)?;
+        let [north, east, _] = newest.baseline_sd_m;
+        Some(RelativeState {
+            solution: newest.solution,
+            sd_m: north.max(east),
+            age_s: age(newest.header.at),
+            used_age_s: self.used.map_or(f64::INFINITY, age),
+            confirmed: self.confirmed,
+            contradicted_m: self.contradicted_m,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+    use nalgebra::UnitQuaternion;
+
+    fn measured(t: f64, solution: CarrierSolution) -> RelativePlace {
+        RelativePlace {
+            header: Header::new(1, 1, 1, 0, Time::from_secs(t)),
+            baseline_sd_m: [0.01, 0.01, 0.02],
+            solution,
+            ..RelativePlace::default()
+        }
+    }
+    /// A detection of a deck at this place from `above_m` above it.
+    fn detection(t: f64, at: [f64; 3], above_m: f64) -> DeckObservation {
+        let [n, e, d] = at.map(|v| Some((v, 1e-4)));
+        DeckObservation {
+            at: Time::from_secs(t),
+            kind: ObservationKind::Tag,
+            value: [n, e, d, None, None, None],
+            rate: [None; AXES],
+            from_drone: Vector3::z() * above_m,
+        }
+    }
+    /// Trust after a second of a fixed solution at the origin, five times a second, with tags at `place` 30 times a second.
+    fn after(trust: &mut RelativeTrust, from_s: f64, place: [f64; 3], above_m: f64) -> RelativeState {
+        let c = PredictorConfig::default();
+        for k in 0..30 {
+            let t = from_s + f64::from(k) / 30.0;
+            if k % 6 == 0 && trust.take(&measured(t, CarrierSolution::Fixed)) == Some(true) {
+                trust.locate(&detection(t, [0.0; 3], 0.0));
+                trust.count(Time::from_secs(t));
+            }
+            trust.compare(&detection(t, place, above_m), &Vector3::zeros(), &c);
+        }
+        trust.state(Time::from_secs(from_s + 1.0)).unwrap()
+    }
+
+    #[test]
+    fn deck_below_a_tilted_drone_and_antenna() {
+        let c = PredictorConfig::default();
+        let drone = Pose {
+            position: Vector3::new(3.0, -2.0, -9.0),
+            attitude: UnitQuaternion::from_euler_angles(0.1, -0.2, 0.9),
+            variance: Vector3::zeros(),
+        };
+        let deck = Plane {
+            centre: Vector3::new(1.0, -3.0, -1.3),
+            rotation: UnitQuaternion::from_euler_angles(0.15, -0.05, 1.0),
+            position_sd: 1.0,
+            tilt_sd: 0.01,
+        };
+        let antenna_m = [-2.0_f32, 0.5, -3.0];
+        let lever_arm = deck.rotation * Vector3::from(antenna_m.map(f64::from));
+        let from = deck.centre + lever_arm;
+        let to = drone.position + drone.attitude * Vector3::from(c.drone.gnss_antenna_m);
+        let m = RelativePlace {
+            baseline_m: (to - from).into(),
+            antenna_m,
+            ..measured(1.0, CarrierSolution::Fixed)
+        };
+        let [centre, variance] = place(&observation(&m, &drone, &deck, 0.02, &c)).unwrap();
+        assert!((centre - deck.centre).norm() < 1e-9, "{centre}");
+        // Rotations about the three axes, each by its deviation.
+        let turns = [(Vector3::x(), 0.01), (Vector3::y(), 0.01), (Vector3::z(), 0.02)];
+        let shifts = turns.map(|(axis, sd)| (axis * sd).cross(&lever_arm));
+        let turned: Vector3<f64> = shifts.iter().map(|s| s.component_mul(s)).sum();
+        let expected = turned + Vector3::new(1e-4, 1e-4, 4e-4).add_scalar(4e-4);
+        assert!((variance - expected).norm() < 1e-12, "{variance} {expected}");
+    }
+
+    #[test]
+    fn fix_confirmed_by_tags_from_near() {
+        let mut trust = RelativeTrust::default();
+        assert!(
+            !after(&mut trust, 0.0, [0.1, 0.0, 0.1], 7.0).confirmed,
+            "from far"
+        );
+        let near = after(&mut trust, 1.0, [0.1, 0.0, 0.1], 2.0);
+        assert!(near.confirmed && near.used_age_s < 0.3, "{near:?}");
+        // A confirmation is that of one fix in one frame.
+        assert_eq!(trust.take(&measured(2.0, CarrierSolution::Float)), Some(false));
+        let float = trust.state(Time::from_secs(2.0)).unwrap();
+        assert!(!float.confirmed && float.used_age_s == f64::INFINITY, "{float:?}");
+        assert!(after(&mut trust, 3.0, [0.0; 3], 2.0).confirmed);
+        trust.forget_frame();
+        assert!(!trust.state(Time::from_secs(4.0)).unwrap().confirmed);
+    }
+
+    #[test]
+    fn fix_contradicted_until_solved_again() {
+        for apart in [[0.5, 0.0, 0.0], [0.0, 0.0, -0.5]] {
+            let mut trust = RelativeTrust::default();
+            let s = after(&mut trust, 0.0, apart, 2.0);
+            assert!((s.contradicted_m.unwrap() - 0.5).abs() < 1e-9 && !s.confirmed);
+            assert_eq!(s.used_age_s, f64::INFINITY);
+            // The tags agree now, but it is still the fix that was false.
+            assert!(after(&mut trust, 1.0, [0.0; 3], 2.0).contradicted_m.is_some());
+            let mut gone = trust;
+            trust.take(&measured(2.0, CarrierSolution::Float));
+            assert!(after(&mut trust, 3.0, [0.0; 3], 2.0).confirmed);
+            assert!(gone.state(Time::from_secs(12.0)).is_none());
+            assert!(after(&mut gone, 12.0, [0.0; 3], 2.0).confirmed);
+        }
+    }
+
+    #[test]
+    fn single_misread_tag_next_to_a_fix() {
+        let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
+        after(&mut trust, 0.0, [0.0; 3], 2.0);
+        let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
+        assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
+        // Further away it is another deck's.
+        assert_eq!(trust.elsewhere(&misread, &Vector3::zeros(), &c), None);
+        let other = detection(1.0, [3.0, 0.0, 0.0], 2.0);
+        assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
+    }
+
+    #[test]
+    fn measurements_that_are_not_used() {
+        let mut trust = RelativeTrust::default();
+        let vague = RelativePlace {
+            baseline_sd_m: [0.01, 0.01, 0.2],
+            ..measured(1.0, CarrierSolution::Fixed)
+        };
+        assert_eq!(trust.take(&vague), Some(false));
+        for (t, solution, used) in [
+            (1.0, CarrierSolution::Fixed, None),
+            (1.2, CarrierSolution::None, Some(false)),
+            (1.4, CarrierSolution::Float, Some(false)),
+            (1.6, CarrierSolution::Fixed, Some(true)),
+            (1.5, CarrierSolution::Fixed, None),
+        ] {
+            assert_eq!(trust.take(&measured(t, solution)), used, "{t} s");
+        }
+    }
+}

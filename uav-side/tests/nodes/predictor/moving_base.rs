@@ -1,0 +1,195 @@
+//! The predictor with a relative place by moving base: a fix that is right, a false one, and a float solution.
+
+use alight_shared::frames::body_from_camera;
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::{
+    CarrierSolution, DeckForecast, DroneState, Header, RelativePlace, RelativeState, TagPose, VesselEstimate,
+    f16,
+};
+use alight_shared::node::Node;
+use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::world::time;
+
+/// A vessel at anchor that heads north, whose radio places it 2 m off, and a drone that hovers above its deck with an odometry that
+/// drifts.
+struct Bench {
+    predictor: Predictor,
+    tick: u32,
+    solution: Option<CarrierSolution>,
+    /// Error of the baseline, m.
+    error: Vector3<f64>,
+    /// The camera detects the tags.
+    vision: bool,
+    forecast: DeckForecast,
+    /// Drift of the odometry until now, m.
+    drift: Vector3<f64>,
+}
+
+const DECK: Vector3<f64> = Vector3::new(0.0, 0.0, -1.3);
+const DRONE: Vector3<f64> = Vector3::new(-0.3, 0.2, -3.3);
+const ANTENNA: [f32; 3] = [-1.0, 0.5, -2.0];
+const FALSE_FIX: Vector3<f64> = Vector3::new(0.4, -0.3, 0.0);
+
+impl Bench {
+    fn new(solution: CarrierSolution, error: Vector3<f64>) -> Bench {
+        Bench {
+            predictor: Predictor::new(&PredictorConfig::default(), 1),
+            tick: 0,
+            solution: Some(solution),
+            error,
+            vision: false,
+            forecast: DeckForecast::default(),
+            drift: Vector3::zeros(),
+        }
+    }
+    fn run(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 100.0).round() as u32 {
+            self.step();
+        }
+    }
+    fn step(&mut self) {
+        self.tick += 1;
+        let k = self.tick;
+        let now = time(f64::from(k) * 0.01);
+        let header = Header::new(1, 1, 1, k, now);
+        let geometry = DroneGeometry::default();
+        self.drift += Vector3::new(0.03, 0.0, 0.01) * 0.01;
+        let estimate = VesselEstimate {
+            header,
+            eta: [2.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+            uncertainty: [[0.05, 0.05, 0.0].map(f16::from_f64); 6],
+            deck_centre: [0.0, 0.0, -1.3],
+            ..VesselEstimate::default()
+        };
+        let camera = body_from_camera();
+        let turned = UnitQuaternion::from_matrix(&camera.transpose());
+        let tag = TagPose {
+            header,
+            position: (camera.transpose() * (DECK - DRONE - Vector3::from(geometry.camera_m))).into(),
+            attitude: [turned.w, turned.i, turned.j, turned.k],
+            variance: [1e-4; 6],
+        };
+        let relative = self.solution.map(|solution| RelativePlace {
+            header,
+            baseline_m: (DRONE + Vector3::from(geometry.gnss_antenna_m)
+                - DECK
+                - Vector3::from(ANTENNA.map(f64::from))
+                + self.error)
+                .into(),
+            baseline_sd_m: [0.01, 0.01, 0.02],
+            solution,
+            antenna_m: ANTENNA,
+        });
+        let input = PredictorIn {
+            estimate: k.is_multiple_of(5).then_some(estimate),
+            drone: Some(DroneState {
+                header,
+                position: (DRONE + self.drift).into(),
+                position_sd: [0.02; 3],
+                ..DroneState::default()
+            }),
+            tags: Some(tag)
+                .filter(|_| self.vision && k.is_multiple_of(3))
+                .into_iter()
+                .collect(),
+            relative: relative.filter(|_| k.is_multiple_of(20)).into_iter().collect(),
+            ..PredictorIn::default()
+        };
+        if let Some(forecast) = self.predictor.step(now, &input).forecast {
+            self.forecast = forecast;
+        }
+    }
+    /// Distance of the deck's centre by the forecast, in the drone's frame, from where it is, m.
+    fn off_m(&self) -> f64 {
+        let [stage, ..] = &self.forecast.stages[..] else {
+            panic!("no stage");
+        };
+        (Vector3::from(stage.position) - self.drift - DECK).norm()
+    }
+    fn state(&self) -> RelativeState {
+        self.forecast.relative.unwrap()
+    }
+}
+
+#[test]
+fn deck_by_the_relative_place_alone() {
+    let mut b = Bench::new(CarrierSolution::Fixed, Vector3::zeros());
+    b.run(3.0);
+    for _ in 0..50 {
+        b.run(0.2);
+        assert!(b.off_m() < 0.05, "{}", b.off_m());
+    }
+    let s = b.state();
+    assert!(s.used_age_s < 0.3 && !s.confirmed, "{s:?}");
+    assert_eq!(b.forecast.vision_age_s, f64::INFINITY);
+    // The tags confirm it, and what is confirmed goes on without them.
+    b.vision = true;
+    b.run(2.0);
+    assert!(b.state().confirmed && b.off_m() < 0.05, "{:?}", b.state());
+    b.vision = false;
+    b.run(20.0);
+    assert!(b.state().confirmed && b.off_m() < 0.05, "{}", b.off_m());
+    // The receiver is gone.
+    b.solution = None;
+    b.run(11.0);
+    assert_eq!(b.forecast.relative, None);
+}
+
+#[test]
+fn false_fix_before_the_tags() {
+    let mut b = Bench::new(CarrierSolution::Fixed, FALSE_FIX);
+    b.run(20.0);
+    assert!((b.off_m() - FALSE_FIX.norm()).abs() < 0.05, "{}", b.off_m());
+    b.vision = true;
+    b.run(1.5);
+    assert!(b.off_m() < 0.05, "{}", b.off_m());
+    let s = b.state();
+    assert!((s.contradicted_m.unwrap() - 0.5).abs() < 0.1, "{s:?}");
+    // It stays out until it has been solved again.
+    b.vision = false;
+    b.run(3.0);
+    assert!(
+        b.off_m() < 0.3 && b.state().used_age_s == f64::INFINITY,
+        "{}",
+        b.off_m()
+    );
+    b.solution = Some(CarrierSolution::Float);
+    b.run(0.5);
+    (b.solution, b.error) = (Some(CarrierSolution::Fixed), Vector3::zeros());
+    b.vision = true;
+    b.run(1.5);
+    assert!(b.state().confirmed && b.off_m() < 0.05, "{:?}", b.state());
+}
+
+#[test]
+fn false_fix_with_the_tags_in_view() {
+    let mut b = Bench::new(CarrierSolution::Float, FALSE_FIX);
+    b.vision = true;
+    b.run(5.0);
+    assert!(b.off_m() < 0.05, "{}", b.off_m());
+    b.solution = Some(CarrierSolution::Fixed);
+    for _ in 0..30 {
+        b.run(0.1);
+        assert!(b.off_m() < 0.05, "{}", b.off_m());
+    }
+    assert!(b.state().contradicted_m.is_some(), "{:?}", b.state());
+}
+
+#[test]
+fn float_solution_that_is_not_used() {
+    let [with, without] = [Some(CarrierSolution::Float), None].map(|solution| {
+        let mut b = Bench::new(CarrierSolution::Float, Vector3::zeros());
+        b.solution = solution;
+        b.run(10.0);
+        b
+    });
+    let s = with.state();
+    assert_eq!(
+        (s.solution, s.used_age_s),
+        (CarrierSolution::Float, f64::INFINITY)
+    );
+    assert!(with.off_m() > 1.0, "{}", with.off_m());
+    assert_eq!(with.forecast.stages, without.forecast.stages);
+}
