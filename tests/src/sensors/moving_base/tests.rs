@@ -93,11 +93,11 @@ fn frames_of_each_epoch() {
             assert_eq!(frame.check(), Ok(()));
             let n = number(&frame.bytes).unwrap();
             counts[MESSAGES.iter().position(|m| m.0 == n.message).unwrap()] += 1;
-            assert!((66..=256).contains(&frame.bytes.len()), "{n}");
+            assert!((66..=156).contains(&frame.bytes.len()), "{n}");
             assert!((frame.header.at.secs() - 100.0 - tick(k).secs()).abs() < 1e-6);
         }
     }
-    assert_eq!(counts, [50, 50, 50, 50, 50, 10]);
+    assert_eq!(counts, [20, 20, 20, 20, 20, 4]);
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn mean_time_to_a_fix() {
 fn errors_of_a_fix_as_stated() {
     let places = Pair::new(&steady(), 3).run(400.0, |_| true);
     let fixed = errors(&places, CarrierSolution::Fixed);
-    assert!(fixed.len() > 1900, "{}", fixed.len());
+    assert!(fixed.len() > 760, "{}", fixed.len());
     let stated = places.last().unwrap().1.baseline_sd_m;
     for axis in 0..3 {
         let (mean, sd) = moments(&fixed.iter().map(|e| e[axis]).collect::<Vec<_>>());
@@ -165,7 +165,7 @@ fn errors_of_a_fix_as_stated() {
         assert_eq!(place.check(), Ok(()));
         // The epoch, whose frames arrived, and their solution later.
         let at_s = place.header.at.secs() - 100.0;
-        assert!((at_s * 5.0 - (at_s * 5.0).round()).abs() < 1e-6);
+        assert!((at_s * 2.0 - (at_s * 2.0).round()).abs() < 1e-6);
         let late_s = BASE_LATENCY_S + RADIO_S + PROCESSING_S;
         assert!((arrival_s - at_s - late_s).abs() < 1e-6, "{arrival_s} {at_s}");
         assert_eq!(place.antenna_m, [-1.4, 0.6, 0.1]);
@@ -197,12 +197,12 @@ fn false_fix_that_lasts_as_long_as_it() {
         false_fix_m: 0.5,
         ..MovingBaseConfig::default()
     };
-    let places = Pair::new(&config, 4).run(200.0, |_| true);
+    let places = Pair::new(&config, 4).run(400.0, |_| true);
     let fixed = errors(&places, CarrierSolution::Fixed);
-    assert!(fixed.len() > 500 && fixed.iter().all(|e| (e.norm() - 0.5).abs() < 0.1));
+    assert!(fixed.len() > 600 && fixed.iter().all(|e| (e.norm() - 0.5).abs() < 0.1));
     let jumps = fixed.windows(2).filter(|w| (w[1] - w[0]).norm() > 0.15).count();
     let others = fixed.iter().filter(|e| (*e - fixed[0]).norm() > 0.3).count();
-    assert!((1..30).contains(&jumps) && others > 50, "{jumps} {others}");
+    assert!((1..50).contains(&jumps) && others > 50, "{jumps} {others}");
     // As a fault it begins and ends within a fix.
     let mut pair = Pair::new(&steady(), 5);
     let mut off_m = |false_fix_m: f64| {
@@ -218,7 +218,7 @@ fn places_of_complete_epochs_alone() {
     let solved = |lost: u16| Pair::new(&steady(), 6).run(10.0, |n| n != lost).len();
     assert_eq!(solved(1097), 0);
     assert_eq!(solved(4072), 0);
-    assert!(solved(1230) >= 48);
+    assert!(solved(1230) >= 19);
     let mut pair = Pair::new(&steady(), 6);
     assert_eq!(
         pair.run(10.0, |_| true).last().unwrap().1.solution,
@@ -227,5 +227,5 @@ fn places_of_complete_epochs_alone() {
     pair.rover.faults.corrections_lost = true;
     assert!(pair.run(6.0, |_| true).len() <= 1);
     pair.rover.faults.corrections_lost = false;
-    assert_eq!(pair.run(0.5, |_| true)[0].1.solution, CarrierSolution::Float);
+    assert_eq!(pair.run(1.0, |_| true)[0].1.solution, CarrierSolution::Float);
 }
