@@ -96,7 +96,7 @@ pub struct MovingBaseFaults {
     pub corrections_lost: bool,
     /// It has no fix.
     pub fix_lost: bool,
-    /// Its fixes are false by so much, m.
+    /// Error of every fix, a false one, m; 0: as far as it is right.
     pub false_fix_m: f64,
 }
 

@@ -34,22 +34,3 @@ pub fn content(frame: &[u8]) -> &[u8] {
     let end = frame.len().saturating_sub(3);
     frame.get(6..end).unwrap_or_default()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use alight_shared::rtcm::{RtcmNumber, number};
-
-    #[test]
-    fn frames_as_the_decoder_reads_them() {
-        for (message, length) in [(4072, 57), (1077, 250), (1230, 0), (1127, 1020)] {
-            let written: Vec<u8> = (0..length).map(|k| k as u8).collect();
-            let mut bytes = frame(message, &written);
-            assert_eq!(number(&bytes), Some(RtcmNumber { message, subtype: 0 }));
-            assert_eq!(content(&bytes), written);
-            bytes[5] ^= 1;
-            assert_eq!(number(&bytes), None);
-        }
-        assert!(content(&[PREAMBLE]).is_empty());
-    }
-}
