@@ -25,8 +25,8 @@ use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState, DroneStatus,
-    EstimateUpdate, Header, MissionState, Plan, RangeSample, SetPoint, TagPose, TimeRequest, UvdarFix,
-    still_armed_s,
+    EstimateUpdate, Header, MissionState, Plan, RangeSample, RelativePlace, RtcmFrame, SetPoint, TagPose,
+    TimeRequest, UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::step::{Recorded, Step};
@@ -51,7 +51,7 @@ pub(super) enum Uplink {
 }
 
 /// Senders on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
-/// for cameras, a rangefinder, a beacon.
+/// for cameras, a rangefinder, a beacon, a receiver with a moving base.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -59,6 +59,7 @@ struct Outside {
     uvdar: LockStepSender<UvdarFix>,
     ranges: LockStepSender<RangeSample>,
     beacons: LockStepSender<DeckBeacon>,
+    relative: LockStepSender<RelativePlace>,
     light: LockStepSender<CameraLight>,
 }
 
@@ -73,6 +74,7 @@ impl Outside {
             uvdar: bus.of(ProcessKind::Uvdar).sender(),
             ranges: world.sender(),
             beacons: world.sender(),
+            relative: world.sender(),
             light: camera.sender(),
         }
     }
@@ -85,6 +87,8 @@ struct Observer {
     forecast: Receiver<DeckForecast>,
     mission: Receiver<MissionState>,
     set_point: Receiver<SetPoint>,
+    /// Frames for the receiver.
+    rtcm: Receiver<RtcmFrame<DroneClock>>,
 }
 
 impl Observer {
@@ -95,6 +99,7 @@ impl Observer {
             forecast: bus.receiver(),
             mission: bus.receiver(),
             set_point: bus.receiver(),
+            rtcm: bus.receiver(),
         }
     }
 }

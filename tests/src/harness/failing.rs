@@ -20,6 +20,7 @@ use super::bus::{BusSide, LockStep};
 use super::mutant::Mutant;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
+use crate::sensors::moving_base::MovingBaseFaults;
 
 /// Present faults of the first drone, the vessel and the radio between them; none at first.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,6 +33,8 @@ pub struct Failing {
     pub vessel: VesselSensorFaults,
     /// The drone's own.
     pub drone: DroneSensorFaults,
+    /// The drone's receiver with a moving base.
+    pub moving_base: MovingBaseFaults,
     /// Faults of the autopilot.
     pub autopilot: AutopilotFaults,
     /// A defect of the drone's nodes.

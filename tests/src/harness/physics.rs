@@ -10,7 +10,7 @@ use core::f64::consts::TAU;
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{Header, MissionState, Seq, State};
+use alight_shared::msg::{Header, MissionState, RtcmFrame, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
@@ -31,6 +31,7 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
 use crate::physics::vessel::steering::SteeringSetPoint;
 use crate::sensors::clocks::{ClockModel, Clocks};
+use crate::sensors::moving_base::MovingBaseFaults;
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::SenderIdentity;
 use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
@@ -298,6 +299,21 @@ impl Physics {
     /// The vessel's sensors, now.
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
+    }
+    /// Frames of the vessel's receiver that have arrived by now, where it is a moving base.
+    pub fn vessel_rtcm(&mut self) -> Vec<RtcmFrame<VesselClock>> {
+        self.vessel_sensors.rtcm(self.t)
+    }
+    /// Frames of the moving base reach a drone's receiver.
+    pub fn receive_rtcm(&mut self, k: usize, frames: &[RtcmFrame<DroneClock>]) {
+        let t = self.t;
+        let plant = self.drones.get_mut(k).into_iter();
+        plant.for_each(|p| p.sensors.receive_rtcm(t, frames));
+    }
+    /// The first drone's receiver has these faults from now on.
+    pub fn fail_moving_base(&mut self, faults: MovingBaseFaults) {
+        let first = self.drones.first_mut().into_iter();
+        first.for_each(|p| p.sensors.fail_moving_base(faults));
     }
     /// Readings of a drone's camera and rangefinder now; None before it has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {

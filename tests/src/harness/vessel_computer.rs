@@ -6,7 +6,7 @@ use super::physics::{TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::{Row, Writer as _};
-use alight_shared::msg::{CrewOrder, DeckOrder, Header};
+use alight_shared::msg::{CrewOrder, DeckOrder, Header, RtcmFrame};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
@@ -26,6 +26,7 @@ pub(super) struct VesselSide {
     boot: u32,
     orders: LockStepSender<CrewOrder>,
     ordered: u32,
+    rtcm: LockStepSender<RtcmFrame<VesselClock>>,
     sensors: SensorEdge,
     /// It stands still: orders wait, what was measured is lost.
     stands_still: bool,
@@ -75,6 +76,7 @@ impl VesselSide {
             boot,
             orders: bus.sender(),
             ordered: 0,
+            rtcm: bus.sender(),
             sensors: SensorEdge {
                 faults: VesselSensorFaults::default(),
                 held: HeldReadings::default(),
@@ -108,6 +110,12 @@ impl VesselSide {
         self.ordered += 1;
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
+    }
+    /// Frames of its moving base arrive; lost where it stands still.
+    pub(super) fn receive_rtcm(&mut self, frames: &[RtcmFrame<VesselClock>]) {
+        if !self.stands_still {
+            self.rtcm.send_each(frames);
+        }
     }
     /// So much fails of it from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {

@@ -115,6 +115,7 @@ impl World {
             drone.mutate(failing.mutant);
         }
         self.vessel.fail(failing);
+        self.physics.fail_moving_base(failing.moving_base);
         (self.clock_rates, self.wanted_push, self.wake_nm) =
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
@@ -272,6 +273,9 @@ impl World {
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
         let (now, mut readings) = (self.vessel_now(), self.physics.vessel_readings());
         shift(&mut readings, self.vessel_ahead);
+        let mut rtcm = self.physics.vessel_rtcm();
+        rtcm.iter_mut().for_each(|m| m.header.at += self.vessel_ahead);
+        self.vessel.receive_rtcm(&rtcm);
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()

@@ -15,6 +15,7 @@ pub mod delay;
 pub mod gnss;
 pub mod heading;
 pub mod imu;
+pub mod moving_base;
 pub mod night;
 pub mod noise;
 pub mod occlusion;
@@ -30,8 +31,8 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, TagPose, UvdarFix};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrame, TagPose, UvdarFix};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_shared::topics::CAMERA_LIGHT;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Readings;
@@ -59,6 +60,9 @@ config! {
         /// A beacon of the vessel, where it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub beacon: Option<beacon::BeaconConfig> = None;
+        /// The vessel's receiver as the moving base of the drone's, in lock-step, where it is.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub moving_base: Option<moving_base::MovingBaseConfig> = None;
         /// The detector of the deck's tag.
         pub tag: tag::TagConfig;
         /// The UVDAR system.
@@ -83,6 +87,9 @@ config! {
         if let Some(beacon) = &this.beacon {
             beacon.check(&at.table("beacon"))?;
         }
+        if let Some(moving_base) = &this.moving_base {
+            moving_base.check(&at.table("moving_base"))?;
+        }
         if let Some(night) = &this.night {
             night.check(&at.table("night"))?;
         }
@@ -94,6 +101,8 @@ config! {
 pub struct DroneReadings {
     /// Messages of the vessel's beacon.
     pub beacons: Vec<DeckBeacon>,
+    /// Places relative to the vessel's antenna.
+    pub relative: Vec<RelativePlace>,
     /// Tag detections.
     pub tags: Vec<TagPose>,
     /// Images that were begun, where they take the detections' place.
@@ -112,6 +121,7 @@ impl DroneReadings {
     /// Stamped so much later.
     pub fn shift(&mut self, by: Span) {
         self.beacons.iter_mut().for_each(|m| m.header.at += by);
+        self.relative.iter_mut().for_each(|m| m.header.at += by);
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
         self.ranges.iter_mut().for_each(|m| m.header.at += by);
@@ -127,6 +137,7 @@ pub struct VesselSensors {
     gnss: gnss::VesselGnss,
     heading: heading::VesselHeading,
     attitude: Option<attitude::VesselAttitude>,
+    moving_base: Option<moving_base::MovingBase>,
 }
 
 impl VesselSensors {
@@ -143,12 +154,18 @@ impl VesselSensors {
             heading: heading::VesselHeading::new(&config.vessel_heading, identity, streams),
             attitude: (config.vessel_attitude.as_ref())
                 .map(|c| attitude::VesselAttitude::new(c, identity, streams)),
+            moving_base: (config.moving_base.as_ref())
+                .map(|c| moving_base::MovingBase::new(c, identity, streams)),
         }
     }
     /// Displacement of the vessel's NED plane by the GNSS bias now, m (truth): positions in the vessel's
     /// NED are true positions plus this.
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
+    }
+    /// Frames of the moving base that have arrived by `t`.
+    pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrame<VesselClock>> {
+        self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }
     /// The measurements that have arrived by `t`.
     pub fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Readings {
@@ -168,6 +185,7 @@ impl VesselSensors {
 #[derive(Clone)]
 pub struct DroneSensors {
     beacon: Option<beacon::Beacon>,
+    rover: Option<moving_base::MovingBaseRover>,
     mount: CameraMount,
     tag: tag::SimulatedTagDetector,
     /// This camera's view of another boat's tags.
@@ -204,6 +222,8 @@ impl DroneSensors {
         };
         DroneSensors {
             beacon: (config.beacon.as_ref()).map(|c| beacon::Beacon::new(c, place, identity, streams)),
+            rover: (config.moving_base.as_ref())
+                .map(|c| moving_base::MovingBaseRover::new(c, drone.gnss_antenna_m, identity, streams)),
             mount,
             tag: tag("drone.tag"),
             other_tag: tag("drone.other_tag"),
@@ -234,6 +254,14 @@ impl DroneSensors {
     pub fn show(&mut self, other: Option<RigidState<Deck>>) {
         self.other = other;
     }
+    /// Frames of the moving base reach its receiver at `t`.
+    pub fn receive_rtcm(&mut self, t: Time<TrueTime>, frames: &[RtcmFrame<DroneClock>]) {
+        self.rover.iter_mut().for_each(|r| r.receive(t, frames));
+    }
+    /// Its receiver has these faults from now on.
+    pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
+        self.rover.iter_mut().for_each(|r| r.faults = faults);
+    }
     /// The measurements that have arrived by `t`; `water(north, east)` is the surface's NED z, m.
     pub fn step(
         &mut self,
@@ -246,6 +274,10 @@ impl DroneSensors {
         let mut readings = DroneReadings {
             ranges: self.rangefinder.step(t, drone, deck, self.other.as_ref(), water),
             beacons: self.beacon.as_mut().map_or_else(Vec::new, |b| b.step(t, deck)),
+            relative: self
+                .rover
+                .as_mut()
+                .map_or_else(Vec::new, |r| r.step(t, drone, deck)),
             ..DroneReadings::default()
         };
         match &mut self.shutter {

@@ -21,6 +21,7 @@ mod keep_out;
 mod ladder;
 mod landing;
 mod link;
+mod moving_base;
 mod night;
 mod orders;
 mod places;

@@ -81,6 +81,7 @@ fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
         wind_mps: 3.0,
         drones: 1,
         mast: false,
+        moving_base: false,
         ..storm
     }
 }
@@ -160,6 +161,7 @@ fn with_fault(seed: u64, fault: Fault) -> Storm {
         reserved: false,
         drones: 1,
         mast: false,
+        moving_base: false,
         ..Storm::drawn(seed, 0)
     }
 }

@@ -6,7 +6,7 @@ use crate::harness::foresight::{Foresight, OdometryError};
 use crate::harness::physics::Physics;
 use crate::harness::tap::Tap;
 use alight_bridge::{BridgeIn, Packet};
-use alight_shared::bus::Writer as _;
+use alight_shared::bus::{Reader as _, Writer as _};
 use alight_shared::msg::AutopilotMode;
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Stamped};
@@ -81,9 +81,17 @@ impl SimulatedDroneComputer {
     }
     /// The cameras with what they have exposed, or what models measure in their place.
     pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
+        // The link to the autopilot passes frames on, and what its receiver makes of them.
+        let frames = self.observer.rtcm.all(now.nanos());
+        let runs = self.rows.autopilot.is_some() && self.runs(ProcessKind::Autopilot);
+        let passes = runs && self.linked.as_ref().is_some_and(|l| !l.cut);
+        if passes {
+            physics.receive_rtcm(self.k, &frames);
+        }
         let Some(mut readings) = physics.drone_readings(self.k) else {
             return;
         };
+        readings.relative.retain(|_| passes);
         readings.shift(self.ahead);
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
             let input = cameras.belly(t, &readings.shots);
@@ -99,6 +107,7 @@ impl SimulatedDroneComputer {
         self.outside.uvdar.send_each(&readings.uvdar);
         self.outside.ranges.send_each(&readings.ranges);
         self.outside.beacons.send_each(&readings.beacons);
+        self.outside.relative.send_each(&readings.relative);
         self.outside.light.send_each(&readings.light);
     }
     pub(super) fn step_predictor(

@@ -54,7 +54,7 @@ impl Storm {
         let kinds: Vec<FaultKind> = FaultKind::ALL
             .iter()
             .copied()
-            .filter(|_| noise.chance(0.5))
+            .filter(|kind| !kind.needs_moving_base() && noise.chance(0.5))
             .collect();
         let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
         // A stream of its own: the sea and the faults of a landing are those of before there were other flights.
@@ -73,9 +73,26 @@ impl Storm {
             reserved,
             drones,
             mast,
+            moving_base: false,
             faults: faults.collect(),
         };
-        storm.fitted()
+        storm.fitted().with_moving_base()
+    }
+    /// One storm in six has a moving base, and then its first fault happens to that; streams of its own: nothing else is drawn
+    /// otherwise than of storms without.
+    fn with_moving_base(mut self) -> Storm {
+        let mut noise = Noise::new(&Streams::new(self.seed), "storm.moving_base");
+        self.moving_base = noise.chance(1.0 / 6.0) && !self.flight.is_silent();
+        let kinds = FaultKind::ALL.iter().copied();
+        let kinds: Vec<FaultKind> = kinds.filter(|kind| kind.needs_moving_base()).collect();
+        let row = by_parts(self.flight.rows(), |row| row.1, noise.uniform());
+        let kind = pick(&kinds, &mut noise);
+        if let (Some(first), Some(kind), Some(row)) = (self.faults.first_mut(), kind, row)
+            && self.moving_base
+        {
+            *first = of_kind(*kind, *row, 1, &mut noise);
+        }
+        self
     }
     /// With a scene in which its flight is possible.
     fn fitted(mut self) -> Storm {
@@ -106,6 +123,7 @@ impl Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
         let rows = self.flight.rows();
         let row = rows.iter().find(|row| row.0 == state).copied();
+        self.moving_base |= kind.needs_moving_base();
         if let Some(last) = self.faults.last_mut() {
             *last = of_kind(kind, row.unwrap_or((state, 1, 1.0)), 1, &mut noise);
         }

@@ -73,6 +73,10 @@ macro_rules! names {
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
+            /// It happens to a moving base, and is drawn of a storm with one alone.
+            pub const fn needs_moving_base(self) -> bool {
+                matches!(self, FaultKind::CorrectionsLost | FaultKind::FixLost | FaultKind::FalseFix)
+            }
             /// Distribution of the kind, and what it excuses.
             pub const fn spec(self) -> Spec {
                 match self {
@@ -407,6 +411,15 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The crew closes the deck for so long.
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
+    /// The frames of the moving base do not reach the drone's receiver.
+    CorrectionsLost, "corrections-lost", "", NONE, [0.5, 30.0], Nothing,
+        Lasting(|f, _| f.moving_base.corrections_lost = true);
+    /// That receiver has no fix.
+    FixLost, "fix-lost", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.moving_base.fix_lost = true);
+    /// Its fix is a false one.
+    FalseFix, "false-fix", "m", [0.1, 2.0], WRONG, Nothing,
+        Lasting(|f, size| f.moving_base.false_fix_m = size);
 } } }
 pub(super) use each_kind;
 each_kind!(names);

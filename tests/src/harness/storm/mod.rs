@@ -23,6 +23,7 @@ use thiserror::Error;
 use super::scenario::{NodeConfigs, Scenario};
 use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::VesselCourse;
+use crate::sensors::moving_base::MovingBaseConfig;
 use crate::studies::aborts::drive;
 
 pub use super::mutant::Mutant;
@@ -66,6 +67,9 @@ pub struct Storm {
     /// A mast forward of the deck and an A-frame abeam of it, known to the vessel's surroundings.
     #[serde(default)]
     pub mast: bool,
+    /// The vessel's GNSS receiver is the moving base of the drone's.
+    #[serde(default)]
+    pub moving_base: bool,
     /// The faults.
     #[serde(default, rename = "fault")]
     pub faults: Vec<Fault>,
@@ -140,6 +144,7 @@ impl Storm {
             scenario.keep_out_m = MAST_M.to_vec();
             nodes.vessel.surroundings.keep_out_m = MAST_M.to_vec();
         }
+        scenario.sensors.moving_base = self.moving_base.then(MovingBaseConfig::default);
         (scenario, nodes)
     }
 }
@@ -202,6 +207,24 @@ mod tests {
         let storm = Storm::read(text).unwrap();
         assert_eq!(storm.flight, FlightKind::Landing);
         assert!(!storm.faults.is_empty() && storm.faults.iter().all(|f| f.entry == 1));
+    }
+
+    #[test]
+    fn moving_base_without_a_shift_of_other_draws() {
+        let storms: Vec<Storm> = (1..=200).map(|seed| Storm::drawn(seed, 5)).collect();
+        let of_base = |s: &Storm| s.faults.iter().filter(|f| f.kind.needs_moving_base()).count();
+        assert!(storms.iter().all(|s| of_base(s) == usize::from(s.moving_base)));
+        let with = storms.iter().filter(|s| s.moving_base);
+        assert!((15..=45).contains(&with.clone().count()));
+        assert!(
+            with.clone()
+                .all(|s| !s.flight.is_silent() && s.faults[0].kind.needs_moving_base())
+        );
+        let aimed = Storm::drawn(3, 4).aimed((FaultKind::FalseFix, State::Descent));
+        assert!(aimed.moving_base && aimed.check().is_ok());
+        // Before there was one.
+        let former = include_str!("../../../storm/live-abort.toml");
+        assert!(!Storm::read(former).unwrap().moving_base);
     }
 
     #[test]

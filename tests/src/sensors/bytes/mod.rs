@@ -7,6 +7,7 @@
 pub mod mavlink;
 pub mod n2k;
 pub mod nmea;
+pub mod rtcm;
 pub mod signalk;
 pub mod ubx;
 

@@ -1,0 +1,357 @@
+//! Moving base: the vessel's GNSS receiver sends RTCM 3, by which the drone's measures the vector from the vessel's antenna to its
+//! own.
+//!
+//! Both measure at the same times of GNSS, each an epoch, whose number is in the frames. A place is valid at an epoch of which the
+//! base's place and all observations came, and is ready 80 ms after the last of them; an incomplete epoch gives no place.
+//!
+//! | solution | becomes | after |
+//! |---|---|---|
+//! | none | float | 1 s with corrections |
+//! | float | fixed | an exponential time, with corrections |
+//! | fixed | float | an exponential time, or 5 s without corrections |
+//! | float, fixed | none | 20 s without corrections |
+
+use std::collections::VecDeque;
+
+use alight_shared::config;
+use alight_shared::frames::{Deck, DroneBody};
+use alight_shared::msg::{CarrierSolution, RelativePlace, RtcmFrame, Seq};
+use alight_shared::rtcm;
+use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use nalgebra::Vector3;
+
+use super::bytes::rtcm::{content, frame};
+use super::delay::DelayLine;
+use super::noise::{GaussMarkovError, Noise, SampleSchedule, Windows};
+use super::outlet::{Outlet, SenderIdentity};
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
+
+/// Messages of an epoch with the bytes of their contents: place of the base, GPS, GLONASS, Galileo and BeiDou; last, of each fifth
+/// epoch alone, the biases of GLONASS.
+/// Source: numbers of u-blox's moving base; sizes of 5 to 8 satellites a system, two signals each.
+const MESSAGES: [(u16, usize); 6] = [
+    (rtcm::UBLOX, 57),
+    (1077, 147),
+    (1087, 107),
+    (1097, 127),
+    (1127, 137),
+    (1230, 57),
+];
+/// Bits of the messages without which an epoch is incomplete.
+const COMPLETE: u8 = 0b1_1111;
+/// From an epoch to its frames' arrival at the vessel's computer, s: 1 kB over a fast serial line.
+const BASE_LATENCY_S: f64 = 0.03;
+/// From the last frame of an epoch to its solution at the drone's computer, s.
+const PROCESSING_S: f64 = 0.08;
+/// Epochs that wait for their frames, and solutions under way, at most.
+const EPOCHS: usize = 64;
+/// Corrections no older than this let a solution become better, s.
+const FRESH_S: f64 = 2.0;
+/// Without corrections for so long a fix is given up, and everything, s.
+const FIX_LASTS_S: f64 = 5.0;
+const FLOAT_LASTS_S: f64 = 20.0;
+/// First corrections to the first float solution, s.
+const START_S: f64 = 1.0;
+/// Standard deviations of a fix: white, each of north, east, down, and correlated, m.
+const FIXED_SD_M: [f64; 3] = [0.01, 0.01, 0.015];
+const FIXED_SLOW_SD_M: f64 = 0.005;
+/// Standard deviations of float and code solutions, m.
+const FLOAT_SD_M: f64 = 0.3;
+const CODE_SD_M: f64 = 1.5;
+/// Correlation times of a fix's slow error, of float and of code solutions, s.
+const SLOW_S: f64 = 20.0;
+const FLOAT_S: f64 = 30.0;
+const CODE_S: f64 = 60.0;
+/// Error of a fix by the atmosphere's difference, m for each metre between the antennas.
+const BASELINE_ERROR: f64 = 1e-6;
+
+config! {
+    /// A moving base.
+    ///
+    /// Defaults: two receivers of two frequencies (u-blox F9P) on open water; values chosen here.
+    #[derive(Copy)]
+    pub struct MovingBaseConfig {
+        /// Epochs per second.
+        /// Chosen: 2.3 kB/s on the radio, headers included, of the 3 kB/s that the vessel gives its frames.
+        pub rate_hz: f64 = 2.0, in 1.0..=5.0;
+        /// Antenna of the vessel's receiver from the deck's centre, in the vessel's body frame, m.
+        /// Chosen: at the stern rail, below the landing drone's feet.
+        pub antenna_m: [f64; 3] = [-1.4, 0.6, 0.1], in -50.0..=50.0;
+        /// Mean time from a float solution to a fix, s.
+        pub time_to_fix_s: f64 = 8.0, in 0.1..=1e4;
+        /// Mean time after which a fix is lost, s.
+        pub fix_lost_every_s: f64 = 120.0, in 1.0..=1e6;
+        /// Every fix is a false one: by so much, m, in a direction that lasts as long as the fix.
+        pub false_fix_m: f64 = 0.0, in 0.0..=100.0;
+        /// Fraction of the sky that the vessel hides from her antenna: noise and the time to a fix grow to 1 + 3 times it.
+        pub blocked: f64 = 0.0, in 0.0..=1.0;
+    }
+}
+
+/// Faults of a moving base.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MovingBaseFaults {
+    /// No corrections reach the drone's receiver.
+    pub corrections_lost: bool,
+    /// It has no fix.
+    pub fix_lost: bool,
+    /// Error of every fix, a false one, m; 0: as far as it is right.
+    pub false_fix_m: f64,
+}
+
+/// Number of the epoch of `t`.
+fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
+    // As its schedule counts.
+    (t.secs() * rate_hz + 1e-6).floor().max(0.0) as u32
+}
+
+/// The vessel's receiver.
+#[derive(Clone, Debug)]
+pub(super) struct MovingBase {
+    config: MovingBaseConfig,
+    random: Noise,
+    outlet: Outlet<RtcmFrame<VesselClock>, VesselClock>,
+}
+
+impl MovingBase {
+    pub(super) fn new(config: &MovingBaseConfig, identity: SenderIdentity, streams: &Streams) -> Self {
+        MovingBase {
+            config: *config,
+            random: Noise::new(streams, "vessel.moving_base.content"),
+            outlet: Outlet::new(config.rate_hz, BASE_LATENCY_S, &Windows::default(), identity),
+        }
+    }
+    /// Frames that have arrived by `t`.
+    pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrame<VesselClock>> {
+        if self.outlet.due(t).is_some() {
+            let epoch = epoch_at(t, self.config.rate_hz);
+            let messages = MESSAGES.len() - usize::from(!epoch.is_multiple_of(5));
+            for (number, length) in MESSAGES.into_iter().take(messages) {
+                let mut content = epoch.to_be_bytes().to_vec();
+                content.resize_with(length, || (256.0 * self.random.uniform()) as u8);
+                let mut message = RtcmFrame {
+                    antenna_m: self.config.antenna_m.map(|x| x as f32),
+                    bytes: Seq::filled(frame(number, &content)),
+                    ..RtcmFrame::default()
+                };
+                self.outlet.send(t, false, |header| {
+                    message.header = header;
+                    // Frames have no time of their own: this is that of their arrival.
+                    message.header.at += Span::from_secs(BASE_LATENCY_S);
+                    Some(message)
+                });
+            }
+        }
+        self.outlet.arrived(t)
+    }
+}
+
+/// Solution of the ambiguities as it changes in time.
+#[derive(Clone, Debug)]
+struct Ambiguities {
+    solution: CarrierSolution,
+    /// When it changes next by itself; None: without corrections it has not begun.
+    changes_at: Option<Time<TrueTime>>,
+    /// Mean time to a fix, and to its loss, s.
+    means_s: [f64; 2],
+    times: Noise,
+    directions: Noise,
+    /// Direction in which this fix is off where it is a false one.
+    direction: Vector3<f64>,
+}
+
+impl Ambiguities {
+    fn new(config: &MovingBaseConfig, streams: &Streams) -> Self {
+        let time_to_fix_s = config.time_to_fix_s * (1.0 + 3.0 * config.blocked);
+        Ambiguities {
+            solution: CarrierSolution::None,
+            changes_at: None,
+            means_s: [time_to_fix_s, config.fix_lost_every_s],
+            times: Noise::new(streams, "drone.moving_base.times"),
+            directions: Noise::new(streams, "drone.moving_base.directions"),
+            direction: Vector3::zeros(),
+        }
+    }
+    /// Goes on to `t`, with corrections so old, s; `fix_lost`: there cannot be a fix.
+    fn step(&mut self, t: Time<TrueTime>, age_s: f64, fix_lost: bool) {
+        let fresh = age_s <= FRESH_S;
+        let due = self.changes_at.is_some_and(|at| t >= at);
+        match self.solution {
+            CarrierSolution::None if !fresh => self.changes_at = None,
+            CarrierSolution::None => {
+                let at = *self.changes_at.get_or_insert(t + Span::from_secs(START_S));
+                if t >= at {
+                    self.enter(t, CarrierSolution::Float);
+                }
+            }
+            CarrierSolution::Float | CarrierSolution::Fixed if age_s > FLOAT_LASTS_S => {
+                (self.solution, self.changes_at) = (CarrierSolution::None, None);
+            }
+            CarrierSolution::Float if due && fresh && !fix_lost => self.enter(t, CarrierSolution::Fixed),
+            CarrierSolution::Fixed if due || fix_lost || age_s > FIX_LASTS_S => {
+                self.enter(t, CarrierSolution::Float);
+            }
+            CarrierSolution::Float | CarrierSolution::Fixed => {}
+        }
+    }
+    /// Begins a float or fixed solution, which lasts an exponential time.
+    fn enter(&mut self, t: Time<TrueTime>, solution: CarrierSolution) {
+        let [to_fix_s, to_loss_s] = self.means_s;
+        let mean_s = if solution == CarrierSolution::Fixed {
+            self.direction = self.directions.normal3().normalize();
+            to_loss_s
+        } else {
+            to_fix_s
+        };
+        let lasts_s = -mean_s * (1.0 - self.times.uniform()).ln();
+        (self.solution, self.changes_at) = (solution, Some(t + Span::from_secs(lasts_s)));
+    }
+}
+
+/// An epoch at the drone's receiver.
+#[derive(Clone, Copy, Debug)]
+struct Epoch {
+    number: u32,
+    at: Time<TrueTime>,
+    /// True vector from the vessel's antenna to the drone's, NED, m.
+    baseline: Vector3<f64>,
+    /// Errors of a code, a float and a fixed solution, m.
+    errors: [Vector3<f64>; 3],
+    /// Bits of the messages that have come.
+    came: u8,
+}
+
+/// The drone's receiver.
+#[derive(Clone, Debug)]
+pub(super) struct MovingBaseRover {
+    config: MovingBaseConfig,
+    /// Faults of now.
+    pub(super) faults: MovingBaseFaults,
+    /// Antenna in the drone's body frame, m.
+    antenna: Vector3<f64>,
+    schedule: SampleSchedule,
+    white: Noise,
+    slow: GaussMarkovError,
+    float: GaussMarkovError,
+    code: GaussMarkovError,
+    epochs: VecDeque<Epoch>,
+    /// The newest epoch that is complete.
+    newest: Option<(u32, Time<TrueTime>)>,
+    ambiguities: Ambiguities,
+    identity: SenderIdentity,
+    sequence: u32,
+    line: DelayLine<RelativePlace>,
+}
+
+impl MovingBaseRover {
+    /// With its antenna there in the drone's body frame, m.
+    pub(super) fn new(
+        config: &MovingBaseConfig,
+        antenna_m: [f64; 3],
+        identity: SenderIdentity,
+        streams: &Streams,
+    ) -> Self {
+        let noise = |what: &str| Noise::new(streams, &format!("drone.moving_base.{what}"));
+        MovingBaseRover {
+            config: *config,
+            faults: MovingBaseFaults::default(),
+            antenna: Vector3::from(antenna_m),
+            schedule: SampleSchedule::new(config.rate_hz),
+            white: noise("white"),
+            slow: GaussMarkovError::new(noise("slow"), FIXED_SLOW_SD_M, SLOW_S),
+            float: GaussMarkovError::new(noise("float"), FLOAT_SD_M, FLOAT_S),
+            code: GaussMarkovError::new(noise("code"), CODE_SD_M, CODE_S),
+            epochs: VecDeque::with_capacity(EPOCHS),
+            newest: None,
+            ambiguities: Ambiguities::new(config, streams),
+            identity,
+            sequence: 0,
+            line: DelayLine::new(EPOCHS),
+        }
+    }
+    /// Takes frames that reach it at `t`.
+    pub(super) fn receive(&mut self, t: Time<TrueTime>, frames: &[RtcmFrame<DroneClock>]) {
+        if self.faults.corrections_lost {
+            return;
+        }
+        for frame in frames {
+            let message = rtcm::number(&frame.bytes).map(|n| n.message);
+            let bit = MESSAGES.iter().position(|(m, _)| Some(*m) == message);
+            let number = content(&frame.bytes)
+                .first_chunk()
+                .map(|n| u32::from_be_bytes(*n));
+            let epoch = self.epochs.iter_mut().find(|e| Some(e.number) == number);
+            let (Some(bit), Some(epoch)) = (bit, epoch) else {
+                continue;
+            };
+            let before = epoch.came;
+            epoch.came |= 1 << bit;
+            let completes = epoch.came & COMPLETE == COMPLETE && before & COMPLETE != COMPLETE;
+            if completes && self.newest.is_none_or(|(newest, _)| newest < epoch.number) {
+                let (epoch, antenna_m) = (*epoch, frame.antenna_m);
+                self.newest = Some((epoch.number, epoch.at));
+                let place = self.solved(&epoch, antenna_m);
+                // A full line: more under way than a radio holds.
+                let _full = self.line.push(t + Span::from_secs(PROCESSING_S), place);
+            }
+        }
+    }
+    /// The place of a complete epoch.
+    fn solved(&mut self, epoch: &Epoch, antenna_m: [f32; 3]) -> RelativePlace {
+        let solution = self.ambiguities.solution;
+        let off_m = self.config.false_fix_m.max(self.faults.false_fix_m.abs());
+        let [code, float, fixed] = epoch.errors;
+        let (error, sd_m) = match solution {
+            CarrierSolution::None => (code, [CODE_SD_M; 3]),
+            CarrierSolution::Float => (float, [FLOAT_SD_M; 3]),
+            CarrierSolution::Fixed => {
+                let false_fix = self.ambiguities.direction * off_m;
+                let far_m = BASELINE_ERROR * epoch.baseline.norm();
+                let sd_m = FIXED_SD_M.map(|sd| sd.hypot(FIXED_SLOW_SD_M) + far_m);
+                (fixed + false_fix, sd_m)
+            }
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        RelativePlace {
+            header: self.identity.header(self.sequence, epoch.at),
+            baseline_m: (epoch.baseline + error).into(),
+            baseline_sd_m: sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked)),
+            solution,
+            antenna_m,
+        }
+    }
+    /// Places that have arrived by `t`; the receiver measures now where an epoch is due.
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        drone: &RigidState<DroneBody>,
+        deck: &RigidState<Deck>,
+    ) -> Vec<RelativePlace> {
+        let age_s = self.newest.map_or(f64::INFINITY, |(_, at)| (t - at).secs());
+        self.ambiguities.step(t, age_s, self.faults.fix_lost);
+        if let Some(dt) = self.schedule.due(t) {
+            let base = Vector3::from(self.config.antenna_m);
+            let baseline = drone.at::<DroneBody>(self.antenna).position.0 - deck.at::<Deck>(base).position.0;
+            // All are drawn of each epoch, whatever comes of it.
+            let white = self.white.normal3();
+            let far = white * (BASELINE_ERROR * baseline.norm());
+            let fixed = white.component_mul(&Vector3::from(FIXED_SD_M)) + self.slow.step(dt) + far;
+            let errors = [self.code.step(dt), self.float.step(dt), fixed];
+            if self.epochs.len() == EPOCHS {
+                self.epochs.pop_front();
+            }
+            self.epochs.push_back(Epoch {
+                number: epoch_at(t, self.config.rate_hz),
+                at: t,
+                baseline,
+                errors: errors.map(|e| e * (1.0 + 3.0 * self.config.blocked)),
+                came: 0,
+            });
+        }
+        self.line.arrived(t)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,144 @@
+//! The vessel's GNSS receiver as the moving base of the drone's: a place to centimetres before a tag is in view and after it is
+//! lost, and fixes that are false.
+
+use alight_shared::msg::{CommandKind, State};
+use alight_sim::harness::outcome::{Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::storm::FaultKind;
+use alight_sim::harness::trial;
+use alight_sim::sensors::moving_base::MovingBaseConfig;
+use alight_sim::sensors::noise::Windows;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// The drone hovers for so long before it is ordered to land, s.
+const HOVERS_S: f64 = 40.0;
+/// Tags are lost for good below this, m: the flare, which needs none, is more than a second further down.
+const BLIND_M: f64 = 3.0;
+
+/// Receivers of which the drone's soon has a fix, for good.
+fn fixed() -> MovingBaseConfig {
+    MovingBaseConfig {
+        time_to_fix_s: 2.0,
+        fix_lost_every_s: 1e6,
+        ..MovingBaseConfig::default()
+    }
+}
+/// A Moderate sea.
+fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
+    let mut scenario = Scenario {
+        sea: "moderate".parse().unwrap(),
+        ..Scenario::default()
+    };
+    scenario.sensors.moving_base = moving_base;
+    scenario
+}
+/// Outcome of a flight with `each` after every tick.
+fn judged(rig: &mut Rig, seed: u64, mut each: impl FnMut(&mut Rig)) -> Outcome {
+    let half_deck = [rig.scenario.deck.length_m / 2.0, rig.scenario.deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    rig.each(TIME_LIMIT_S, |rig| {
+        each(rig);
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    judge.outcome(seed, "", "", 0.0)
+}
+
+/// Distance between the deck's place from the drone as it is forecast for now and as it is, m.
+fn error_m(rig: &Rig) -> Option<f64> {
+    let (physics, computer) = (rig.world.physics(), rig.world.drones().first()?);
+    let (now, odometry) = (physics.drone_now(0), computer.odometry.as_ref()?);
+    let deck = Vector3::from(computer.forecast.as_ref()?.at(now)?.position);
+    let drone = odometry.position() + odometry.velocity() * (now - odometry.header.at).secs();
+    let truth = physics.deck().position.0 - physics.drone(0)?.position.0;
+    Some((deck - drone - truth).norm())
+}
+/// Mean of that over the last 10 s of a hover at a height of 10 m without a detection, m, and the outcome of the landing after it.
+fn hovered(moving_base: Option<MovingBaseConfig>, seed: u64) -> (f64, Outcome) {
+    let mut scenario = at_sea(moving_base);
+    (scenario.start.distance_m, scenario.start.height_m) = ([0.0; 2], [10.0; 2]);
+    let order_s = scenario.start.warm_up_s + HOVERS_S;
+    scenario.sensors.tag.outages_s = Windows(vec![[0.0, order_s]]);
+    scenario.sensors.uvdar.max_range_m = 0.0;
+    let mut rig = Rig::new(&scenario, &NodeConfigs::default(), seed).unwrap();
+    rig.run(HOVERS_S - 10.0);
+    let errors = (0..100).filter_map(|_| {
+        rig.run(0.1);
+        error_m(&rig)
+    });
+    let errors: Vec<f64> = errors.collect();
+    assert!(errors.len() > 90, "{} forecasts", errors.len());
+    rig.world.command(CommandKind::Land);
+    let outcome = judged(&mut rig, seed, |_| {});
+    (errors.iter().sum::<f64>() / errors.len() as f64, outcome)
+}
+
+#[test]
+fn forecast_at_10_m_before_a_tag_is_in_view() {
+    let median_m = |moving_base: Option<MovingBaseConfig>| {
+        let seeds = (4100..4103_u64).into_par_iter();
+        let mut errors: Vec<f64> = seeds
+            .map(|seed| {
+                let (error_m, o) = hovered(moving_base, seed);
+                assert!(o.success, "{seed}: {}", o.reason);
+                error_m
+            })
+            .collect();
+        errors.sort_by(f64::total_cmp);
+        errors[1]
+    };
+    let (with, without) = (median_m(Some(fixed())), median_m(None));
+    println!("with a moving base {with:.3} m, without {without:.3} m");
+    assert!(with < 0.1 && without > 0.3, "{with} {without}");
+}
+
+/// Outcome of a landing whose camera fails for good in the descent.
+fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
+    let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
+    let mut blind = false;
+    judged(&mut rig, seed, |rig| {
+        let low = rig.state(0) == State::Descent && rig.world.observation().feet_height_m() < BLIND_M;
+        if low && !blind {
+            blind = true;
+            rig.begin(FaultKind::Blind, 0.0);
+        }
+    })
+}
+
+#[test]
+fn tags_lost_for_good_low_over_the_deck() {
+    let cases: Vec<u64> = (4110..4113).collect();
+    cases.into_par_iter().for_each(|seed| {
+        let (with, without) = (blinded(Some(fixed()), seed), blinded(None, seed));
+        assert!(with.success, "{seed}: {}", with.reason);
+        assert!(
+            !without.success && without.unsafe_contacts == 0,
+            "{seed}: {without:?}"
+        );
+    });
+}
+
+/// Landings by fixes that are half a metre off: none is unsafe.
+fn falsely_fixed(seeds: core::ops::Range<u64>) {
+    let config = MovingBaseConfig {
+        false_fix_m: 0.5,
+        ..fixed()
+    };
+    let scenario = at_sea(Some(config));
+    seeds.into_par_iter().for_each(|seed| {
+        let o = trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap();
+        assert!(!o.is_unsafe() && o.unsafe_contacts == 0, "{seed}: {}", o.reason);
+    });
+}
+
+#[test]
+fn false_fixes_without_an_unsafe_contact() {
+    falsely_fixed(4120..4124);
+}
+
+#[test]
+#[ignore = "rate over seeds: 40 landings"]
+fn false_fixes_over_40_seeds() {
+    falsely_fixed(4120..4160);
+}
