@@ -115,7 +115,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over class to payload).
+    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over class to
+    /// payload).
     fn message(of_week_ms: u32, flags: u32) -> Vec<u8> {
         let mut payload = [0; 64];
         let mut put = |at: usize, bytes: &[u8]| payload[at..at + bytes.len()].copy_from_slice(bytes);

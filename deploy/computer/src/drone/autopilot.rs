@@ -162,7 +162,7 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
 /// Receivers with links of their own.
 struct Receivers {
     ais: LinkedReceiver<AisDecoder>,
-    /// Of the drone, whose moving base is the vessel's.
+    /// The drone's own, whose moving base is the vessel's.
     gnss: LinkedReceiver<ReceiverDecoder>,
 }
 

@@ -220,7 +220,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             d.data.get_mut(..data.len())?.copy_from_slice(data);
             M::GPS_RTCM_DATA(d)
         }
-        // Of the drone's own receiver alone.
+        // The drone's own receiver's alone.
         MavlinkMessage::RelativePlace(_) => return None,
         // Made byte by byte.
         MavlinkMessage::Odometry(_)

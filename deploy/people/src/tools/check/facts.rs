@@ -143,7 +143,7 @@ pub enum ReceiverReport {
     Received {
         /// Bytes that came.
         bytes: usize,
-        /// Its newest report among them.
+        /// Newest report among them.
         newest: Option<RelativeReport>,
     },
     /// The process that runs has it.

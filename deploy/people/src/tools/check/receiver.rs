@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn receiver_that_cannot_be_opened_or_is_none() {
+    fn receiver_that_is_not_configured_or_unreachable() {
         let mut d = DroneComputerConfig::default();
         assert_eq!(of(&d, false, None), None);
         d.autopilot.receiver = "can://can0".into();
