@@ -111,7 +111,8 @@ names! {
     ImageMean: "image mean",
     TooDark: "too dark",
     MemoryWarnings: "warnings of the shared memory",
-    RtcmDropped: "rtcm frames dropped",
+    RtcmPassedOn: "RTCM frames passed on",
+    RtcmDropped: "RTCM frames dropped",
 }
 
 /// The value of a metric, with its unit.

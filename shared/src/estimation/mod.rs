@@ -1,11 +1,13 @@
-//! Estimation: Kalman filter, low-pass filter, offset of clocks, statistics of samples.
+//! Estimation: Kalman filter, low-pass filter, offset of clocks, clock of a source, statistics of samples.
 
 mod clock_offset;
 mod kalman;
 mod low_pass;
+mod source_clock;
 mod statistics;
 
 pub use clock_offset::OffsetBounds;
 pub use kalman::{Gaussian, LinearTransition, Update, reduce_covariance, symmetrise};
 pub use low_pass::{low_pass, low_pass_gain};
+pub use source_clock::{CLOCK_DRIFT, HELD_UP_S, JITTER_S, Rollover, SourceClock};
 pub use statistics::{ValueWithSd, median, moments, quantile};

@@ -54,6 +54,11 @@ config! {
         pub beacon_mmsi: u32 = 0, in 0.0..=999_999_999.0;
         /// Address of a receiver's AIS sentences (NMEA 0183 `!AIVDM`), written as `connect`; empty: none.
         pub ais: String = String::new();
+        /// Address of the drone's own GNSS receiver whose moving base is the vessel's, written as `connect`: it is sent her RTCM, and
+        /// its NAV-RELPOSNED (u-blox) is read; empty: the autopilot is sent the RTCM.
+        pub receiver: String = String::new();
+        /// Smallest delay from a measurement of that receiver to its arrival, s: of its data sheet.
+        pub receiver_latency_s: f64 = 0.0, in 0.0..=0.5;
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
         pub system: u8 = 0;

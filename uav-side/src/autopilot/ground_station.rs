@@ -10,6 +10,7 @@ use super::clock::RemoteClock;
 use super::drone_state::DroneEstimate;
 use super::inputs::LinkInputs;
 use super::message::{CommandLong, MavlinkMessage, severity};
+use super::moving_base::RelativeReports;
 use super::rc_switch::RcSwitch;
 use super::station::StationOrders;
 use super::station_parameters::StationParameters;
@@ -45,6 +46,7 @@ pub(super) struct GroundReports {
     waiting: Option<(ReasonCode, DroneTime, bool)>,
     /// Why the newest order is not carried out, while the mission states it.
     rejected: Option<ReasonCode>,
+    relative: RelativeReports,
     values: Periodic<DroneClock>,
 }
 
@@ -96,7 +98,7 @@ impl Operators {
 }
 
 impl GroundReports {
-    /// Reports changes of the mission's state, and the named values when they are due.
+    /// Reports changes of the mission's state and of the relative place, and the named values when they are due.
     pub(super) fn publish(
         &mut self,
         now: DroneTime,
@@ -107,6 +109,11 @@ impl GroundReports {
     ) {
         let mission = inputs.mission.get();
         out.messages.extend(mission.and_then(|m| self.report(now, m)));
+        if let Some(forecast) = inputs.fresh_forecast(now)
+            && let Some((severity, text)) = self.relative.change(now, forecast.relative.as_ref())
+        {
+            out.alarm(severity, text);
+        }
         if !self.values.is_due_spaced(now, VALUES) {
             return;
         }

@@ -1,6 +1,7 @@
 //! Inbound messages: heartbeats, clocks, samples, answers.
 
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
+use alight_shared::time::Span;
 
 use super::message::{
     self, Address, CommandResult, DistanceReport, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
@@ -21,6 +22,12 @@ impl AutopilotLink {
             return self.on_heartbeat(now, frame.from, heartbeat);
         }
         if self.asked_by_station(now, frame, out) {
+            return false;
+        }
+        if let MavlinkMessage::RelativePlace(report) = &frame.message {
+            let latency = Span::from_secs(self.config.receiver_latency_s);
+            let place = self.moving_base.place(now, report, latency, &mut self.headers);
+            out.relative.extend(place);
             return false;
         }
         let own = self.peer.as_ref().map(|p| p.address.system);
@@ -162,6 +169,8 @@ impl AutopilotLink {
             | MavlinkMessage::GlobalPosition(_)
             | MavlinkMessage::FollowTarget(_)
             | MavlinkMessage::Ais(_)
+            | MavlinkMessage::RelativePlace(_)
+            | MavlinkMessage::Rtcm { .. }
             | MavlinkMessage::Position(_)
             | MavlinkMessage::AttitudeThrust(_)
             | MavlinkMessage::LandingTarget(_)

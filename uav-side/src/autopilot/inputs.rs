@@ -53,6 +53,9 @@ impl LinkInputs {
     pub(super) fn last_state(&self, now: DroneTime) -> Option<State> {
         self.last_mission(now).map(|m| m.state)
     }
+    pub(super) fn fresh_forecast(&self, now: DroneTime) -> Option<&DeckForecast> {
+        self.forecast.fresh(now, topics::FORECAST.stale_after)
+    }
     /// The deck as forecast for now, for as long as the newest forecast reaches: the pilot flies by no other.
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.forecast.get()?;
@@ -67,7 +70,7 @@ impl LinkInputs {
     }
     /// The deck where it is known by more than a beacon: an unauthenticated position is not passed on.
     pub(super) fn known_deck(&self, now: DroneTime) -> Option<DeckStage> {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after)?;
+        let forecast = self.fresh_forecast(now)?;
         self.deck(now)
             .filter(|_| forecast.vessel_level() != VesselLevel::Beacon)
     }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 mod numbers;
 
 use super::place_report::{AisReport, PlaceReport};
+use super::receiver::RelativeReport;
 pub use numbers::{command, estimator, id, severity};
 
 /// Sender or receiver: system and component.
@@ -424,6 +425,15 @@ pub enum MavlinkMessage {
     FollowTarget(PlaceReport),
     /// `AIS_VESSEL`, or a sentence of an AIS receiver: where a vessel is.
     Ais(AisReport),
+    /// No message of MAVLink: a report of the drone's own GNSS receiver.
+    RelativePlace(RelativeReport),
+    /// `GPS_RTCM_DATA`: a frame of RTCM for the autopilot's receiver, or a fragment of one.
+    Rtcm {
+        /// Bit 0: fragmented; bits 1 and 2: number of the fragment; bits 3 to 7: number of the frame.
+        flags: u8,
+        /// At most 180 bytes.
+        data: Vec<u8>,
+    },
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_INT`.

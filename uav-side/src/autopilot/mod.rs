@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`lapse`] (whose hold it is), `rotors` (whether they follow), `heading` (whether it is aligned), [`disarm`] (when motors are stopped), `take_off` (when they are started), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`inputs`] (of the other nodes; a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
+//! halves), [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and their [`orders`]), [`station_parameters`] (what a ground station sets of the mission), [`inputs`] (of the other nodes; a person flies and nothing is commanded), [`guidance`] (the autopilot lands by itself), `beacon` (the vessel's place by other systems, [`ais`] among them), `moving_base` (RTCM to the drone's receiver, and its relative place, by [`receiver`]), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`], [`own_mission`] (the autopilot's own mission: is it done, when it is ended and started),
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -28,6 +28,7 @@ mod inputs;
 mod lapse;
 pub mod message;
 pub mod modes;
+mod moving_base;
 mod orders;
 mod origin;
 mod outbound;
@@ -36,6 +37,7 @@ pub mod parameters;
 mod peer;
 pub mod place_report;
 mod rc_switch;
+pub mod receiver;
 mod rotors;
 mod station;
 mod station_parameters;
@@ -53,7 +55,8 @@ use alight_shared::bus::wiring;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, SetPoint, SettingsOrder,
+    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, RelativePlace, RtcmFrame,
+    SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -70,6 +73,7 @@ use ground_station::Operators;
 use inputs::LinkInputs;
 use message::{Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, MavlinkMessage, severity};
 use modes::Firmware;
+use moving_base::{MovingBase, RtcmTarget};
 use outbound::{LinkCommands, SetPointStream};
 use own_mission::OwnMissionSequence;
 use peer::MavlinkPeer;
@@ -100,6 +104,8 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
+    /// Frames of RTCM of the vessel's receiver.
+    pub rtcm: Vec<RtcmFrame<DroneClock>>,
     /// Checkpoint of a crashed predecessor; boot 0: no checkpoint. Read until this one publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
@@ -125,6 +131,10 @@ pub struct AutopilotOut {
     pub settings: Option<SettingsOrder>,
     /// The vessel's place by another system.
     pub beacon: Option<DeckBeacon>,
+    /// Relative places by the drone's own receiver.
+    pub relative: Vec<RelativePlace>,
+    /// Frames of RTCM to that receiver.
+    pub rtcm: Vec<Vec<u8>>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -136,12 +146,14 @@ wiring! {
             newest set_point: SetPoint,
             newest mission: MissionState,
             newest forecast: DeckForecast,
+            all rtcm: RtcmFrame<DroneClock>,
         }
         edge { received }
         writes {
             command: Command,
             settings: SettingsOrder,
             beacon: DeckBeacon,
+            relative: RelativePlace,
             ranges: RangeSample,
             state: AutopilotState,
             odometry: DroneState,
@@ -164,6 +176,10 @@ pub struct LinkMetrics {
     pub hover_thrust: f64,
     /// Set-points sent.
     pub set_points: u32,
+    /// Frames of RTCM passed on.
+    pub rtcm_passed_on: u32,
+    /// Frames of RTCM that were too long, too old or damaged, or came before an autopilot was found.
+    pub rtcm_dropped: u32,
 }
 
 /// Outputs that the node publishes, each with its own sequence.
@@ -176,6 +192,7 @@ enum Output {
     Command,
     Settings,
     Beacon,
+    Relative,
 }
 
 /// Headers of the outputs.
@@ -183,7 +200,7 @@ enum Output {
 struct OutputHeaders {
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 7],
+    sequences: [u32; 8],
 }
 
 impl OutputHeaders {
@@ -211,6 +228,7 @@ pub struct AutopilotLink {
 
     peer: Option<MavlinkPeer>,
     others: OtherSystems,
+    moving_base: MovingBase,
     clock: RemoteClock,
     estimate: DroneEstimate,
 
@@ -255,6 +273,8 @@ impl AutopilotLink {
             restarts: self.clock.restarts,
             hover_thrust: self.estimate.hover.value(),
             set_points: self.stream.sent,
+            rtcm_passed_on: self.moving_base.passed_on,
+            rtcm_dropped: self.moving_base.dropped,
         }
     }
     /// Our own address: the vehicle's system, unless configured otherwise.
@@ -264,6 +284,14 @@ impl AutopilotLink {
             configured => configured,
         };
         Address::new(system, self.config.component)
+    }
+    /// Receiver of the vessel's RTCM.
+    fn rtcm_target(&self) -> RtcmTarget {
+        match &self.peer {
+            _ if !self.config.receiver.is_empty() => RtcmTarget::Receiver,
+            Some(_) => RtcmTarget::Autopilot,
+            None => RtcmTarget::Nothing,
+        }
     }
     fn firmware(&self) -> Option<Firmware> {
         self.peer.as_ref().map(|p| p.firmware)
@@ -399,6 +427,8 @@ impl Node for AutopilotLink {
         let before = (self.mode(now), self.control_authority());
         let mut heartbeat = false;
         self.begin(now, input.checkpoint.as_ref(), &mut out);
+        let target = self.rtcm_target();
+        self.moving_base.take(now, &input.rtcm, target, &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
         }

@@ -20,7 +20,6 @@ mod stuck;
 mod ubx;
 
 pub use average::Average;
-pub use clock::SourceClock;
 pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;

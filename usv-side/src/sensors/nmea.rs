@@ -13,6 +13,7 @@ mod carried;
 pub(super) mod partner;
 pub(super) mod sentences;
 
+use alight_shared::estimation::Rollover;
 use alight_shared::geodesy::Datum;
 use alight_shared::lines::{Cut, LineBuffer};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
@@ -20,7 +21,7 @@ use alight_shared::time::{Time, VesselClock};
 use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::{NmeaFrame, parse_frame};
 
-use super::clock::{DAY_NS, Rollover, time_of_day_ns};
+use super::clock::{DAY_NS, time_of_day_ns};
 use super::heights::EllipsoidHeights;
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use account::{Account, Why};

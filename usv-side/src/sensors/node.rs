@@ -2,6 +2,7 @@
 //! of each source.
 
 use alight_shared::bus::wiring;
+use alight_shared::estimation::SourceClock;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{Header, RtcmFrame, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
@@ -13,7 +14,7 @@ use super::plausible::Plausibility;
 use super::rtcm::{NoMeasurements, RtcmTraffic};
 use super::{
     Average, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings, Remark,
-    SensorDecoder, SignalKDecoder, SourceClock, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
+    SensorDecoder, SignalKDecoder, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
@@ -66,7 +67,7 @@ struct Source {
     rtcm: Option<RtcmTraffic>,
     latency: Span,
     /// Clocks for times from the source's start, and for times from 1970; one of each, or one a kind.
-    clocks: [[SourceClock; 2]; KINDS.len()],
+    clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
     average: [Average; WITHIN as usize],
     /// Newest time passed on, per kind and source within, on the source's own clock, and of those dated by arrival.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
@@ -156,7 +157,7 @@ impl Source {
             .get_mut(kind)?
             .get_mut(usize::from(at_ns > EPOCH_NS))?;
         let before = clock.restarts();
-        let at = clock.vessel_time(now, at_ns, self.latency);
+        let at = clock.local_time(now, at_ns, self.latency);
         if clock.restarts() > before {
             self.status.step_s = clock.step_s();
             self.status.restarts += 1;

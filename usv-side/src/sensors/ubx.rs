@@ -5,12 +5,12 @@
 
 mod parts;
 
+use alight_shared::estimation::Rollover;
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket};
 
-use super::clock::Rollover;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use parts::{FixPart, FixParts, FixPlace, FixState};

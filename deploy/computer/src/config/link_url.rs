@@ -62,6 +62,14 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "no line of NMEA 0183")
     }
+    /// An address at which the drone's own GNSS receiver is: any but a boat's bus, one that listens as for sentences.
+    pub fn of_receiver(text: &str) -> Result<LinkUrl, String> {
+        let open = format!(
+            "any of which could give the drone a false place: write {text}?from=IP for a receiver at the address IP, \
+             tcpout://HOST:PORT or a serial line"
+        );
+        Self::of_one_sender(text, &open, "no GNSS receiver's line")
+    }
     /// An address at which one sender is; the danger of one that is `open` to all, and what a boat's `bus` is not.
     fn of_one_sender(text: &str, open: &str, bus: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;

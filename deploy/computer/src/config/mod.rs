@@ -130,6 +130,10 @@ config! {
         if !this.autopilot.ais.is_empty() && let Err(why) = LinkUrl::of_sentences(&this.autopilot.ais) {
             at.table("autopilot").require(false, "ais", &this.autopilot.ais, &why)?;
         }
+        let receiver = &this.autopilot.receiver;
+        if !receiver.is_empty() && let Err(why) = LinkUrl::of_receiver(receiver) {
+            at.table("autopilot").require(false, "receiver", receiver, &why)?;
+        }
         let own = &this.drone;
         let [fx, fy] = own.camera.lens.focal_px;
         let longest_s = longest_exposure_s(

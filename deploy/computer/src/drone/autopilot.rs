@@ -1,9 +1,9 @@
 //! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the node and
 //! back, the node's output to the topics that predictor, mission, planner and pilot read. Its checkpoint goes
-//! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver come by a link of their own, and
-//! are frames without a sender to the node. Its metrics: uncertainty of the autopilot's
+//! to the supervisor, which republishes it to a link that begins. Sentences of an AIS receiver and messages of the drone's own
+//! GNSS receiver come by links of their own, and are frames without a sender to the node. Its metrics: uncertainty of the autopilot's
 //! clock (s), samples rejected, resets of its clock, hover thrust, set-points sent, times the link was
-//! reopened, datagrams of others than the autopilot, frames by their signatures.
+//! reopened, datagrams of others than the autopilot, frames of RTCM passed on and dropped, frames by their signatures.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -18,8 +18,9 @@ use alight_shared::process::ProcessKind;
 use alight_transport::memory::{Instance, Memory};
 use alight_uav::autopilot::ais::AisDecoder;
 use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, MavlinkFrame, MavlinkMessage};
+use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotLink, LinkMetrics, MAX_FRAMES};
+use alight_uav::autopilot::{AutopilotLink, AutopilotLinkConfig, LinkMetrics, MAX_FRAMES};
 use alight_uav::computer::Installed as _;
 use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
@@ -82,39 +83,109 @@ impl Speakers {
     }
 }
 
-/// A receiver of AIS, where there is one.
-struct AisReceiver {
-    link: Option<ByteLink>,
-    decoder: AisDecoder,
+/// Decodes the bytes of a receiver with a link of its own.
+trait ReceiverBytes: Default {
+    /// Takes bytes as they come.
+    fn take(&mut self, bytes: &[u8]);
+    /// The next report.
+    fn next_message(&mut self) -> Option<MavlinkMessage>;
 }
 
-impl AisReceiver {
+impl ReceiverBytes for AisDecoder {
+    fn take(&mut self, bytes: &[u8]) {
+        self.push(bytes);
+    }
+    fn next_message(&mut self) -> Option<MavlinkMessage> {
+        self.next_report().map(MavlinkMessage::Ais)
+    }
+}
+
+impl ReceiverBytes for ReceiverDecoder {
+    fn take(&mut self, bytes: &[u8]) {
+        self.push(bytes);
+    }
+    fn next_message(&mut self) -> Option<MavlinkMessage> {
+        self.next_report().map(MavlinkMessage::RelativePlace)
+    }
+}
+
+/// A receiver with a link of its own, where there is one.
+#[derive(Default)]
+struct LinkedReceiver<D> {
+    link: Option<ByteLink>,
+    decoder: D,
+}
+
+impl<D: ReceiverBytes> LinkedReceiver<D> {
     /// At this address; empty: none.
-    async fn at(address: &str) -> Result<AisReceiver, CliError> {
+    async fn at(
+        address: &str,
+        url: fn(&str) -> Result<LinkUrl, String>,
+    ) -> Result<LinkedReceiver<D>, CliError> {
         let link = match address {
             "" => None,
-            some => Some(ByteLink::of_several(LinkUrl::of_sentences(some).map_err(CliError)?, None).await?),
+            some => Some(ByteLink::of_several(url(some).map_err(CliError)?, None).await?),
         };
-        Ok(AisReceiver {
+        Ok(LinkedReceiver {
             link,
-            decoder: AisDecoder::default(),
+            ..LinkedReceiver::default()
         })
     }
     /// Waits for bytes; for ever without a receiver.
     async fn read(&mut self) {
         match &mut self.link {
-            Some(link) => link.read(|bytes| self.decoder.push(bytes)).await,
+            Some(link) => link.read(|bytes| self.decoder.take(bytes)).await,
             None => pending().await,
+        }
+    }
+    /// Sends bytes to it.
+    fn write(&mut self, bytes: &[u8]) {
+        if let Some(link) = &mut self.link {
+            link.write(bytes);
         }
     }
     /// The next report, from no system of the autopilot's link.
     fn next_frame(&mut self) -> Option<MavlinkFrame> {
-        let message = MavlinkMessage::Ais(self.decoder.next_report()?);
+        let message = self.decoder.next_message()?;
         let from = Address::new(0, 0);
         Some(MavlinkFrame { from, message })
     }
     fn last_error(&mut self) -> Option<String> {
         self.link.as_mut()?.last_error()
+    }
+    /// Messages to it that could not be sent.
+    fn unsent(&self) -> u64 {
+        self.link.as_ref().map_or(0, ByteLink::unsent)
+    }
+}
+
+/// Receivers with links of their own.
+struct Receivers {
+    ais: LinkedReceiver<AisDecoder>,
+    /// The drone's own, whose moving base is the vessel's.
+    gnss: LinkedReceiver<ReceiverDecoder>,
+}
+
+impl Receivers {
+    /// Those that are configured.
+    async fn of(c: &AutopilotLinkConfig) -> Result<Receivers, CliError> {
+        Ok(Receivers {
+            ais: LinkedReceiver::at(&c.ais, LinkUrl::of_sentences).await?,
+            gnss: LinkedReceiver::at(&c.receiver, LinkUrl::of_receiver).await?,
+        })
+    }
+    /// Waits for bytes of one; for ever without any.
+    async fn read(&mut self) {
+        tokio::select! {
+            () = self.ais.read() => {}
+            () = self.gnss.read() => {}
+        }
+    }
+    fn next_frame(&mut self) -> Option<MavlinkFrame> {
+        self.gnss.next_frame().or_else(|| self.ais.next_frame())
+    }
+    fn last_errors(&mut self) -> [Option<String>; 2] {
+        [self.ais.last_error(), self.gnss.last_error()]
     }
 }
 
@@ -131,7 +202,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let speakers = Speakers::new(signing.as_ref());
     let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
     let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
-    let mut ais = AisReceiver::at(&computer.autopilot.ais).await?;
+    let mut receivers = Receivers::of(&computer.autopilot).await?;
     let make = |boot| AutopilotLink::installed(&computer.nodes(), boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -149,7 +220,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         if !more {
             tokio::select! {
                 () = link.read(|bytes| decoder.push(bytes)) => {}
-                () = ais.read() => {}
+                () = receivers.read() => {}
                 woken = wakes.woken() => {
                     woken?;
                     due = true;
@@ -159,7 +230,7 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         }
         let mut received = Vec::new();
         while received.len() < MAX_FRAMES
-            && let Some(frame) = decoder.next_frame().or_else(|| ais.next_frame())
+            && let Some(frame) = decoder.next_frame().or_else(|| receivers.next_frame())
         {
             received.push(frame);
         }
@@ -178,11 +249,9 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
         let now = process.now();
         let out = process.step(now, &input, |out| {
             // The link first: set-points wait for nothing.
-            for message in &out.messages {
-                if let Some(bytes) = encoder.frame(out.from, message) {
-                    link.write(&bytes);
-                }
-            }
+            let frames = out.messages.iter().filter_map(|m| encoder.frame(out.from, m));
+            frames.for_each(|bytes| link.write(&bytes));
+            out.rtcm.iter().for_each(|frame| receivers.gnss.write(frame));
             // The node has no frames, and knows nothing of their signatures.
             let own = out.checkpoint;
             let signing = signing.as_ref().map(Signing::times).unwrap_or_default();
@@ -191,13 +260,14 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
             out.checkpoint = own;
             !input.received.is_empty()
         });
-        let errors = [link.last_error(), ais.last_error()];
-        for text in out.texts.iter().chain(errors.iter().flatten()) {
+        let (error, others) = (link.last_error(), receivers.last_errors());
+        for text in out.texts.iter().chain(&error).chain(others.iter().flatten()) {
             info!("autopilot: {text}");
         }
         let signatures = decoder.signatures().plus(speakers.rejected());
         process.life.metrics = metrics(&process.node().metrics(now), &link, signatures);
-        let report = process.state(|| ports.states(now.nanos()), link.unsent() + ports.unsent());
+        let unsent = link.unsent() + receivers.gnss.unsent() + ports.unsent();
+        let report = process.state(|| ports.states(now.nanos()), unsent);
         reports.send_any(report.as_ref());
     }
     Ok(Exit::Success)
@@ -214,6 +284,8 @@ fn metrics(of_node: &LinkMetrics, link: &ByteLink, signatures: Signatures) -> Me
         MetricName::LinkReopened.count(link.opened()),
         // Datagrams of others than the autopilot.
         MetricName::PacketsDropped.count(link.foreign()),
+        MetricName::RtcmPassedOn.count(of_node.rtcm_passed_on),
+        MetricName::RtcmDropped.count(of_node.rtcm_dropped),
     ];
     Seq::filled(own.into_iter().chain(mavlink_key::metrics(signatures)))
 }

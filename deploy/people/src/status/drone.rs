@@ -6,8 +6,8 @@ use alight_computer::situation::ObservedSituation;
 use alight_shared::geodesy::Datum;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, DECK_CLOSED, LandedState, LandingMode, MissionState, ReasonCode,
-    ShadowComparison, State, VesselLevel, Wind, still_armed,
+    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, LandedState, LandingMode, MissionState,
+    ReasonCode, ShadowComparison, State, VesselLevel, Wind, still_armed,
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::time::Time;
@@ -63,6 +63,12 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     if let Some(why) = s.known.deck.and_then(|own| own.differs_from(&vessel?)) {
         let found = format!("no descent: {why}");
         all.push(FindingTopic("deck").stopping(found, advice(why.code)));
+    }
+    let relative = s.snapshot.forecast.fresh(s.now_ns).and_then(|f| f.relative);
+    if let Some(m) = relative.and_then(|r| r.contradicted_m) {
+        let found = format!("the place by moving base is off by {m:.2} m by the tags: not used");
+        let remedy = "if it stays: drone.airframe.gnss_antenna_m, and the mount of the vessel's receiver";
+        all.push(FindingTopic("relative").warning(found, remedy));
     }
     all.extend(s.snapshot.frame().map(frame));
     all
@@ -269,6 +275,7 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
             .map(|f| f.stale(s.snapshot.mission.is_old(s.now_ns))),
     );
     all.extend(likelihood(s));
+    all.extend(relative(s));
     let advice = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
     all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
     all.extend(s.snapshot.response.as_ref().map(response));
@@ -430,6 +437,24 @@ fn likelihood(s: &ObservedSituation) -> Option<Figure> {
         .harm
         .map_or(String::new(), |p| format!("unsafe contact {:.1} %", 100.0 * p));
     Some(Figure::of("likelihood", value, note).stale(s.snapshot.mission.is_old(s.now_ns)))
+}
+
+/// The relative place by moving base, where a receiver measures it.
+fn relative(s: &ObservedSituation) -> Option<Figure> {
+    let r = (*s.snapshot.forecast)?.relative?;
+    let value = match r.solution {
+        CarrierSolution::Fixed => format!("fixed, {:.0} cm", 100.0 * r.sd_m),
+        CarrierSolution::Float => format!("float, {:.0} cm", 100.0 * r.sd_m),
+        CarrierSolution::None => "none".into(),
+    };
+    let by_tags = match r.contradicted_m {
+        Some(m) => format!("contradicted by the tags by {m:.2} m, not used"),
+        None if r.confirmed => "confirmed by the tags".into(),
+        None => "not confirmed by the tags yet".into(),
+    };
+    let stale = s.snapshot.forecast.is_old(s.now_ns) || r.age_s > topics::RELATIVE.stale_after.secs();
+    let note = format!("place by moving base, {by_tags}");
+    Some(Figure::of("relative", value, note).stale(stale))
 }
 
 /// When the plan touches down.

@@ -147,6 +147,10 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
         M::AIS_VESSEL(d) => MavlinkMessage::Ais(ais(&d)),
+        M::GPS_RTCM_DATA(d) => MavlinkMessage::Rtcm {
+            flags: d.flags,
+            data: d.data.get(..usize::from(d.len))?.to_vec(),
+        },
         M::COMMAND_LONG(d) => MavlinkMessage::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,

@@ -214,6 +214,14 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             d.thrust = a.thrust as f32;
             M::SET_ATTITUDE_TARGET(d)
         }
+        MavlinkMessage::Rtcm { flags, data } => {
+            let mut d = m::GPS_RTCM_DATA_DATA::DEFAULT;
+            (d.flags, d.len) = (*flags, u8::try_from(data.len()).ok()?);
+            d.data.get_mut(..data.len())?.copy_from_slice(data);
+            M::GPS_RTCM_DATA(d)
+        }
+        // The drone's own receiver's alone.
+        MavlinkMessage::RelativePlace(_) => return None,
         // Made byte by byte.
         MavlinkMessage::Odometry(_)
         | MavlinkMessage::CommandAck { .. }

@@ -5,11 +5,12 @@
 mod line;
 mod pgn;
 
+use alight_shared::estimation::Rollover;
 use alight_shared::lines::LineBuffer;
 use alight_shared::time::{Time, VesselClock};
 
 use super::bus::{SensorBus, name_text};
-use super::clock::{DAY_NS, Rollover};
+use super::clock::DAY_NS;
 use super::config::MAX_ADDRESS;
 use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};

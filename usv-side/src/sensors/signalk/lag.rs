@@ -1,10 +1,8 @@
 //! Whether an update was held up on its way: by how much its arrival is later than its time, compared with the smallest lag
 //! so far. A time that is cut to whole seconds is up to a second earlier than the measurement.
 
-use alight_shared::estimation::OffsetBounds;
+use alight_shared::estimation::{CLOCK_DRIFT, HELD_UP_S, JITTER_S, OffsetBounds};
 use alight_shared::time::{Time, VesselClock};
-
-use crate::sensors::clock::{DRIFT, HELD_UP_S, JITTER_S};
 
 /// Above the smallest lag, an update is late by more than a cut second and the arrival's jitter, ns.
 const LATE_NS: i64 = 1_000_000_000 + (JITTER_S * 1e9) as i64;
@@ -23,7 +21,7 @@ impl Lag {
     /// the clock that was set back.
     pub(super) fn is_held_up(&mut self, now_ns: i64, stamp_ns: i64) -> bool {
         let lag = OffsetBounds::of_message(stamp_ns, Time::from_nanos(now_ns));
-        let smallest = self.smallest.map_or(lag, |s| s.drifted(lag.at, DRIFT));
+        let smallest = self.smallest.map_or(lag, |s| s.drifted(lag.at, CLOCK_DRIFT));
         let is_late = (lag.high - smallest.high).nanos() > LATE_NS;
         let since = *self.late_since.get_or_insert(now_ns);
         if is_late && (now_ns.saturating_sub(since) as f64) < HELD_UP_S * 1e9 {

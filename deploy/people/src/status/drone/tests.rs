@@ -5,7 +5,7 @@ use alight_computer::process::snapshot::Newest;
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{
     ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DroneState, Header, LinkState, MissionSettings,
-    Reason, Seq, WaveModel,
+    Reason, RelativeState, Seq, WaveModel,
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessState;
@@ -222,6 +222,48 @@ fn status_page_shadow_line() {
             "apart by 1.1 deg, 0.30 m/s"
         )
     );
+}
+
+#[test]
+fn relative_place_of_a_forecast() {
+    let shown = |solution, confirmed, contradicted_m| {
+        let mut snapshot = flying();
+        let state = RelativeState {
+            solution,
+            sd_m: 0.021,
+            confirmed,
+            contradicted_m,
+            ..RelativeState::default()
+        };
+        snapshot.forecast = came(DeckForecast {
+            relative: Some(state),
+            ..DeckForecast::default()
+        });
+        relative(&ObservedSituation::of(&snapshot, NOW_NS))
+    };
+    for (figure, value, part) in [
+        (
+            shown(CarrierSolution::Fixed, true, None),
+            "fixed, 2 cm",
+            ", confirmed by the tags",
+        ),
+        (
+            shown(CarrierSolution::Fixed, true, Some(0.5)),
+            "fixed, 2 cm",
+            "by 0.50 m, not used",
+        ),
+        (
+            shown(CarrierSolution::Float, false, None),
+            "float, 2 cm",
+            "not confirmed",
+        ),
+        (shown(CarrierSolution::None, false, None), "none", "not confirmed"),
+    ] {
+        let figure = figure.unwrap();
+        assert_eq!(figure.value.as_deref(), Some(value));
+        assert!(figure.note.contains(part), "{}", figure.note);
+    }
+    assert_eq!(relative(&ObservedSituation::of(&flying(), NOW_NS)), None);
 }
 
 /// A GO is shown where an order may be given now, and nowhere else.

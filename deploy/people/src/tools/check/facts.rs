@@ -7,7 +7,8 @@ use alight_computer::subject::Computer;
 use alight_shared::autopilot_parameters::Parameter;
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::Signatures;
-use alight_shared::msg::{Certificate, DeckDimensions, Reason, SourceStatus};
+use alight_shared::msg::{Certificate, DeckDimensions, Reason, RelativeState, SourceStatus};
+use alight_uav::autopilot::receiver::RelativeReport;
 use alight_uav::camera::metering::Setting;
 use alight_uav::camera::strangers::Stranger;
 use alight_usv::helm::HelmBearings;
@@ -124,6 +125,36 @@ pub enum HelmReport {
     Held,
 }
 
+/// The drone's own GNSS receiver, whose moving base is the vessel's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReceiverCheck {
+    /// The path.
+    pub connect: String,
+    /// The report.
+    pub report: ReceiverReport,
+}
+
+/// Report of the drone's own GNSS receiver.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ReceiverReport {
+    /// Nothing can come from it; the reason.
+    Unreachable(String),
+    /// It was listened to.
+    Received {
+        /// Bytes that came.
+        bytes: usize,
+        /// Newest report among them.
+        newest: Option<RelativeReport>,
+    },
+    /// The process that runs has it.
+    Held {
+        /// Frames of RTCM that were passed on to it.
+        rtcm: u64,
+        /// State of the relative place in the forecast.
+        state: Option<RelativeState>,
+    },
+}
+
 /// Report of an autopilot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
@@ -220,6 +251,8 @@ pub struct CheckFacts {
     pub signing: Option<SigningCheck>,
     /// Report of the autopilot, None when no heartbeat of one came; None when the link is another's or cannot be had.
     pub reported: Option<Option<AutopilotReport>>,
+    /// The drone's own GNSS receiver; None where none is configured.
+    pub receiver: Option<ReceiverCheck>,
     /// Origin of the frame of a running drone, and the distance of the deck, m; None while nothing runs or is known.
     pub frame: Option<(Datum, Option<f64>)>,
     /// Dead time and time constant of the attitude that the newest flight with a response identified, s; None without one.

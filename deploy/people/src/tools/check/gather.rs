@@ -35,7 +35,7 @@ use crate::tools::check::facts::{
     SigningCheck,
 };
 use crate::tools::check::received::SensorStatistics;
-use crate::tools::check::{autopilot, camera, helm, sources};
+use crate::tools::check::{autopilot, camera, helm, receiver, sources};
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -61,6 +61,7 @@ pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
         autopilot: None,
         signing: None,
         reported: None,
+        receiver: None,
         frame: None,
         flown: None,
         vessel_deck: None,
@@ -226,6 +227,7 @@ impl CheckFacts {
         let snapshot = running.and_then(snapshot);
         if d.supervision.autopilot {
             self.autopilot(d, snapshot.as_ref());
+            self.receiver = receiver::of(d, self.running, snapshot.as_ref());
         }
         self.frame = snapshot.as_ref().and_then(Snapshot::frame);
         self.vessel_deck = snapshot.as_ref().and_then(|s| (*s.grant)?.dimensions);

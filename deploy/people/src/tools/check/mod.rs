@@ -9,6 +9,7 @@ pub mod facts;
 pub mod gather;
 mod helm;
 mod received;
+mod receiver;
 pub mod rules;
 mod sources;
 #[cfg(test)]

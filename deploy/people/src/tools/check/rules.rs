@@ -17,7 +17,7 @@ use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CheckFacts, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck, SourceCheck,
 };
-use crate::tools::check::{equipment, helm, view};
+use crate::tools::check::{equipment, helm, receiver, view};
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
 /// who look on, and a start whose predecessor was killed.
@@ -88,6 +88,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
         )),
         (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
     }
+    all.extend(facts.receiver.as_ref().map(receiver::judge));
     all.extend(facts.frame.map(frame));
     if let Computer::Drone(d) = computer {
         all.extend(

@@ -92,6 +92,7 @@ fn vessel() -> CheckFacts {
         autopilot: None,
         signing: None,
         reported: None,
+        receiver: None,
         frame: None,
         flown: None,
         vessel_deck: None,

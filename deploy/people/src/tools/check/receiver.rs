@@ -1,0 +1,195 @@
+//! The drone's own GNSS receiver whose moving base is the vessel's: as a running process reports it, or listened to.
+
+use alight_computer::config::DroneComputerConfig;
+use alight_computer::config::link_url::LinkUrl;
+use alight_computer::io::byte_link::ByteLink;
+use alight_computer::io::runtime;
+use alight_computer::process::snapshot::Snapshot;
+use alight_shared::metrics::MetricName;
+use alight_shared::msg::CarrierSolution;
+use alight_shared::process::ProcessKind;
+use alight_uav::autopilot::receiver::ReceiverDecoder;
+use tokio::time::{Duration, Instant, timeout_at};
+
+use crate::status::finding::{Finding, FindingTopic};
+use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
+
+/// Listened to for so long: two periods of a receiver of 1 Hz, and the pause of a link that is opened late.
+const LISTEN: Duration = Duration::from_millis(2500);
+/// Remedy for a receiver whose messages lack a relative place.
+const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
+
+/// Facts about the receiver; None where none is configured, or a process that does not report has it.
+pub fn of(d: &DroneComputerConfig, is_running: bool, snapshot: Option<&Snapshot>) -> Option<ReceiverCheck> {
+    let connect = d.autopilot.receiver.clone();
+    let report = match (is_running, snapshot) {
+        _ if connect.is_empty() => return None,
+        (true, None) => return None,
+        (_, Some(snapshot)) => {
+            let link = snapshot.processes.get(&ProcessKind::Autopilot)?;
+            ReceiverReport::Held {
+                rtcm: link.count(MetricName::RtcmPassedOn),
+                state: (*snapshot.forecast).and_then(|f| f.relative),
+            }
+        }
+        (false, None) => {
+            let listened = runtime::block_on(async { Ok(listened(&connect).await) });
+            listened.unwrap_or_else(|e| ReceiverReport::Unreachable(e.to_string()))
+        }
+    };
+    Some(ReceiverCheck { connect, report })
+}
+
+async fn listened(connect: &str) -> ReceiverReport {
+    let url = match LinkUrl::of_receiver(connect) {
+        Ok(url) => url,
+        Err(why) => return ReceiverReport::Unreachable(why),
+    };
+    let mut link = match ByteLink::with_peer(url, None).await {
+        Ok(link) => link,
+        Err(e) => return ReceiverReport::Unreachable(e.to_string()),
+    };
+    let (mut decoder, mut bytes, mut newest) = (ReceiverDecoder::default(), 0, None);
+    let end = Instant::now() + LISTEN;
+    while Instant::now() < end {
+        let mut take = |part: &[u8]| {
+            bytes += part.len();
+            decoder.push(part);
+        };
+        if timeout_at(end, link.read(&mut take)).await.is_err() {
+            break;
+        }
+        while let Some(report) = decoder.next_report() {
+            newest = Some(report);
+        }
+    }
+    match link.last_error() {
+        Some(why) if bytes == 0 => ReceiverReport::Unreachable(why),
+        Some(_) | None => ReceiverReport::Received { bytes, newest },
+    }
+}
+
+/// The finding about it.
+pub fn judge(found: &ReceiverCheck) -> Finding {
+    const TOPIC: FindingTopic = FindingTopic("receiver");
+    let at = &found.connect;
+    match &found.report {
+        ReceiverReport::Unreachable(why) => TOPIC.broken(
+            format!("the drone's GNSS receiver at {at}: {why}"),
+            "its address in autopilot.receiver, its power, its cable",
+        ),
+        ReceiverReport::Received { bytes: 0, .. } => TOPIC.broken(
+            format!("no bytes from the drone's GNSS receiver at {at}"),
+            "its power, its cable, and the rate in autopilot.receiver",
+        ),
+        ReceiverReport::Received { bytes, newest: None } => TOPIC.broken(
+            format!("{bytes} bytes from the drone's GNSS receiver at {at}, and no relative place among them"),
+            NO_RELATIVE,
+        ),
+        ReceiverReport::Received { newest: Some(_), .. } => TOPIC.fine(format!(
+            "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
+        )),
+        ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
+            "no RTCM from the vessel: her receiver is no moving base of the drone's",
+            "is she in radio reach, and does her receiver send RTCM 3? (docs/autopilots.md, moving base)",
+        ),
+        ReceiverReport::Held { rtcm, state: None } => TOPIC.warning(
+            format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, and no relative place used"),
+            NO_RELATIVE,
+        ),
+        ReceiverReport::Held { rtcm, state: Some(r) } => {
+            let sent = format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver");
+            match r.solution {
+                CarrierSolution::Fixed => TOPIC.fine(format!("{sent}: fixed, {:.0} cm", 100.0 * r.sd_m)),
+                CarrierSolution::Float => TOPIC.fine(format!("{sent}: float, {:.0} cm", 100.0 * r.sd_m)),
+                CarrierSolution::None => TOPIC.warning(
+                    format!("{sent}, and no carrier solution"),
+                    "wait some minutes with a free sky over both antennas; does she send observations (MSM 4 or 7) and 4072.0?",
+                ),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::status::finding::FindingLevel;
+    use alight_shared::msg::RelativeState;
+
+    #[test]
+    fn findings_on_the_receiver() {
+        let state = |solution| {
+            Some(RelativeState {
+                solution,
+                sd_m: 0.02,
+                ..RelativeState::default()
+            })
+        };
+        let (broken, warning) = (FindingLevel::Broken, FindingLevel::Warning);
+        for (report, level, part) in [
+            (ReceiverReport::Unreachable("denied".into()), broken, "denied"),
+            (
+                ReceiverReport::Received {
+                    bytes: 0,
+                    newest: None,
+                },
+                broken,
+                "no bytes",
+            ),
+            (
+                ReceiverReport::Received {
+                    bytes: 700,
+                    newest: None,
+                },
+                broken,
+                "700 bytes",
+            ),
+            (
+                ReceiverReport::Held { rtcm: 0, state: None },
+                warning,
+                "no RTCM from the vessel",
+            ),
+            (
+                ReceiverReport::Held { rtcm: 9, state: None },
+                warning,
+                "no relative place",
+            ),
+            (
+                ReceiverReport::Held {
+                    rtcm: 9,
+                    state: state(CarrierSolution::None),
+                },
+                warning,
+                "no carrier solution",
+            ),
+            (
+                ReceiverReport::Held {
+                    rtcm: 9,
+                    state: state(CarrierSolution::Fixed),
+                },
+                FindingLevel::Fine,
+                "fixed, 2 cm",
+            ),
+        ] {
+            let finding = judge(&ReceiverCheck {
+                connect: "serial:///dev/ttyACM0:115200".into(),
+                report,
+            });
+            assert_eq!(finding.level, level, "{finding}");
+            assert!(finding.found.contains(part), "{finding}");
+        }
+    }
+
+    #[test]
+    fn receiver_that_is_not_configured_or_unreachable() {
+        let mut d = DroneComputerConfig::default();
+        assert_eq!(of(&d, false, None), None);
+        d.autopilot.receiver = "can://can0".into();
+        let report = of(&d, false, None).map(|r| r.report);
+        assert!(
+            matches!(report, Some(ReceiverReport::Unreachable(_))),
+            "{report:?}"
+        );
+    }
+}

@@ -1,0 +1,279 @@
+//! A source's clock against the own one's. A source answers no time requests; known is only that no measurement
+//! arrives before it is made. The smallest difference between arrival and source time is the offset plus the
+//! smallest delay, of which the configuration may subtract what is known of the sensor. Measurements keep the
+//! intervals that their source gives them, however they were delayed.
+
+use super::OffsetBounds;
+use crate::time::{Clock, Span, Time};
+
+/// Drift between two crystals, s/s.
+pub const CLOCK_DRIFT: f64 = 1e-4;
+/// Largest deviation from the offset that is delay, s: beyond, the time is wrong or the source has restarted.
+const MAX_DELAY_S: f64 = 2.0;
+/// After so many times in a row that are later by as much than any delay the source has restarted.
+const AGREEING: u32 = 10;
+/// A delay above this is no jitter of the arrival, s: an admitted fix or heading is at most about as old.
+pub const JITTER_S: f64 = 0.3;
+/// Times that all deviate from the offset by as much, in a row for this long, are of a clock that was set, s: where no
+/// delay explains them, as they begin with a time that came again while the arrivals went on (it was set back, as at a
+/// leap second), or would arrive before they are (it was set forward). Two times at 1 Hz with the arrival's jitter do.
+const STEPPED_S: f64 = 1.0 - JITTER_S;
+/// Time for others, s: what was held up is caught up with before.
+pub const HELD_UP_S: f64 = 10.0;
+
+/// The offset of a source's clock.
+#[derive(Clone, Debug, Default)]
+pub struct SourceClock<C: Clock> {
+    /// Own clock's less source's, at the last update.
+    offset: Option<OffsetBounds<C>>,
+    /// Another offset observed since.
+    other: Option<Other<C>>,
+    /// The source time that arrived last, ns.
+    newest_ns: Option<i64>,
+    restarts: u64,
+    /// Change of the source's clock at its newest restart, s, forward positive.
+    step_s: f64,
+}
+
+/// Offsets in a row that deviate from the one in use, and agree.
+#[derive(Clone, Copy, Debug)]
+struct Other<C: Clock> {
+    /// Smallest and largest.
+    min: Span,
+    max: Span,
+    count: u32,
+    since: Time<C>,
+    /// It began with a time that no delay explains.
+    stepped: bool,
+}
+
+/// Unwraps a time that wraps every `PERIOD_NS` (time of day, time of week).
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rollover<const PERIOD_NS: i64> {
+    periods: i64,
+    /// The last unwrapped time, ns.
+    pub last: Option<i64>,
+}
+
+impl<const PERIOD_NS: i64> Rollover<PERIOD_NS> {
+    /// The time in the period that brings it nearest to the last.
+    pub fn unwrap(&mut self, in_period_ns: i64) -> i64 {
+        if let Some(last) = self.last {
+            let off = last - (self.periods * PERIOD_NS + in_period_ns);
+            if off > PERIOD_NS / 2 {
+                self.periods += 1;
+            } else if off < -PERIOD_NS / 2 {
+                self.periods -= 1;
+            }
+        }
+        *self.last.insert(self.periods * PERIOD_NS + in_period_ns)
+    }
+}
+
+impl<C: Clock> SourceClock<C> {
+    /// The own clock's time of a measurement that its source dates at `at_ns` and that arrives at `now`, at least
+    /// `latency` after it was made. None when that time is implausible.
+    pub fn local_time(&mut self, now: Time<C>, at_ns: i64, latency: Span) -> Option<Time<C>> {
+        let measured = OffsetBounds::of_message(at_ns, now);
+        let max_delay = Span::from_secs(MAX_DELAY_S);
+        let Some(known) = self.offset else {
+            (self.offset, self.newest_ns) = (Some(measured), Some(at_ns));
+            return Some(now - latency);
+        };
+        // The smallest observed, enlarged by the drift possible since.
+        let drifted = known.drifted(now, CLOCK_DRIFT);
+        let excess = measured.high - drifted.high;
+        // A clock that is set back shows a time again while the arrivals go on.
+        let again = self.newest_ns.replace(at_ns).is_some_and(|shown| at_ns <= shown);
+        if excess <= Span::from_secs(JITTER_S) && excess >= -max_delay {
+            self.other = None;
+            self.offset = Some(drifted.and(measured));
+        } else if let Some(high) = self.deviates(now, measured.high, excess, again) {
+            self.restarts += 1;
+            self.step_s = (drifted.high - high).secs();
+            self.offset = Some(OffsetBounds { high, ..measured });
+            self.other = None;
+        } else if excess.abs() > max_delay {
+            return None;
+        }
+        Some(Time::from_nanos(at_ns) + self.offset?.high - latency)
+    }
+    /// Counts an offset that deviates by `excess`, of a time that came `again`; the new one once there is evidence enough.
+    fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
+        let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
+        let own = Other {
+            min: measured,
+            max: measured,
+            count: 1,
+            since: now,
+            // Two messages of one time, held up together, are no clock that was set back.
+            stepped: excess < Span::ZERO || self.other.map_or(again, |o| o.stepped),
+        };
+        let other = self.other.map_or(own, |o| Other {
+            min: o.min.min(measured),
+            max: o.max.max(measured),
+            count: o.count.saturating_add(1),
+            ..o
+        });
+        // A clock that runs: what stands still, or is being caught up with, drifts apart.
+        let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
+        let other = if agrees { other } else { own };
+        self.other = Some(other);
+        let (enough, long_enough) = match (other.stepped, is_delay) {
+            (true, _) => (2, STEPPED_S),
+            (false, true) => (2, HELD_UP_S),
+            (false, false) => (AGREEING, STEPPED_S),
+        };
+        let for_s = (now - other.since).secs();
+        (other.count >= enough && for_s >= long_enough).then_some(other.min)
+    }
+    /// Restarts and steps of the source's clock.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+    /// By how much it changed at the newest of them, s, forward positive.
+    pub fn step_s(&self) -> f64 {
+        self.step_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::VesselClock;
+
+    const APART_NS: i64 = -77_000_000_000;
+
+    #[test]
+    fn source_clock_with_arrival_jitter() {
+        let mut c = SourceClock::<VesselClock>::default();
+        let latency = Span::from_millis(5);
+        let mut errors = Vec::new();
+        for k in 0..600_i64 {
+            let made = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
+            let delay = Span::from_millis(5 + (k * 37) % 60);
+            let at = c
+                .local_time(made + delay, made.nanos() + APART_NS, latency)
+                .unwrap();
+            errors.push((at - made).secs());
+        }
+        assert!(errors[..60].iter().all(|e| (0.0..0.06).contains(e)));
+        assert!(errors[60..].iter().all(|e| e.abs() < 1e-3), "{:?}", errors.last());
+    }
+
+    #[test]
+    fn source_clock_with_a_wrong_time_and_a_restart() {
+        let mut c = SourceClock::<VesselClock>::default();
+        let step = |c: &mut SourceClock<VesselClock>, k: i64, source_ns: i64| {
+            c.local_time(Time::from_secs(100.0 + 0.1 * k as f64), source_ns, Span::ZERO)
+        };
+        for k in 0..20 {
+            assert!(step(&mut c, k, k * 100_000_000).is_some());
+        }
+        for wild in [i64::MAX, i64::MIN, 86_400_000_000_000] {
+            assert!(step(&mut c, 20, wild).is_none());
+        }
+        assert!(step(&mut c, 21, 2_100_000_000).is_some());
+        let again = |k: i64| (k - 22) * 100_000_000;
+        let taken = (22..60).filter(|k| step(&mut c, *k, again(*k)).is_some()).count();
+        assert!((30..=31).contains(&taken), "{taken}");
+        assert_eq!(c.restarts(), 1);
+        let at = step(&mut c, 60, again(60)).unwrap();
+        assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
+    }
+
+    /// Times at 5 Hz with an arrival jitter of 50 ms; the errors of the dates from `from` s on, None where rejected.
+    fn dated(
+        step_at_s: f64,
+        step_s: f64,
+        held_up: Option<(f64, f64)>,
+        until_s: f64,
+    ) -> (Vec<(f64, f64)>, SourceClock<VesselClock>) {
+        let mut c = SourceClock::<VesselClock>::default();
+        let mut out = Vec::new();
+        for k in 0..(5.0 * until_s) as i64 {
+            let made_s = 0.2 * k as f64;
+            let jitter = 0.05 * ((k * 37) % 10) as f64 / 10.0;
+            // What is held up arrives at the end of it, in its order.
+            let arrives_s = match held_up {
+                Some((from, to)) if (from..to).contains(&made_s) => to + 0.001 * made_s,
+                _ => made_s + jitter,
+            };
+            let source_s = made_s + if made_s >= step_at_s { step_s } else { 0.0 };
+            let now = Time::<VesselClock>::from_secs(100.0 + arrives_s);
+            let at = c.local_time(now, (source_s * 1e9) as i64, Span::ZERO);
+            out.extend(at.map(|at| (made_s, at.secs() - 100.0 - made_s)));
+        }
+        (out, c)
+    }
+
+    #[test]
+    fn source_clock_across_a_step_of_utc() {
+        // A leap second, the first almanac of a receiver, an hour after midnight of a wrong zone.
+        for step_s in [-1.0, 1.0, -2.0, -3.0, -40.0, 2.5, 3600.0, -3600.0] {
+            let (errors, c) = dated(60.0, step_s, None, 90.0);
+            let late = errors.iter().filter(|(at, _)| *at >= 61.1);
+            assert!(late.clone().count() >= 144, "{step_s}: {} of 144", late.count());
+            for (at, e) in errors.iter().filter(|(at, _)| *at < 60.0 || *at >= 61.1) {
+                assert!(e.abs() < 0.06, "{step_s} at {at}: {e}");
+            }
+            // Forward the smallest offset shows it at once.
+            let counted = u64::from(!(0.0..=MAX_DELAY_S).contains(&step_s));
+            assert_eq!(c.restarts(), counted, "{step_s}");
+            if counted > 0 {
+                assert!((c.step_s() - step_s).abs() < 0.06, "{}", c.step_s());
+            }
+        }
+    }
+
+    #[test]
+    fn source_clock_of_one_hertz_across_a_step() {
+        for step_s in [-1.0, -3.0, -40.0, 3.0, 3600.0] {
+            let mut c = SourceClock::<VesselClock>::default();
+            let right = |k: &i64| {
+                let jitter_s = 0.02 * ((k * 37) % 10) as f64;
+                let now = Time::<VesselClock>::from_secs(100.0 + *k as f64 + jitter_s);
+                let source_s = *k as f64 + if *k >= 60 { step_s } else { 0.0 };
+                let at = c.local_time(now, (source_s * 1e9) as i64, Span::ZERO);
+                at.is_some_and(|at| (at.secs() - 100.0 - *k as f64).abs() < 0.2)
+            };
+            let count = (0..120).filter(right).count();
+            assert!(count >= 119, "{step_s}: {count} of 120");
+            assert_eq!(c.restarts(), 1, "{step_s}");
+        }
+    }
+
+    #[test]
+    fn source_clock_while_the_line_is_held_up() {
+        // Held up for 1.5 or 5 s and then caught up with: the dates stay those of the source.
+        for held_up_s in [1.5, 5.0] {
+            let (errors, c) = dated(1e9, 0.0, Some((60.0, 60.0 + held_up_s)), 120.0);
+            assert_eq!(c.restarts(), 0);
+            assert!(errors.iter().all(|(_, e)| e.abs() < 0.06), "{errors:?}");
+        }
+    }
+
+    #[test]
+    fn source_clock_that_stands_still() {
+        let mut c = SourceClock::<VesselClock>::default();
+        for k in 0..600_i64 {
+            let now = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
+            c.local_time(now, k.min(100) * 100_000_000, Span::ZERO);
+        }
+        assert_eq!(c.restarts(), 0);
+    }
+
+    #[test]
+    fn source_clock_after_one_stamp_ahead() {
+        let mut c = SourceClock::<VesselClock>::default();
+        let mut errors = Vec::new();
+        for k in 0..300_i64 {
+            let made = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
+            let wrong = if k == 100 { 1_500_000_000 } else { 0 };
+            let at = c.local_time(made, made.nanos() + wrong, Span::ZERO);
+            errors.extend(at.filter(|_| k != 100).map(|at| (k, (at - made).secs())));
+        }
+        let late = errors.iter().filter(|(k, e)| *k > 125 && e.abs() > 0.01).count();
+        assert_eq!(late, 0, "{errors:?}");
+    }
+}

@@ -1,0 +1,200 @@
+//! Moving base: RTCM of the vessel's receiver to the drone's, and the relative place that comes of it.
+//!
+//! Without a receiver of its own (`autopilot.receiver`) the autopilot gets the frames, as `GPS_RTCM_DATA`, for the one that it has.
+//! Source: MAVLink's definition of `GPS_RTCM_DATA`.
+
+use alight_shared::estimation::{Rollover, SourceClock};
+use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrame};
+use alight_shared::time::{DroneClock, Span};
+use alight_shared::topics;
+
+use super::message::{MavlinkMessage, severity};
+use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
+use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
+
+/// Bytes of a fragment.
+const FRAGMENT_BYTES: usize = 180;
+/// Fragments of a frame: two bits number them.
+const MAX_FRAGMENTS: usize = 4;
+/// Frames that one step passes on, at most: as many as the topic holds.
+const MAX_RTCM: usize = 32;
+/// The vessel's antenna is where a frame stated it for so long.
+const BASE_LASTS: Span = Span::from_millis(10_000);
+/// Time between two texts to ground stations.
+const TEXT_PAUSE: Span = Span::from_millis(5000);
+
+/// The vessel's receiver as the moving base of the drone's.
+#[derive(Clone, Debug, Default)]
+pub(super) struct MovingBase {
+    /// Frames that were fragmented to the autopilot; five bits count them there.
+    sequence: u8,
+    pub(super) passed_on: u32,
+    pub(super) dropped: u32,
+    /// Header of the newest frame, and the antenna that it states.
+    base: Option<(Header<DroneClock>, [f32; 3])>,
+    week: Rollover<WEEK_NS>,
+    clock: SourceClock<DroneClock>,
+}
+
+/// Receiver of the frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum RtcmTarget {
+    /// The drone's own receiver.
+    Receiver,
+    /// The autopilot, for its receiver.
+    Autopilot,
+    /// None yet: no autopilot is known.
+    Nothing,
+}
+
+impl MovingBase {
+    /// Passes frames on.
+    pub(super) fn take(
+        &mut self,
+        now: DroneTime,
+        frames: &[RtcmFrame<DroneClock>],
+        target: RtcmTarget,
+        out: &mut AutopilotOut,
+    ) {
+        for frame in frames.iter().take(MAX_RTCM) {
+            let fresh = now - frame.header.at <= topics::BRIDGE_RTCM.stale_after;
+            let sound = fresh && frame.check().is_ok();
+            if sound {
+                self.base = Some((frame.header, frame.antenna_m));
+            }
+            if sound && self.pass_on(&frame.bytes, target, out) {
+                self.passed_on = self.passed_on.saturating_add(1);
+            } else {
+                self.dropped = self.dropped.saturating_add(1);
+            }
+        }
+    }
+    /// False where the frame cannot be passed on.
+    fn pass_on(&mut self, frame: &[u8], target: RtcmTarget, out: &mut AutopilotOut) -> bool {
+        match target {
+            RtcmTarget::Receiver => out.rtcm.push(frame.to_vec()),
+            RtcmTarget::Autopilot => {
+                let Some(parts) = fragments(frame, self.sequence) else {
+                    return false;
+                };
+                self.sequence = self.sequence.wrapping_add(1);
+                out.messages.extend(parts);
+            }
+            RtcmTarget::Nothing => return false,
+        }
+        true
+    }
+    /// A report of the receiver that arrives at `now`, at least `latency` after it was measured, on the drone's clock; None while the
+    /// vessel's antenna is not known, or of an implausible time.
+    pub(super) fn place(
+        &mut self,
+        now: DroneTime,
+        report: &RelativeReport,
+        latency: Span,
+        headers: &mut OutputHeaders,
+    ) -> Option<RelativePlace> {
+        let at_ns = self.week.unwrap(report.of_week_ns);
+        let at = self.clock.local_time(now, at_ns, latency)?;
+        let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
+        // Without a place the state alone counts.
+        let [baseline_m, baseline_sd_m] = report.place.unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
+        let place = RelativePlace {
+            header: Header {
+                vessel: base.vessel,
+                ..headers.next(Output::Relative, at)
+            },
+            baseline_m,
+            baseline_sd_m,
+            solution: report.solution,
+            antenna_m,
+        };
+        place.check().is_ok().then_some(place)
+    }
+}
+
+/// A frame as fragments with this sequence number; None of one that is too long. The receiver knows the end by a fragment that is
+/// not full, or by the fourth.
+fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
+    const FRAGMENTED: u8 = 1;
+    let sequence = (sequence & 31) << 3;
+    let message = |flags, part: &[u8]| MavlinkMessage::Rtcm {
+        flags,
+        data: part.to_vec(),
+    };
+    if frame.len() <= FRAGMENT_BYTES {
+        return Some(vec![message(sequence, frame)]);
+    }
+    let mut parts: Vec<&[u8]> = frame.chunks(FRAGMENT_BYTES).collect();
+    if parts.len() > MAX_FRAGMENTS {
+        return None;
+    }
+    if parts.len() < MAX_FRAGMENTS && frame.len().is_multiple_of(FRAGMENT_BYTES) {
+        parts.push(&[]);
+    }
+    let numbered = (0_u8..).zip(parts);
+    Some(
+        numbered
+            .map(|(k, part)| message(sequence | (k << 1) | FRAGMENTED, part))
+            .collect(),
+    )
+}
+
+/// State of the relative place as ground stations are informed of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum ReportedRelative {
+    /// Not fixed, or none.
+    #[default]
+    Lost,
+    Fixed,
+    Contradicted,
+}
+
+/// Reports of the relative place to ground stations.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RelativeReports {
+    reported: ReportedRelative,
+    at: Option<DroneTime>,
+}
+
+impl RelativeReports {
+    /// Severity and text of a change.
+    pub(super) fn change(&mut self, now: DroneTime, state: Option<&RelativeState>) -> Option<(u8, String)> {
+        let fresh = state.filter(|r| r.age_s <= topics::RELATIVE.stale_after.secs());
+        let (newest, text) = match fresh {
+            None => (
+                ReportedRelative::Lost,
+                "Moving base lost: no measurement".to_owned(),
+            ),
+            Some(r) => match (r.contradicted_m, r.solution) {
+                (Some(m), _) => (
+                    ReportedRelative::Contradicted,
+                    format!("Moving base off by {m:.2} m by the tags: not used"),
+                ),
+                (None, CarrierSolution::Fixed) => (
+                    ReportedRelative::Fixed,
+                    format!("Moving base fixed: relative place to {:.0} cm", 100.0 * r.sd_m),
+                ),
+                (None, CarrierSolution::Float) => (
+                    ReportedRelative::Lost,
+                    "Moving base lost: float solution".to_owned(),
+                ),
+                (None, CarrierSolution::None) => (
+                    ReportedRelative::Lost,
+                    "Moving base lost: no carrier solution".to_owned(),
+                ),
+            },
+        };
+        if newest == self.reported || self.at.is_some_and(|at| now - at < TEXT_PAUSE) {
+            return None;
+        }
+        (self.reported, self.at) = (newest, Some(now));
+        let severity = match newest {
+            ReportedRelative::Fixed => severity::INFO,
+            ReportedRelative::Lost | ReportedRelative::Contradicted => severity::WARNING,
+        };
+        Some((severity, text))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,272 @@
+//! Tests of the moving base: fragments, dates, texts.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::Seq;
+use alight_shared::node::Node as _;
+use alight_shared::time::Time;
+
+use super::super::ground_station::MAX_TEXT;
+use super::super::message::{AUTOPILOT_COMPONENT, Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, PX4};
+use super::super::wire::{Decoder, Encoder};
+use super::super::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
+use super::*;
+use crate::odometry::OdometryConfig;
+
+/// Bytes of a frame of RTCM 3 of so many bytes in all, which is sound.
+fn rtcm(length: usize) -> Vec<u8> {
+    let payload = length - 6;
+    let mut bytes = vec![0xD3, (payload >> 8) as u8, payload as u8];
+    // Message 1077.
+    bytes.extend(
+        [0x43, 0x50]
+            .into_iter()
+            .chain((0..).map(|k: usize| k as u8))
+            .take(payload),
+    );
+    // CRC-24Q.
+    let crc = bytes.iter().fold(0_u32, |crc, byte| {
+        (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
+            let shifted = crc << 1;
+            if shifted & 0x100_0000 == 0 {
+                shifted
+            } else {
+                shifted ^ 0x186_4CFB
+            }
+        })
+    });
+    bytes.extend_from_slice(&crc.to_be_bytes()[1..]);
+    bytes
+}
+/// As the bridge publishes it: of vessel 5, with its antenna 2 m ahead of the deck's centre.
+fn frame(at_s: f64, length: usize) -> RtcmFrame<DroneClock> {
+    RtcmFrame {
+        header: Header::new(5, 0, 1, 1, Time::from_secs(at_s)),
+        antenna_m: [2.0, 0.0, -1.0],
+        bytes: Seq::filled(rtcm(length)),
+    }
+}
+
+/// A receiver of `GPS_RTCM_DATA` as MAVLink defines it: the whole frames.
+#[derive(Default)]
+struct Reader {
+    sequence: u8,
+    parts: Vec<Option<Vec<u8>>>,
+    frames: Vec<Vec<u8>>,
+}
+
+impl Reader {
+    fn take(&mut self, message: &MavlinkMessage) {
+        let MavlinkMessage::Rtcm { flags, data } = message else {
+            return;
+        };
+        if flags & 1 == 0 {
+            self.frames.push(data.clone());
+            return;
+        }
+        let (number, sequence) = (usize::from((flags >> 1) & 3), flags >> 3);
+        if self.parts.len() != 4 || sequence != self.sequence {
+            (self.sequence, self.parts) = (sequence, vec![None; 4]);
+        }
+        self.parts[number] = Some(data.clone());
+        let ends = |p: &Option<Vec<u8>>| p.as_ref().is_some_and(|p| p.len() < 180);
+        let length = self.parts.iter().position(ends).map_or(4, |k| k + 1);
+        if self.parts[..length].iter().all(Option::is_some) {
+            let whole = self.parts[..length].iter().flatten().flatten();
+            self.frames.push(whole.copied().collect());
+            self.parts.clear();
+        }
+    }
+}
+
+#[test]
+fn fragments_that_make_the_frame_again() {
+    let bytes: Vec<u8> = (0..2000).map(|k| (k % 251) as u8).collect();
+    let mut reader = Reader::default();
+    let lengths = [(6, 1), (180, 1), (181, 2), (360, 3), (540, 4), (720, 4)];
+    for (k, (length, count)) in (30_u8..).zip(lengths) {
+        let parts = fragments(&bytes[..length], k).unwrap();
+        assert_eq!(parts.len(), count, "{length}");
+        // Through the bytes of a link, which leave out zeros at the end.
+        for part in &parts {
+            let mut decoder = Decoder::default();
+            let to = Address::new(1, 191);
+            decoder.push(&Encoder::default().frame(to, part).unwrap());
+            let received = decoder.next_frame().unwrap().message;
+            assert_eq!(&received, part, "{length}");
+            reader.take(&received);
+        }
+        assert_eq!(reader.frames.pop().as_deref(), Some(&bytes[..length]), "{length}");
+    }
+    assert_eq!(fragments(&bytes[..721], 0), None);
+}
+
+/// The relative place by a report of this time of week and place that arrives at `now_s`.
+fn place(
+    base: &mut MovingBase,
+    now_s: f64,
+    of_week_s: f64,
+    place: Option<[[f64; 3]; 2]>,
+) -> Option<RelativePlace> {
+    let report = RelativeReport {
+        of_week_ns: (of_week_s * 1e9) as i64,
+        place,
+        solution: CarrierSolution::Fixed,
+    };
+    let latency = Span::from_millis(20);
+    base.place(
+        Time::from_secs(now_s),
+        &report,
+        latency,
+        &mut OutputHeaders::default(),
+    )
+}
+
+#[test]
+fn place_dated_by_the_smallest_delay() {
+    let mut base = MovingBase::default();
+    let measured = Some([[1.0, 2.0, -3.0], [0.01; 3]]);
+    // A delay of 50 ms.
+    assert_eq!(place(&mut base, 99.85, 604_798.8, measured), None, "no frame yet");
+    let taken = &mut AutopilotOut::default();
+    base.take(
+        Time::from_secs(99.9),
+        &[frame(99.8, 60)],
+        RtcmTarget::Receiver,
+        taken,
+    );
+    // Measured at 100.0, 100.2 ... across the end of the week; on its way for 20 ms at least.
+    let mut errors = Vec::new();
+    for k in 0..40_i32 {
+        let made_s = 100.0 + 0.2 * f64::from(k);
+        let delay_s = 0.02 + 0.01 * f64::from((k * 7 + 6) % 12);
+        let of_week_s = (made_s + 604_699.0) % 604_800.0;
+        let p = place(&mut base, made_s + delay_s, of_week_s, measured).unwrap();
+        errors.push((p.header.at.secs() - made_s).abs());
+        assert_eq!((p.header.vessel, p.antenna_m), (5, [2.0, 0.0, -1.0]));
+        assert_eq!(
+            (p.baseline_m, p.solution),
+            ([1.0, 2.0, -3.0], CarrierSolution::Fixed)
+        );
+    }
+    assert!(errors[6..].iter().all(|e| *e < 2e-3), "{errors:?}");
+    // Only its state is known.
+    let p = place(&mut base, 108.02, 7.0, None).unwrap();
+    assert_eq!((p.baseline_m, p.baseline_sd_m), ([0.0; 3], [MAX_SD_M; 3]));
+    // Where the vessel's antenna is is known no longer.
+    assert_eq!(place(&mut base, 110.02, 9.0, measured), None);
+}
+
+/// A link that has received a PX4, and this of the vessel's receiver, at 1 s.
+fn link_out(receiver: &str, frames: Vec<RtcmFrame<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
+    let config = AutopilotLinkConfig {
+        receiver: receiver.into(),
+        ..AutopilotLinkConfig::default()
+    };
+    let (odometry, geometry) = (OdometryConfig::default(), DroneGeometry::default());
+    let mut link = AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1);
+    let heartbeat = MavlinkFrame {
+        from: Address::new(1, AUTOPILOT_COMPONENT),
+        message: MavlinkMessage::Heartbeat(Heartbeat {
+            autopilot: PX4,
+            vehicle: 2,
+            base_mode: CUSTOM_MODE,
+            custom_mode: 0,
+        }),
+    };
+    let received = vec![heartbeat];
+    let first = AutopilotIn {
+        received,
+        ..AutopilotIn::default()
+    };
+    link.step(Time::from_secs(0.9), &first);
+    let own = RelativeReport {
+        of_week_ns: 0,
+        place: Some([[1.0; 3], [0.02; 3]]),
+        solution: CarrierSolution::Fixed,
+    };
+    let input = AutopilotIn {
+        rtcm: frames,
+        received: vec![MavlinkFrame {
+            from: Address::default(),
+            message: MavlinkMessage::RelativePlace(own),
+        }],
+        ..AutopilotIn::default()
+    };
+    (link.step(Time::from_secs(1.0), &input), link)
+}
+
+#[test]
+fn frames_to_the_autopilot_or_to_the_receiver() {
+    let frames = || vec![frame(0.9, 60), frame(0.9, 400), frame(0.9, 721), frame(-1.5, 60)];
+    let counts = |link: &AutopilotLink| {
+        let m = link.metrics(Time::from_secs(1.0));
+        [m.rtcm_passed_on, m.rtcm_dropped]
+    };
+    let (out, link) = link_out("", frames());
+    let mut reader = Reader::default();
+    out.messages.iter().for_each(|m| reader.take(m));
+    assert_eq!(reader.frames, [rtcm(60), rtcm(400)]);
+    assert!(out.rtcm.is_empty());
+    assert_eq!(counts(&link), [2, 2], "too long, and too old");
+
+    let (out, link) = link_out("serial:///dev/ttyACM0:115200", frames());
+    let is_rtcm = |m: &&MavlinkMessage| matches!(m, MavlinkMessage::Rtcm { .. });
+    assert_eq!(out.messages.iter().filter(is_rtcm).count(), 0);
+    assert_eq!(out.rtcm, [rtcm(60), rtcm(400), rtcm(721)]);
+    assert_eq!(counts(&link), [3, 1]);
+    let [p] = out.relative[..] else {
+        panic!("{:?}", out.relative)
+    };
+    assert_eq!((p.header.vessel, p.header.drone, p.header.sequence), (5, 1, 1));
+    assert_eq!(
+        link_out("serial:///dev/ttyACM0:115200", Vec::new()).0.relative,
+        []
+    );
+}
+
+#[test]
+fn texts_of_the_relative_place_on_change() {
+    let state = |solution, contradicted_m| RelativeState {
+        solution,
+        sd_m: 0.02,
+        age_s: 0.1,
+        contradicted_m,
+        ..RelativeState::default()
+    };
+    let (float, fixed) = (
+        state(CarrierSolution::Float, None),
+        state(CarrierSolution::Fixed, None),
+    );
+    let mut reports = RelativeReports::default();
+    let mut texts = Vec::new();
+    for (s, state) in [
+        (0.0, None),
+        (1.0, Some(float)),
+        (2.0, Some(fixed)),
+        (3.0, Some(fixed)),
+        // For a moment, and for longer.
+        (4.0, Some(float)),
+        (5.0, Some(fixed)),
+        (8.0, Some(float)),
+        (14.0, Some(fixed)),
+        (20.0, Some(state(CarrierSolution::Fixed, Some(0.5)))),
+        (26.0, None),
+    ] {
+        texts.extend(reports.change(Time::from_secs(s), state.as_ref()));
+    }
+    let fixed = (
+        severity::INFO,
+        "Moving base fixed: relative place to 2 cm".to_owned(),
+    );
+    let lost = |why: &str| (severity::WARNING, format!("Moving base lost: {why}"));
+    let off = "Moving base off by 0.50 m by the tags: not used";
+    let expected = [
+        fixed.clone(),
+        lost("float solution"),
+        fixed,
+        (severity::WARNING, off.to_owned()),
+        lost("no measurement"),
+    ];
+    assert_eq!(texts, expected);
+    assert!(texts.iter().all(|(_, text)| text.len() <= MAX_TEXT));
+}

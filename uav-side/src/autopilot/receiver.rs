@@ -1,0 +1,214 @@
+//! The drone's own GNSS receiver whose moving base is the vessel's: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13 or later.
+//!
+//! Each message needs its checksum. Its time of week is the receiver's; who takes the reports dates them.
+
+use std::collections::VecDeque;
+
+use alight_shared::msg::CarrierSolution;
+use serde::{Deserialize, Serialize};
+use ublox::proto27::{PacketRef, Proto27};
+use ublox::{FixedBuffer, Parser, UbxPacket};
+
+/// Longest unfinished message, bytes: above the longest that is read.
+const MAX_WAITING: usize = 2048;
+/// Bytes given to the parser at a time.
+const PART: usize = 512;
+/// Reports that wait to be taken: more than a receiver sends in a second.
+const MAX_REPORTS: usize = 32;
+/// A week, ns.
+pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
+/// Standard deviation that no place exceeds, m: nothing is known.
+pub const MAX_SD_M: f64 = 9_999.0;
+
+/// A relative place as the receiver reports it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RelativeReport {
+    /// Time of the GPS week, ns.
+    pub of_week_ns: i64,
+    /// From the base's antenna to its own, NED, m, and the standard deviation of each component, m; None: not valid.
+    pub place: Option<[[f64; 3]; 2]>,
+    /// Solution of the ambiguities.
+    pub solution: CarrierSolution,
+}
+
+/// Decodes a receiver's bytes.
+pub struct ReceiverDecoder {
+    parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
+    reports: VecDeque<RelativeReport>,
+}
+
+impl Default for ReceiverDecoder {
+    fn default() -> Self {
+        ReceiverDecoder {
+            parser: Parser::with_fixed_buffer(),
+            reports: VecDeque::default(),
+        }
+    }
+}
+
+impl ReceiverDecoder {
+    /// Takes bytes as they come; of more reports than are taken the newest wait.
+    pub fn push(&mut self, bytes: &[u8]) {
+        for part in bytes.chunks(PART) {
+            let mut packets = self.parser.consume_ubx(part);
+            while let Some(packet) = packets.next() {
+                let Ok(UbxPacket::Proto27(packet)) = packet else {
+                    continue;
+                };
+                if let Some(report) = report(&packet) {
+                    if self.reports.len() == MAX_REPORTS {
+                        self.reports.pop_front();
+                    }
+                    self.reports.push_back(report);
+                }
+            }
+        }
+    }
+    /// The next report.
+    pub fn next_report(&mut self) -> Option<RelativeReport> {
+        self.reports.pop_front()
+    }
+}
+
+/// Smallest standard deviation of a solution, m: a receiver states less than it errs, by multipath and by a wrong float.
+const fn min_sd_m(solution: CarrierSolution) -> f64 {
+    match solution {
+        CarrierSolution::Fixed => 0.01,
+        CarrierSolution::Float => 0.2,
+        CarrierSolution::None => 2.0,
+    }
+}
+
+/// A message as a report; None for one of another kind, or of a time that no week has.
+fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
+    /// gnssFixOK, relPosValid.
+    const VALID: u32 = 1 | 1 << 2;
+    let PacketRef::NavRelPosNed(p) = packet else {
+        return None;
+    };
+    let of_week_ns = i64::from(p.itow()) * 1_000_000;
+    let flags = p.flags_raw();
+    let valid = flags & VALID == VALID;
+    // Carrier solution: 0 without, 1 float, 2 fixed; 3 is reserved.
+    let solution = match (flags >> 3) & 3 {
+        2 if valid => CarrierSolution::Fixed,
+        1 if valid => CarrierSolution::Float,
+        _ => CarrierSolution::None,
+    };
+    let metres = |cm: f64, mm: f64| 1e-2 * cm + 1e-3 * mm;
+    let baseline_m = [
+        metres(p.rel_pos_n_cm(), p.rel_pos_hp_n_mm()),
+        metres(p.rel_pos_e_cm(), p.rel_pos_hp_e_mm()),
+        metres(p.rel_pos_d_cm(), p.rel_pos_hp_d_mm()),
+    ];
+    let sd_m =
+        [p.acc_n_mm(), p.acc_e_mm(), p.acc_d_mm()].map(|mm| (1e-3 * mm).clamp(min_sd_m(solution), MAX_SD_M));
+    (of_week_ns < WEEK_NS).then_some(RelativeReport {
+        of_week_ns,
+        place: valid.then_some([baseline_m, sd_m]),
+        solution,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over class to
+    /// payload).
+    fn message(of_week_ms: u32, flags: u32) -> Vec<u8> {
+        let mut payload = [0; 64];
+        let mut put = |at: usize, bytes: &[u8]| payload[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, &[1]);
+        put(4, &of_week_ms.to_le_bytes());
+        put(8, &1234_i32.to_le_bytes());
+        put(12, &(-50_i32).to_le_bytes());
+        put(16, &300_i32.to_le_bytes());
+        // 5.7 mm, -1.0 mm, 0.
+        put(32, &[57, (-10_i8) as u8, 0]);
+        // 12.3 mm, 5 mm, 400 mm.
+        put(36, &123_u32.to_le_bytes());
+        put(40, &50_u32.to_le_bytes());
+        put(44, &4000_u32.to_le_bytes());
+        put(60, &flags.to_le_bytes());
+        let body = [&[0x01, 0x3c, 64, 0][..], &payload].concat();
+        let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
+            let a = a.wrapping_add(*x);
+            (a, b.wrapping_add(a))
+        });
+        [&[0xb5, 0x62][..], &body, &[a, b]].concat()
+    }
+    fn decoded(bytes: &[u8], cut: usize) -> Vec<RelativeReport> {
+        let mut decoder = ReceiverDecoder::default();
+        bytes.chunks(cut).for_each(|part| decoder.push(part));
+        core::iter::from_fn(|| decoder.next_report()).collect()
+    }
+
+    /// gnssFixOK and relPosValid, with this carrier solution.
+    fn valid(solution: u32) -> u32 {
+        0b101 | solution << 3
+    }
+
+    #[test]
+    fn relative_places_of_each_solution() {
+        for (flags, solution, sd) in [
+            (valid(2), CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
+            // The base moves.
+            (valid(2) | 1 << 5, CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
+            (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4]),
+            (valid(0), CarrierSolution::None, [2.0; 3]),
+            (valid(3), CarrierSolution::None, [2.0; 3]),
+        ] {
+            let [r] = decoded(&message(604_799_999, flags), 7)[..] else {
+                panic!("{flags:b}")
+            };
+            assert_eq!((r.of_week_ns, r.solution), (604_799_999_000_000, solution));
+            let [baseline, stated] = r.place.unwrap();
+            let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+            assert!(
+                near(baseline, [12.3457, -0.501, 3.0]) && near(stated, sd),
+                "{r:?}"
+            );
+        }
+        // No fix, or no relative place: the state alone counts.
+        for flags in [valid(2) & !1, valid(2) & !4] {
+            let [r] = decoded(&message(1, flags), 64)[..] else {
+                panic!("{flags:b}")
+            };
+            assert_eq!((r.place, r.solution), (None, CarrierSolution::None));
+        }
+    }
+
+    #[test]
+    fn relative_places_among_other_bytes() {
+        let sound = message(200, valid(2));
+        let mut damaged = sound.clone();
+        damaged[20] ^= 1;
+        // A frame of RTCM's preamble, a sentence, one that is damaged, one of a time that no week has.
+        let bytes = [
+            &b"\xd3\x00\x13$GNGGA,1*00\r\n"[..],
+            &damaged,
+            &message(604_800_000, valid(2)),
+            &sound,
+        ]
+        .concat();
+        for cut in [1, 5, 4096] {
+            let times: Vec<_> = decoded(&bytes, cut).iter().map(|r| r.of_week_ns).collect();
+            assert_eq!(times, [200_000_000], "{cut}");
+        }
+        // More than are taken: bounded, and the newest.
+        let many: Vec<u8> = (0..100).flat_map(|k| message(k, valid(2))).collect();
+        let all = decoded(&many, 512);
+        assert_eq!((all.len(), all[0].of_week_ns), (MAX_REPORTS, 68_000_000));
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_of_a_receiver(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
+            let mut decoder = ReceiverDecoder::default();
+            decoder.push(&bytes);
+            prop_assert!(decoder.reports.len() <= MAX_REPORTS);
+        }
+    }
+}
