@@ -82,7 +82,7 @@ pub struct RelativeState {
 impl RelativeState {
     /// Age of a measurement that may stand in for a detection of the deck, s: of a fixed solution that the tags have confirmed;
     /// infinite without one.
-    pub fn sight_age_s(&self) -> f64 {
+    pub fn stands_in_age_s(&self) -> f64 {
         if self.confirmed && self.contradicted_m.is_none() {
             self.used_age_s
         } else {

@@ -165,7 +165,7 @@ fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
 
 /// Age of the newest relative place that may stand in for a vision measurement, s.
 pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
-    forecast.relative.map_or(f64::INFINITY, |r| r.sight_age_s())
+    forecast.relative.map_or(f64::INFINITY, |r| r.stands_in_age_s())
 }
 
 impl Deck {
