@@ -308,7 +308,17 @@ impl Bridge {
         let advance = if restart {
             1
         } else {
-            self.orders[kind as usize].advance(header.sequence)?
+            let order = &self.orders[kind as usize];
+            match kind {
+                PacketKind::Rtcm => order.advance_unordered(header.sequence)?,
+                PacketKind::Estimate
+                | PacketKind::Wave
+                | PacketKind::Prediction
+                | PacketKind::TimeReply
+                | PacketKind::Deck
+                | PacketKind::Surroundings
+                | PacketKind::Command => order.advance(header.sequence)?,
+            }
         };
         let (at, max_error_s) = self
             .on_own_clock(arrival, header)
@@ -328,7 +338,12 @@ impl Bridge {
         let sent = at - Span::from_secs(slack + ahead);
         self.boots.received(arrival, sent);
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
-        self.orders[kind as usize].admit(header.sequence);
+        let order = &mut self.orders[kind as usize];
+        if kind == PacketKind::Rtcm {
+            order.admit_unordered(header.sequence);
+        } else {
+            order.admit(header.sequence);
+        }
         Ok((at, advance))
     }
 

@@ -171,6 +171,8 @@ impl Boots {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceOrder {
     newest: Option<u32>,
+    /// The newest as the lowest bit and those before it, each that was admitted.
+    admitted: u64,
 }
 
 impl SequenceOrder {
@@ -183,9 +185,28 @@ impl SequenceOrder {
             Some(n) => Ok(sequence - n),
         }
     }
+    /// The same where each message counts by itself and may overtake others: rejects repeated ones, and those of 64 before.
+    pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
+        match (self.advance(sequence), self.newest) {
+            (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {
+                Some(before) if before & 1 == 0 => Ok(0),
+                Some(_) => Err(RejectionReason::Duplicate),
+                None => Err(RejectionReason::OutOfOrder),
+            },
+            (advance, _) => advance,
+        }
+    }
     /// `sequence` was admitted.
     pub fn admit(&mut self, sequence: u32) {
         self.newest = Some(sequence);
+    }
+    /// The same by [`Self::advance_unordered`].
+    pub fn admit_unordered(&mut self, sequence: u32) {
+        let newest = self.newest.map_or(sequence, |n| n.max(sequence));
+        let shift = |from: u32| newest - from;
+        let before = self.newest.map_or(0, |n| self.admitted.checked_shl(shift(n)).unwrap_or(0));
+        self.admitted = before | 1_u64.checked_shl(shift(sequence)).unwrap_or(0);
+        self.newest = Some(newest);
     }
 }
 
@@ -195,6 +216,19 @@ mod tests {
 
     fn at(s: f64) -> Time<DroneClock> {
         Time::from_secs(s)
+    }
+
+    #[test]
+    fn messages_that_overtake_others() {
+        let mut order = SequenceOrder::default();
+        let mut admit = |sequence: u32| {
+            let advance = order.advance_unordered(sequence);
+            advance.inspect(|_| order.admit_unordered(sequence))
+        };
+        assert_eq!([10, 13, 11].map(&mut admit), [Ok(1), Ok(3), Ok(0)]);
+        let repeated = Err(RejectionReason::Duplicate);
+        assert_eq!([13, 11, 10, 12].map(&mut admit), [repeated, repeated, repeated, Ok(0)]);
+        assert_eq!([200, 137, 136].map(&mut admit), [Ok(187), Ok(0), Err(RejectionReason::OutOfOrder)]);
     }
 
     #[test]
