@@ -3,7 +3,7 @@
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, verdict};
 use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::studies::statistics::{Summary, at_most_95, wilson};
+use alight_sim::studies::statistics::{OddsBin, Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
 
 /// Name, value, digits and meaning of a metric of an outcome.
@@ -138,23 +138,24 @@ pub fn summary(s: &Summary) -> String {
     )
 }
 
-/// Predicted likelihood of descents, and the fraction that landed.
-pub fn likelihood(s: &Summary) -> String {
-    let mut table = Table::new(
-        1..,
-        ["likelihood", "descents", "predicted", "landed", "95 % interval"],
-    );
-    for b in &s.likelihood {
-        let [from, to] = b.between;
-        table.row(cells![
-            format!("{from:.2} to {to:.2}"),
-            b.descents,
-            Cell::number(Some(b.predicted), 3),
-            Cell::number(Some(b.landed as f64 / b.descents.max(1) as f64), 3),
-            format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
-        ]);
-    }
-    table.text()
+/// Estimated probabilities of a landing and of an unsafe contact, and how often each came true.
+pub fn odds(s: &Summary) -> String {
+    let of = |name: &str, came: &str, digits: usize, bins: &[OddsBin]| {
+        let mut table = Table::new(1.., [name, "descents", "predicted", came, "95 % interval"]);
+        for b in bins {
+            let [from, to] = b.between;
+            table.row(cells![
+                format!("{from:.digits$} to {to:.digits$}"),
+                b.descents,
+                Cell::number(Some(b.predicted), 3),
+                Cell::number(Some(b.came as f64 / b.descents.max(1) as f64), 3),
+                format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
+            ]);
+        }
+        table.text()
+    };
+    let landed = of("likelihood", "landed", 2, &s.likelihood);
+    format!("{landed}\n{}", of("harm", "unsafe", 3, &s.harm))
 }
 
 /// The summary as the JSON object of `trials --json`.
@@ -174,6 +175,7 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
         ("failures", json!(s.failures)),
         ("likelihood", json!(s.likelihood)),
+        ("harm", json!(s.harm)),
     ] {
         map.insert(name.into(), value);
     }

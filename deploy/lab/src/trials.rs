@@ -131,7 +131,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     {
         terminal::line(outcome_table::summary(&summary));
         if scene.scenario.begin_anyway {
-            terminal::line(outcome_table::likelihood(&summary));
+            terminal::line(outcome_table::odds(&summary));
         }
     }
     Ok(Exit::of(!interrupted && summary.successes == summary.trials))

@@ -210,6 +210,9 @@ pub struct Outcome {
     /// Mission's probability of success when the last descent began; not known: null.
     #[serde(default)]
     pub likelihood: Option<f64>,
+    /// Mission's probability of an unsafe contact when the last descent began; not known: null.
+    #[serde(default)]
+    pub harm: Option<f64>,
     /// Simulated time, warm-up included, s.
     pub sim_time_s: f64,
     /// Time it took to compute, s.
@@ -472,6 +475,7 @@ impl Judge {
             radio_age_s: None,
             vision_age_s: None,
             likelihood: None,
+            harm: None,
             stay_position_error_m: None,
             sim_time_s,
             wall_time_s: 0.0,

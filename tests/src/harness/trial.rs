@@ -103,7 +103,7 @@ pub fn land(
     let mut state = State::Idle;
     let mut next_point = 0.0;
     let mut ages: Option<[f64; 2]> = None;
-    let mut likelihood = None;
+    let mut odds = [None; 2];
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
@@ -116,7 +116,7 @@ pub fn land(
             let (name, reason) = (state.name(), mission.entered);
             (watch.on_event)(&Event::Phase { t_s, name, reason });
             if state == State::Descent {
-                likelihood = mission.likelihood;
+                odds = [mission.likelihood, mission.harm];
                 world.ask_change();
             }
         }
@@ -145,7 +145,7 @@ pub fn land(
     let mut outcome = judge.outcome(seed, sea, nodes.planner_name(), sim_time_s);
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
-    outcome.likelihood = likelihood;
+    [outcome.likelihood, outcome.harm] = odds;
     outcome.digest = format!("{:016x}", rig.world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
         faults.act(&mut rig);

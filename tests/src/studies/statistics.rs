@@ -217,53 +217,55 @@ pub struct Summary {
     /// Why trials failed.
     pub failures: Vec<FailureCount>,
     /// Endings of the trials' last descents, by the mission's probability of success.
-    pub likelihood: Vec<LikelihoodBin>,
+    pub likelihood: Vec<OddsBin>,
+    /// Unsafe contacts of the trials' last descents, by the mission's probability of one.
+    pub harm: Vec<OddsBin>,
     /// Metrics under the names of [`METRICS`].
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
-/// Bounds of the bins of likelihood.
-const BINS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
+/// Bounds of the bins of likelihood, and of harm.
+const LIKELIHOODS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
+const HARMS: [f64; 7] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 1.0];
 
-/// Descents that were thought about as likely to succeed.
+/// Descents by an estimated probability.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LikelihoodBin {
-    /// Their likelihoods lie between these.
+pub struct OddsBin {
+    /// Their probabilities lie between these.
     pub between: [f64; 2],
     /// Number of descents.
     pub descents: usize,
-    /// Number that ended at rest on the deck, and stayed within it while they were watched.
-    pub landed: usize,
-    /// Mean of their likelihoods.
+    /// Number in which it came true.
+    pub came: usize,
+    /// Mean of their probabilities.
     pub predicted: f64,
-    /// Wilson's interval of the part that landed, 95 %.
+    /// Wilson's interval of the part in which it came true, 95 %.
     pub interval: (f64, f64),
 }
 
 /// Distance from the deck's centre at which a drone has left it for certain, m: half the diagonal of the default deck.
 const LEFT_M: f64 = 1.5;
 
-fn likelihood_bins(outcomes: &[Outcome]) -> Vec<LikelihoodBin> {
-    let bins = BINS.windows(2).filter_map(|b| {
+/// Bins of what was estimated, each probability with whether it came true.
+fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
+    let bins = bounds.windows(2).filter_map(|b| {
         let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
-        let of: Vec<(f64, bool)> = outcomes
-            .iter()
-            .filter_map(|o| {
-                let stayed = o.stay_position_error_m.is_none_or(|m| m < LEFT_M);
-                o.likelihood.map(|p| (p, o.success && stayed))
-            })
-            .filter(|(p, _)| *p >= from && (*p < to || last))
-            .collect();
-        let landed = of.iter().filter(|(_, landed)| *landed).count();
-        (!of.is_empty()).then(|| LikelihoodBin {
+        let within = |p: f64| p >= from && (p < to || last);
+        let of: Vec<(f64, bool)> = all.iter().filter(|(p, _)| within(*p)).copied().collect();
+        let came = of.iter().filter(|(_, came)| *came).count();
+        (!of.is_empty()).then(|| OddsBin {
             between: [from, to],
             descents: of.len(),
-            landed,
+            came,
             predicted: of.iter().map(|(p, _)| p).sum::<f64>() / of.len() as f64,
-            interval: wilson(landed, of.len()),
+            interval: wilson(came, of.len()),
         })
     });
     bins.collect()
+}
+/// Whether a trial's last descent ended at rest on the deck, and the drone stayed within it while it was watched.
+fn has_landed(o: &Outcome) -> bool {
+    o.success && o.stay_position_error_m.is_none_or(|m| m < LEFT_M)
 }
 
 /// Whether the last descent of a trial ended badly.
@@ -277,9 +279,12 @@ impl Summary {
     /// Summary of these outcomes.
     pub fn of(outcomes: &[Outcome]) -> Summary {
         let touched = || outcomes.iter().filter(|o| o.position_error_m.is_some());
+        let estimated =
+            |of: fn(&Outcome) -> Option<(f64, bool)>| outcomes.iter().filter_map(of).collect::<Vec<_>>();
         Summary {
             trials: outcomes.len(),
-            likelihood: likelihood_bins(outcomes),
+            likelihood: binned(&LIKELIHOODS, &estimated(|o| Some((o.likelihood?, has_landed(o))))),
+            harm: binned(&HARMS, &estimated(|o| Some((o.harm?, o.is_unsafe())))),
             successes: outcomes.iter().filter(|o| o.success).count(),
             descents: [
                 outcomes.iter().map(|o| o.attempts).sum(),
