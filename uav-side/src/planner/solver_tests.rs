@@ -23,6 +23,15 @@ fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     all
 }
 
+/// Costs of 20 stages whose weight of the tilt grows.
+fn weights_that_grow() -> Vec<StageCost<4>> {
+    let cost = |k: u8| StageCost {
+        reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
+        weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
+    };
+    (0..20).map(cost).collect()
+}
+
 #[test]
 fn condensed_solution_against_dense_optimum() {
     let c = PlannerConfig::default();
@@ -87,12 +96,7 @@ fn sparse_form_against_condensed_form() {
         quadratic: 1.0,
     };
     let mut form = SparseForm::new(model, 20, 0.1, limits, slack);
-    let cost: Vec<_> = (0..20)
-        .map(|k| StageCost {
-            reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
-            weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
-        })
-        .collect();
+    let cost = weights_that_grow();
     let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
     form.fill(&QpInstance {
         state,
@@ -133,12 +137,7 @@ fn factor_of_one_tilt_for_the_other() {
     let chains = [model.x_chain(), model.y_chain()].map(|chain| chain.discrete(0.1));
     let [mut x, mut y] = chains.map(|model| Condensed::new(model, 20, 0.1));
     let mut adopts = y.clone();
-    let cost: Vec<_> = (0..20)
-        .map(|k| StageCost {
-            reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
-            weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
-        })
-        .collect();
+    let cost = weights_that_grow();
     let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
     let (mut own, mut adopted) = ([0.0; 20], [0.0; 20]);
     assert!(x.solve(&state, 0.02, &cost, &mut own));
