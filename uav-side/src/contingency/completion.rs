@@ -1,6 +1,6 @@
 //! The way down without a plan, or with one that is not renewed.
 
-use alight_shared::geometry::DroneGeometry;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PlanStage;
 use nalgebra::Vector3;
 
@@ -16,6 +16,9 @@ const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
 /// A drone that is faster is braked to this, m/s.
 const BRAKED_MPS: f64 = 0.25;
+/// A drone turns within this, s; one that is tilted by less pushes nowhere, as a fraction of its thrust.
+const TURN_S: f64 = 0.15;
+const MIN_TILT: f64 = 0.02;
 /// A landing without a plan has braked so long before its contact as one with a plan, s.
 const SOFT_S: f64 = 0.2;
 
@@ -66,7 +69,29 @@ impl Completion<'_> {
             return None;
         }
         let braking = climb.braking(sinks, left - SOFT_S * BRAKED_MPS, BRAKED_MPS);
+        let until_s = 2.0 * left.max(0.0) / (sinks + BRAKED_MPS);
+        let braking = braking.min(self.shared_braking(sinks, until_s)).max(0.0);
         Some(deck + below.stage.normal().z * braking)
+    }
+
+    /// Braking `b`, m/s², from `sinks` for `until_s` at which the drone meets the deck as fast along as onto it: on a tilted drone,
+    /// which turns within `T` and whose thrust has the horizontal fraction `t` of the vertical one, it pushes along. With the speed
+    /// `v` in that direction and the accelerations of the deck down, `d`, and along, `e`:
+    ///
+    /// `v + (t (g - d + b) - e) T = sinks - b until_s`
+    fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {
+        let (body, deck) = (self.body, &self.below.stage);
+        let up = body.attitude * -Vector3::z();
+        let tilt = up.xy() / (-up.z).max(0.5);
+        let Some(towards) = tilt.try_normalize(MIN_TILT) else {
+            return f64::INFINITY;
+        };
+        let along = |v: Vector3<f64>| v.xy().dot(&towards);
+        let (t, lasts_s) = (tilt.norm(), until_s.min(TURN_S));
+        let speed = along(body.velocity - Vector3::from(deck.velocity));
+        let [.., down] = deck.acceleration;
+        let pushes = t * (GRAVITY - down) - along(deck.acceleration.into());
+        (sinks - speed - pushes * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
     /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.

@@ -390,8 +390,8 @@ fn braking_of_a_plan_not_renewed() {
 }
 
 /// The thrust (of hover) that follows a plan at its speed, so many m/s downwards and so high over a deck that accelerates upwards
-/// by `rises_mps2` (m/s²).
-fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64) -> f64 {
+/// by `rises_mps2` (m/s²), of a drone that is tilted by `tilt` (rad) and so fast (m/s) towards where that pushes it.
+fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
     let mut thrust = pilot.estimate.hover();
@@ -399,7 +399,9 @@ fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64) -> f64 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
         let mut input = everything(k, now, State::Flare, clearance_m);
         let d = input.drone.as_mut().unwrap();
-        d.velocity = [0.0, 0.0, sinks_mps];
+        d.velocity = [-along_mps, 0.0, sinks_mps];
+        let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
+        d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
         d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
         let stage = PlanStage {
             position: d.position,
@@ -421,14 +423,17 @@ fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64) -> f64 {
 fn braking_of_a_drone_too_fast_onto_the_deck() {
     // v² of at most 0.35² + 2 3 (h - 0.05 v): the plan is followed.
     for (sinks, clearance) in [(2.0, 1.0), (1.0, 0.3), (0.3, 0.1)] {
-        let followed = thrust_onto_deck(sinks, clearance, 0.0);
+        let followed = thrust_onto_deck(sinks, clearance, 0.0, [0.0; 2]);
         assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
     }
     // (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
-    let braked = thrust_onto_deck(2.0, 0.6, 0.0);
+    let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
     assert!((1.35..1.55).contains(&braked), "{braked}");
     // A deck that accelerates upwards leaves the rotors less, and is followed.
-    assert!(thrust_onto_deck(2.0, 1.0, 8.0) > 1.8);
+    assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
+    // A tilted drone is pushed along the deck, and brakes no further than it would meet it as fast along as onto it.
+    let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
+    assert!(slow > braked - 0.05 && fast < braked - 0.2, "{slow} {fast} {braked}");
 }
 
 /// A second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at `rise_mps2`.
