@@ -84,7 +84,7 @@ config! {
         pub fix_lost_every_s: f64 = 120.0, in 1.0..=1e6;
         /// Every fix is a false one: by so much, m, in a direction that lasts as long as the fix.
         pub false_fix_m: f64 = 0.0, in 0.0..=100.0;
-        /// Fraction of the sky that the vessel hides from her antenna: noise and the time to a fix grow to 1 + 3 times it.
+        /// Fraction of the sky that the vessel hides from its antenna: noise and the time to a fix grow to 1 + 3 times it.
         pub blocked: f64 = 0.0, in 0.0..=1.0;
     }
 }

@@ -85,7 +85,7 @@ impl MovingBase {
         true
     }
     /// A report of the receiver that arrives at `now`, at least `latency` after it was measured, on the drone's clock; None while the
-    /// vessel's antenna is not known, or of an implausible time.
+    /// vessel's antenna is not known, of an implausible time, or of the receiver's time alone.
     pub(super) fn place(
         &mut self,
         now: DroneTime,
@@ -95,6 +95,7 @@ impl MovingBase {
     ) -> Option<RelativePlace> {
         let at_ns = self.week.unwrap(report.of_week_ns);
         let at = self.clock.local_time(now, at_ns, latency)?;
+        let solution = report.solution?;
         let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
         // Without a place the state alone counts.
         let [baseline_m, baseline_sd_m] = report.place.unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
@@ -105,7 +106,7 @@ impl MovingBase {
             },
             baseline_m,
             baseline_sd_m,
-            solution: report.solution,
+            solution,
             antenna_m,
         };
         place.check().is_ok().then_some(place)

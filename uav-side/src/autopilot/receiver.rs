@@ -1,6 +1,7 @@
 //! The drone's own GNSS receiver whose moving base is the vessel's: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13 or later.
 //!
-//! Each message needs its checksum. Its time of week is the receiver's; who takes the reports dates them.
+//! Each message needs its checksum. Its time of week is the receiver's; who takes the reports dates them. NAV-PVT waits for no base:
+//! it arrives soonest after its time, by which a NAV-RELPOSNED that waited for the radio is dated.
 
 use std::collections::VecDeque;
 
@@ -20,15 +21,15 @@ pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
 /// Standard deviation that no place exceeds, m: nothing is known.
 pub const MAX_SD_M: f64 = 9_999.0;
 
-/// A relative place as the receiver reports it.
+/// A relative place as the receiver reports it, or its time alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
     /// Time of the GPS week, ns.
     pub of_week_ns: i64,
     /// From the base's antenna to its own, NED, m, and the standard deviation of each component, m; None: not valid.
     pub place: Option<[[f64; 3]; 2]>,
-    /// Solution of the ambiguities.
-    pub solution: CarrierSolution,
+    /// Solution of the ambiguities; None: this is the receiver's time alone.
+    pub solution: Option<CarrierSolution>,
 }
 
 /// Decodes a receiver's bytes.
@@ -83,29 +84,36 @@ const fn min_sd_m(solution: CarrierSolution) -> f64 {
 fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// gnssFixOK, relPosValid.
     const VALID: u32 = 1 | 1 << 2;
-    let PacketRef::NavRelPosNed(p) = packet else {
-        return None;
+    /// refPosMiss, refObsMiss: the base's place or observations are extrapolated. A base that rocks is off by decimetres then.
+    const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
+    let (of_week_ms, place, solution) = match packet {
+        PacketRef::NavPvt(p) => (p.itow(), None, None),
+        PacketRef::NavRelPosNed(p) if p.flags_raw() & EXTRAPOLATED != 0 => (p.itow(), None, None),
+        PacketRef::NavRelPosNed(p) => {
+            let flags = p.flags_raw();
+            let valid = flags & VALID == VALID;
+            // Carrier solution: 0 without, 1 float, 2 fixed; 3 is reserved.
+            let solution = match (flags >> 3) & 3 {
+                2 if valid => CarrierSolution::Fixed,
+                1 if valid => CarrierSolution::Float,
+                _ => CarrierSolution::None,
+            };
+            let metres = |cm: f64, mm: f64| 1e-2 * cm + 1e-3 * mm;
+            let baseline_m = [
+                metres(p.rel_pos_n_cm(), p.rel_pos_hp_n_mm()),
+                metres(p.rel_pos_e_cm(), p.rel_pos_hp_e_mm()),
+                metres(p.rel_pos_d_cm(), p.rel_pos_hp_d_mm()),
+            ];
+            let sd_m = [p.acc_n_mm(), p.acc_e_mm(), p.acc_d_mm()]
+                .map(|mm| (1e-3 * mm).clamp(min_sd_m(solution), MAX_SD_M));
+            (p.itow(), valid.then_some([baseline_m, sd_m]), Some(solution))
+        }
+        _ => return None,
     };
-    let of_week_ns = i64::from(p.itow()) * 1_000_000;
-    let flags = p.flags_raw();
-    let valid = flags & VALID == VALID;
-    // Carrier solution: 0 without, 1 float, 2 fixed; 3 is reserved.
-    let solution = match (flags >> 3) & 3 {
-        2 if valid => CarrierSolution::Fixed,
-        1 if valid => CarrierSolution::Float,
-        _ => CarrierSolution::None,
-    };
-    let metres = |cm: f64, mm: f64| 1e-2 * cm + 1e-3 * mm;
-    let baseline_m = [
-        metres(p.rel_pos_n_cm(), p.rel_pos_hp_n_mm()),
-        metres(p.rel_pos_e_cm(), p.rel_pos_hp_e_mm()),
-        metres(p.rel_pos_d_cm(), p.rel_pos_hp_d_mm()),
-    ];
-    let sd_m =
-        [p.acc_n_mm(), p.acc_e_mm(), p.acc_d_mm()].map(|mm| (1e-3 * mm).clamp(min_sd_m(solution), MAX_SD_M));
+    let of_week_ns = i64::from(of_week_ms) * 1_000_000;
     (of_week_ns < WEEK_NS).then_some(RelativeReport {
         of_week_ns,
-        place: valid.then_some([baseline_m, sd_m]),
+        place,
         solution,
     })
 }
@@ -163,7 +171,7 @@ mod tests {
             let [r] = decoded(&message(604_799_999, flags), 7)[..] else {
                 panic!("{flags:b}")
             };
-            assert_eq!((r.of_week_ns, r.solution), (604_799_999_000_000, solution));
+            assert_eq!((r.of_week_ns, r.solution), (604_799_999_000_000, Some(solution)));
             let [baseline, stated] = r.place.unwrap();
             let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
             assert!(
@@ -176,7 +184,14 @@ mod tests {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
             };
-            assert_eq!((r.place, r.solution), (None, CarrierSolution::None));
+            assert_eq!((r.place, r.solution), (None, Some(CarrierSolution::None)));
+        }
+        // A base that is extrapolated: the time alone.
+        for flags in [valid(2) | 1 << 6, valid(2) | 1 << 7] {
+            let [r] = decoded(&message(1, flags), 64)[..] else {
+                panic!("{flags:b}")
+            };
+            assert_eq!((r.of_week_ns, r.place, r.solution), (1_000_000, None, None));
         }
     }
 

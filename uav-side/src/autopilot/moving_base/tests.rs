@@ -110,7 +110,7 @@ fn place(
     let report = RelativeReport {
         of_week_ns: (of_week_s * 1e9) as i64,
         place,
-        solution: CarrierSolution::Fixed,
+        solution: Some(CarrierSolution::Fixed),
     };
     let latency = Span::from_millis(20);
     base.place(
@@ -156,6 +156,40 @@ fn place_dated_by_the_smallest_delay() {
     assert_eq!(place(&mut base, 110.02, 9.0, measured), None);
 }
 
+/// A relative place that waits for the radio, by the receiver's own time, which does not.
+#[test]
+fn place_dated_by_the_receivers_own_time() {
+    let (mut base, mut headers) = (MovingBase::default(), OutputHeaders::default());
+    let taken = &mut AutopilotOut::default();
+    base.take(
+        Time::from_secs(99.9),
+        &[frame(99.8, 60)],
+        RtcmTarget::Receiver,
+        taken,
+    );
+    for k in 0..20_i32 {
+        let made_s = 100.0 + 0.2 * f64::from(k);
+        let mut arrive = |delay_s: f64, place, solution| {
+            let report = RelativeReport {
+                of_week_ns: (made_s * 1e9) as i64,
+                place,
+                solution,
+            };
+            base.place(
+                Time::from_secs(made_s + delay_s),
+                &report,
+                Span::ZERO,
+                &mut headers,
+            )
+        };
+        assert_eq!(arrive(0.04, None, None), None);
+        let measured = Some([[1.0; 3], [0.01; 3]]);
+        let p = arrive(0.17, measured, Some(CarrierSolution::Fixed)).unwrap();
+        let late_s = p.header.at.secs() - made_s;
+        assert!((late_s - 0.04).abs() < 2e-3, "{late_s}");
+    }
+}
+
 /// A link that has received a PX4, and this of the vessel's receiver, at 1 s.
 fn link_out(receiver: &str, frames: Vec<RtcmFrame<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
     let config = AutopilotLinkConfig {
@@ -182,7 +216,7 @@ fn link_out(receiver: &str, frames: Vec<RtcmFrame<DroneClock>>) -> (AutopilotOut
     let own = RelativeReport {
         of_week_ns: 0,
         place: Some([[1.0; 3], [0.02; 3]]),
-        solution: CarrierSolution::Fixed,
+        solution: Some(CarrierSolution::Fixed),
     };
     let input = AutopilotIn {
         rtcm: frames,

@@ -60,7 +60,7 @@ async fn listened(connect: &str) -> ReceiverReport {
             break;
         }
         while let Some(report) = decoder.next_report() {
-            newest = Some(report);
+            newest = report.solution.map(|_| report).or(newest);
         }
     }
     match link.last_error() {
@@ -90,8 +90,8 @@ pub fn judge(found: &ReceiverCheck) -> Finding {
             "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
         )),
         ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
-            "no RTCM from the vessel: her receiver is no moving base of the drone's",
-            "is she in radio reach, and does her receiver send RTCM 3? (docs/autopilots.md, moving base)",
+            "no RTCM from the vessel: its receiver is no moving base of the drone's",
+            "is it in radio reach, and does its receiver send RTCM 3? (docs/autopilots.md, moving base)",
         ),
         ReceiverReport::Held { rtcm, state: None } => TOPIC.warning(
             format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, and no relative place used"),
