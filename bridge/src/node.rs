@@ -7,7 +7,7 @@ use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, ch
 use alight_shared::bus::wiring;
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, EstimateUpdate,
-    Header, LinkState, Message, MissionState, OperatorCommand, RtcmFrame, TimeReply, TimeRequest,
+    Header, LinkState, Message, MissionState, OperatorCommand, RtcmFrames, TimeReply, TimeRequest,
     UpdateReceiver, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
 };
 use alight_shared::node::Node;
@@ -88,7 +88,7 @@ pub struct BridgeOut {
     /// Keep-out volumes and approach of the vessel.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
     /// Frames of the vessel's receiver, in the order of their arrival.
-    pub rtcm: Vec<RtcmFrame<DroneClock>>,
+    pub rtcm: Vec<RtcmFrames<DroneClock>>,
     /// Operators' commands, in the order of their arrival.
     pub commands: Vec<Command>,
     /// The link's state, at its own rate.
@@ -115,7 +115,7 @@ wiring! {
             prediction: VesselPrediction<DroneClock>,
             deck: DeckGrant<DroneClock>,
             surroundings: VesselSurroundings<DroneClock>,
-            rtcm: RtcmFrame<DroneClock>,
+            rtcm: RtcmFrames<DroneClock>,
             commands: Command,
             link: LinkState,
         }
@@ -253,7 +253,7 @@ impl Bridge {
                 out.surroundings = Some(m.restamped(at));
             }
             PacketKind::Rtcm => {
-                let m: RtcmFrame<VesselClock> = decode(&packet.bytes)?;
+                let m: RtcmFrames<VesselClock> = decode(&packet.bytes)?;
                 let (at, _) = self.admit(arrival, &m, kind, &topics::RTCM, 0.0)?;
                 out.rtcm.push(m.restamped(at));
             }

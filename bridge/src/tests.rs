@@ -6,7 +6,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
     CommandKind, EstimateUpdate, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage,
-    RtcmFrame, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, WaveUpdate,
+    RtcmFrames, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, WaveUpdate,
     f16,
 };
 use alight_shared::node::Node;
@@ -152,7 +152,7 @@ fn rtcm_frames_over_a_lossy_radio() {
         0x09, 0x41, 0x98, 0x6F, 0x33, 0x36, 0x0B, 0x98,
     ];
     let (mut b, start) = converged(0.05, 0.05, 5);
-    let frame = |k: u32, now: f64| RtcmFrame::<VesselClock> {
+    let frame = |k: u32, now: f64| RtcmFrames::<VesselClock> {
         header: Header::new(1, 0, 1, k, vessel(now - 0.05)),
         antenna_m: [1.0, 2.0, -3.0],
         bytes: Seq::filled(example),

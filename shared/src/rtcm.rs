@@ -61,6 +61,18 @@ pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     Some(RtcmNumber { message, subtype })
 }
 
+/// Whole frames one after the other, each with its number; None of bytes that are no such.
+pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
+    let (mut all, mut rest) = (Vec::new(), bytes);
+    while !rest.is_empty() {
+        let length = MessageFrame::new(rest).ok()?.frame_len();
+        let (frame, after) = rest.split_at_checked(length)?;
+        all.push((number(frame)?, frame));
+        rest = after;
+    }
+    (!all.is_empty()).then_some(all)
+}
+
 /// Finds frames between other bytes.
 #[derive(Clone, Debug, Default)]
 pub struct RtcmDecoder {
@@ -193,6 +205,10 @@ mod tests {
         assert_eq!(decoder.damaged(), 1);
         assert_eq!(number(&damaged), None);
         let of = |message, subtype| RtcmNumber { message, subtype };
+        assert!(frames(&all[0].1).is_some_and(|f| f.len() == 1) && frames(&[]).is_none());
+        let two = [&all[0].1[..], &all[2].1].concat();
+        assert_eq!(frames(&two).unwrap()[1], (of(1005, 0), &all[2].1[..]));
+        assert!(frames(&two[..two.len() - 1]).is_none() && frames(&[&two[..], &damaged].concat()).is_none());
         assert!(of(1077, 0).is_observation() && of(1005, 0).is_base() && of(UBLOX, 0).is_base());
         assert!(!of(UBLOX, 1).is_base() && !of(1230, 0).is_observation() && !of(1080, 0).is_observation());
     }

@@ -180,7 +180,7 @@ topics! {
         /// The drone's status, for the vessel's deck.
         DRONE_STATUS: "status", msg::DroneStatus, 2.0 Hz, 136, 2000 ms;
         /// Frames of RTCM 3 of the vessel's receiver, for a receiver to which it is a moving base; only with one.
-        RTCM: "rtcm", msg::RtcmFrame<VesselClock>, 8.0 Hz, 1100, 2000 ms;
+        RTCM: "rtcm", msg::RtcmFrames<VesselClock>, 8.0 Hz, 1100, 2000 ms;
     }
     memory {
         /// The autopilot's odometry.
@@ -240,9 +240,9 @@ topics! {
         /// Report of a computer about itself, by its supervisor.
         COMPUTER: "computer/report", msg::ComputerReport, 2.0 Hz, 3000 ms, 2 deep;
         /// Frames of RTCM 3 among the bytes of the vessel's sensors.
-        VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrame<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
+        VESSEL_RTCM: "vessel/rtcm", msg::RtcmFrames<VesselClock>, 8.0 Hz, 2000 ms, 32 deep;
         /// Frames of RTCM 3 on the drone's clock, as the bridge admitted them.
-        BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrame<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
+        BRIDGE_RTCM: "bridge/rtcm", msg::RtcmFrames<DroneClock>, 8.0 Hz, 2000 ms, 32 deep;
         /// The drone's place relative to the vessel, by its receiver.
         RELATIVE: "drone/relative", msg::RelativePlace, 5.0 Hz, 1000 ms, 8 deep;
     }
@@ -418,10 +418,10 @@ mod tests {
                 surroundings: around,
             },
         );
-        let frame = RtcmFrame::<VesselClock> {
+        let frame = RtcmFrames::<VesselClock> {
             header,
             bytes: Seq::filled([0xD3; crate::rtcm::MAX_FRAME_BYTES]),
-            ..RtcmFrame::default()
+            ..RtcmFrames::default()
         };
         assert!(wire::encode(&frame).unwrap().len() <= RTCM.bytes);
         decoded(&RTCM, &frame);

@@ -7,7 +7,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
     CommandReceipt, CrewOrder, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
-    OperatorCommand, RtcmFrame, SensorReadings, Seq, TimeRequest,
+    OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
@@ -43,7 +43,7 @@ pub struct ComputerIn {
     /// Orders of the crew.
     pub crew: Vec<CrewOrder>,
     /// Frames of the sensors' process, of a moving base.
-    pub rtcm: Vec<RtcmFrame<VesselClock>>,
+    pub rtcm: Vec<RtcmFrames<VesselClock>>,
     /// Time requests.
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
     /// Statuses of drones.
@@ -84,7 +84,7 @@ pub struct ComputerOut {
     /// Statuses of drones, for operators.
     pub statuses: Vec<DroneStatus>,
     /// Frames of a moving base, for the drones' receivers.
-    pub rtcm: Vec<RtcmFrame<VesselClock>>,
+    pub rtcm: Vec<RtcmFrames<VesselClock>>,
     /// Events of this step.
     pub events: Vec<VesselEvent>,
     /// The lamp at the helm.
@@ -108,7 +108,7 @@ pub enum Lamp {
 wiring! {
     /// Topics that the vessel's process reads; its output goes by radio and to people.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
-        reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrame<VesselClock> }
+        reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrames<VesselClock> }
         edge { time_requests, statuses, commands, deck_inputs, helm, checkpoint, ends }
         writes {}
         wakes { SensorReadings }

@@ -5,21 +5,16 @@
 //! that follow until the bucket is full again: whole epochs pass, not a part of each. Other messages wait with them, and leave a
 //! third of the bucket.
 
-use alight_shared::msg::{Header, RtcmFrame};
-use alight_shared::rtcm::number;
+use alight_shared::msg::{Header, RtcmFrames, Seq};
+use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
 use alight_shared::time::{Time, VesselClock};
 
 /// Frames may take so much of the radio, bytes/s; the bucket holds that of a second.
 pub const BYTES_PER_S: f64 = 3000.0;
-/// Bytes of the message around a frame, and of the radio's headers around that.
+/// Bytes of the message around its frames, and of the radio's headers around that.
 const HEADER_BYTES: usize = 46 + 50;
 /// So much remains for two places of the base, bytes.
 const BASE_BYTES: f64 = 320.0;
-
-/// Bytes of a frame of this length on the radio.
-pub fn radio_bytes(frame: usize) -> f64 {
-    (frame + HEADER_BYTES) as f64
-}
 
 /// Passes frames on to the drones.
 #[derive(Clone, Debug)]
@@ -49,36 +44,42 @@ impl RtcmRelay {
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
-    /// The frames that fit, with the headers of this process, in their order.
+    /// The frames that fit, in their order, as messages with the headers of this process.
     pub fn pass(
         &mut self,
         now: Time<VesselClock>,
-        frames: &[RtcmFrame<VesselClock>],
-    ) -> Vec<RtcmFrame<VesselClock>> {
+        frames: &[RtcmFrames<VesselClock>],
+    ) -> Vec<RtcmFrames<VesselClock>> {
         let since_s = self.at.replace(now).map_or(0.0, |at| (now - at).secs().max(0.0));
         self.bucket = (self.bucket + since_s * BYTES_PER_S).min(BYTES_PER_S);
         self.waits &= self.bucket < BYTES_PER_S;
-        let mut passed = Vec::new();
+        let mut passed: Vec<RtcmFrames<VesselClock>> = Vec::new();
         for frame in frames {
-            if !self.takes(frame) {
+            let open = (passed.last_mut()).filter(|m| m.bytes.len() + frame.bytes.len() <= MAX_FRAME_BYTES);
+            if !self.takes(frame, open.is_none()) {
                 self.dropped += 1;
+                continue;
+            }
+            if let Some(message) = open {
+                message.bytes = Seq::filled(message.bytes.iter().chain(frame.bytes.iter()).copied());
                 continue;
             }
             self.header.at = frame.header.at;
             self.header.sequence = self.header.sequence.wrapping_add(1);
-            passed.push(RtcmFrame {
+            passed.push(RtcmFrames {
                 header: self.header,
                 ..*frame
             });
         }
         passed
     }
-    /// Whether a frame fits; what it needs is taken then.
-    fn takes(&mut self, frame: &RtcmFrame<VesselClock>) -> bool {
+    /// Whether a frame fits, which `begins` a message or not; what it needs is taken then.
+    fn takes(&mut self, frame: &RtcmFrames<VesselClock>, begins: bool) -> bool {
         let Some(number) = number(&frame.bytes) else {
             return false;
         };
-        let left = self.bucket - radio_bytes(frame.bytes.len());
+        let headers = if begins { HEADER_BYTES } else { 0 };
+        let left = self.bucket - (frame.bytes.len() + headers) as f64;
         let fits = if number.is_base() {
             left >= 0.0
         } else if number.is_observation() {
@@ -98,12 +99,12 @@ impl RtcmRelay {
 mod tests {
     use super::*;
     use crate::fixtures::rtcm_frame;
-    use alight_shared::msg::Seq;
+    use alight_shared::rtcm::frames;
 
-    fn frame(message: u16, bytes: usize) -> RtcmFrame<VesselClock> {
-        RtcmFrame {
+    fn frame(message: u16, bytes: usize) -> RtcmFrames<VesselClock> {
+        RtcmFrames {
             bytes: Seq::filled(rtcm_frame(message, bytes - 6)),
-            ..RtcmFrame::default()
+            ..RtcmFrames::default()
         }
     }
     /// Numbers of the frames that pass of an epoch of four systems with the base's place, so many times a second for 20 s.
@@ -112,11 +113,8 @@ mod tests {
         let epoch = [vec![frame(1005, 25)], epoch.to_vec(), vec![frame(1230, 14)]].concat();
         let numbers = |k: f64| -> Vec<u16> {
             let passed = relay.pass(Time::from_secs(k / rate_hz), &epoch);
-            passed
-                .iter()
-                .filter_map(|f| number(&f.bytes))
-                .map(|n| n.message)
-                .collect()
+            let whole = passed.iter().flat_map(|m| frames(&m.bytes).unwrap());
+            whole.map(|(n, _)| n.message).collect()
         };
         (0..(20.0 * rate_hz) as u32).map(f64::from).map(numbers).collect()
     }
@@ -146,7 +144,7 @@ mod tests {
         let count = |low: usize, high: usize| observed.iter().filter(|n| (low..=high).contains(*n)).count();
         let [whole, parts] = [count(4, 4), count(1, 3)];
         assert!(whole >= 10 && parts <= whole, "{observed:?}");
-        let bytes: f64 = observed.iter().map(|n| *n as f64 * radio_bytes(400)).sum();
+        let bytes: f64 = observed.iter().map(|n| *n as f64 * 400.0).sum();
         assert!(bytes <= 21.0 * BYTES_PER_S, "{bytes} bytes in 20 s");
     }
 

@@ -12,7 +12,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage,
-    RtcmFrame, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode,
+    RtcmFrames, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode,
     WaveModel, WaveSender, WaveUpdate, f16,
 };
 use alight_shared::process::ProcessState;
@@ -93,7 +93,7 @@ fn decode_all(bytes: &[u8]) {
     let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<RtcmFrame<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = decoded::<RtcmFrames<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<DroneStatus>(bytes).map(|m| m.check());
@@ -152,9 +152,9 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         kind: CommandKind::Land,
     };
-    let frame = RtcmFrame::<VesselClock> {
+    let frame = RtcmFrames::<VesselClock> {
         bytes: Seq::filled([0xD3; MAX_FRAME_BYTES]),
-        ..RtcmFrame::default()
+        ..RtcmFrames::default()
     };
     [
         wire::encode(&EstimateUpdate::whole(&estimate)),

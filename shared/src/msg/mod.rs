@@ -88,7 +88,7 @@ pub use mission::{
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode};
-pub use rtcm::{CarrierSolution, RelativePlace, RelativeState, RtcmFrame};
+pub use rtcm::{CarrierSolution, RelativePlace, RelativeState, RtcmFrames};
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
 pub use state::{Phase, State};

@@ -7,23 +7,23 @@ use super::{Header, MAX_POSITION_M, Seq, positive, within};
 use crate::rtcm::MAX_FRAME_BYTES;
 use crate::time::{Clock, DroneClock, Time};
 
-/// A frame of RTCM 3 of the vessel's receiver, passed on as it is.
+/// Frames of RTCM 3 of the vessel's receiver, passed on as they are: as many of one time as fit, so that an epoch is whole or lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
-pub struct RtcmFrame<C: Clock> {
+pub struct RtcmFrames<C: Clock> {
     /// Identity; `at` is the time of its arrival at the vessel's computer.
     pub header: Header<C>,
     /// Antenna of the receiver from the deck's centre, in the vessel's body frame, m.
     pub antenna_m: [f32; 3],
-    /// The frame from its preamble to its checksum.
+    /// One frame or several, each from its preamble to its checksum.
     pub bytes: Seq<u8, MAX_FRAME_BYTES>,
 }
 
-restamped!(RtcmFrame { antenna_m, bytes });
-message!(@C RtcmFrame<C>, C, |m| {
+restamped!(RtcmFrames { antenna_m, bytes });
+message!(@C RtcmFrames<C>, C, |m| {
     within(&m.antenna_m, 100.0) => "antenna_m",
-    crate::rtcm::number(&m.bytes).is_some() => "bytes",
+    crate::rtcm::frames(&m.bytes).is_some() => "bytes",
 });
 
 /// Solution of the carrier phases' ambiguities.

@@ -25,7 +25,7 @@ use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState, DroneStatus,
-    EstimateUpdate, Header, MissionState, Plan, RangeSample, RelativePlace, RtcmFrame, SetPoint, TagPose,
+    EstimateUpdate, Header, MissionState, Plan, RangeSample, RelativePlace, RtcmFrames, SetPoint, TagPose,
     TimeRequest, UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
@@ -88,7 +88,7 @@ struct Observer {
     mission: Receiver<MissionState>,
     set_point: Receiver<SetPoint>,
     /// Frames for the receiver.
-    rtcm: Receiver<RtcmFrame<DroneClock>>,
+    rtcm: Receiver<RtcmFrames<DroneClock>>,
 }
 
 impl Observer {

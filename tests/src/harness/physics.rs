@@ -10,7 +10,7 @@ use core::f64::consts::TAU;
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{Header, MissionState, RtcmFrame, Seq, State};
+use alight_shared::msg::{Header, MissionState, RtcmFrames, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
@@ -301,11 +301,11 @@ impl Physics {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
     /// Frames of the vessel's receiver that have arrived by now, where it is a moving base.
-    pub fn vessel_rtcm(&mut self) -> Vec<RtcmFrame<VesselClock>> {
+    pub fn vessel_rtcm(&mut self) -> Vec<RtcmFrames<VesselClock>> {
         self.vessel_sensors.rtcm(self.t)
     }
     /// Frames of the moving base reach a drone's receiver.
-    pub fn receive_rtcm(&mut self, k: usize, frames: &[RtcmFrame<DroneClock>]) {
+    pub fn receive_rtcm(&mut self, k: usize, frames: &[RtcmFrames<DroneClock>]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
         plant.for_each(|p| p.sensors.receive_rtcm(t, frames));

@@ -6,7 +6,7 @@ use super::physics::{TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::{Row, Writer as _};
-use alight_shared::msg::{CrewOrder, DeckOrder, Header, RtcmFrame};
+use alight_shared::msg::{CrewOrder, DeckOrder, Header, RtcmFrames};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
@@ -26,7 +26,7 @@ pub(super) struct VesselSide {
     boot: u32,
     orders: LockStepSender<CrewOrder>,
     ordered: u32,
-    rtcm: LockStepSender<RtcmFrame<VesselClock>>,
+    rtcm: LockStepSender<RtcmFrames<VesselClock>>,
     sensors: SensorEdge,
     /// It stands still: orders wait, what was measured is lost.
     stands_still: bool,
@@ -112,7 +112,7 @@ impl VesselSide {
         self.orders.send(&CrewOrder { header, order });
     }
     /// Frames of its moving base arrive; lost where it stands still.
-    pub(super) fn receive_rtcm(&mut self, frames: &[RtcmFrame<VesselClock>]) {
+    pub(super) fn receive_rtcm(&mut self, frames: &[RtcmFrames<VesselClock>]) {
         if !self.stands_still {
             self.rtcm.send_each(frames);
         }

@@ -31,7 +31,7 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrame, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrames, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_shared::topics::CAMERA_LIGHT;
 use alight_uav::camera::metering::Setting;
@@ -164,7 +164,7 @@ impl VesselSensors {
         self.gnss.bias()
     }
     /// Frames of the moving base that have arrived by `t`.
-    pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrame<VesselClock>> {
+    pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrames<VesselClock>> {
         self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }
     /// The measurements that have arrived by `t`.
@@ -255,7 +255,7 @@ impl DroneSensors {
         self.other = other;
     }
     /// Frames of the moving base reach its receiver at `t`.
-    pub fn receive_rtcm(&mut self, t: Time<TrueTime>, frames: &[RtcmFrame<DroneClock>]) {
+    pub fn receive_rtcm(&mut self, t: Time<TrueTime>, frames: &[RtcmFrames<DroneClock>]) {
         self.rover.iter_mut().for_each(|r| r.receive(t, frames));
     }
     /// Its receiver has these faults from now on.

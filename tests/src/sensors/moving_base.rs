@@ -15,7 +15,7 @@ use std::collections::VecDeque;
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody};
-use alight_shared::msg::{CarrierSolution, RelativePlace, RtcmFrame, Seq};
+use alight_shared::msg::{CarrierSolution, RelativePlace, RtcmFrames, Seq};
 use alight_shared::rtcm;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
@@ -73,8 +73,8 @@ config! {
     #[derive(Copy)]
     pub struct MovingBaseConfig {
         /// Epochs per second.
-        /// Chosen: 2.3 kB/s on the radio, headers included, of the 3 kB/s that the vessel gives its frames.
-        pub rate_hz: f64 = 2.0, in 1.0..=5.0;
+        /// Chosen: 2.9 kB/s on the radio, headers included, of the 3 kB/s that the vessel gives its frames.
+        pub rate_hz: f64 = 4.0, in 1.0..=5.0;
         /// Antenna of the vessel's receiver from the deck's centre, in the vessel's body frame, m.
         /// Chosen: at the stern rail, below the landing drone's feet.
         pub antenna_m: [f64; 3] = [-1.4, 0.6, 0.1], in -50.0..=50.0;
@@ -111,7 +111,7 @@ fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
 pub(super) struct MovingBase {
     config: MovingBaseConfig,
     random: Noise,
-    outlet: Outlet<RtcmFrame<VesselClock>, VesselClock>,
+    outlet: Outlet<RtcmFrames<VesselClock>, VesselClock>,
 }
 
 impl MovingBase {
@@ -123,17 +123,17 @@ impl MovingBase {
         }
     }
     /// Frames that have arrived by `t`.
-    pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrame<VesselClock>> {
+    pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrames<VesselClock>> {
         if self.outlet.due(t).is_some() {
             let epoch = epoch_at(t, self.config.rate_hz);
             let messages = MESSAGES.len() - usize::from(!epoch.is_multiple_of(5));
             for (number, length) in MESSAGES.into_iter().take(messages) {
                 let mut content = epoch.to_be_bytes().to_vec();
                 content.resize_with(length, || (256.0 * self.random.uniform()) as u8);
-                let mut message = RtcmFrame {
+                let mut message = RtcmFrames {
                     antenna_m: self.config.antenna_m.map(|x| x as f32),
                     bytes: Seq::filled(frame(number, &content)),
-                    ..RtcmFrame::default()
+                    ..RtcmFrames::default()
                 };
                 self.outlet.send(t, false, |header| {
                     message.header = header;
@@ -271,16 +271,19 @@ impl MovingBaseRover {
         }
     }
     /// Takes frames that reach it at `t`.
-    pub(super) fn receive(&mut self, t: Time<TrueTime>, frames: &[RtcmFrame<DroneClock>]) {
+    pub(super) fn receive(&mut self, t: Time<TrueTime>, messages: &[RtcmFrames<DroneClock>]) {
         if self.faults.corrections_lost {
             return;
         }
-        for frame in frames {
-            let message = rtcm::number(&frame.bytes).map(|n| n.message);
-            let bit = MESSAGES.iter().position(|(m, _)| Some(*m) == message);
-            let number = content(&frame.bytes)
-                .first_chunk()
-                .map(|n| u32::from_be_bytes(*n));
+        let of = |m: &RtcmFrames<DroneClock>| -> Vec<_> {
+            let frames = rtcm::frames(&m.bytes).unwrap_or_default().into_iter();
+            frames
+                .map(|(n, f)| (n.message, content(f).first_chunk().copied(), m.antenna_m))
+                .collect()
+        };
+        for (message, number, antenna_m) in messages.iter().flat_map(of) {
+            let bit = MESSAGES.iter().position(|(m, _)| *m == message);
+            let number = number.map(u32::from_be_bytes);
             let epoch = self.epochs.iter_mut().find(|e| Some(e.number) == number);
             let (Some(bit), Some(epoch)) = (bit, epoch) else {
                 continue;
@@ -289,7 +292,7 @@ impl MovingBaseRover {
             epoch.came |= 1 << bit;
             let completes = epoch.came & COMPLETE == COMPLETE && before & COMPLETE != COMPLETE;
             if completes && self.newest.is_none_or(|(newest, _)| newest < epoch.number) {
-                let (epoch, antenna_m) = (*epoch, frame.antenna_m);
+                let epoch = *epoch;
                 self.newest = Some((epoch.number, epoch.at));
                 let place = self.solved(&epoch, antenna_m);
                 // A full line: more under way than a radio holds.

@@ -122,7 +122,7 @@ fn tags_lost_for_good_low_over_the_deck() {
         println!("from the centre, with a moving base {}: {all:.2?} m", base.is_some());
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare is blind, too: a place each half second against none.
+    // The flare is blind, too: a place each quarter of a second against none.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }

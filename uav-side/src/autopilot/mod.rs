@@ -55,7 +55,7 @@ use alight_shared::bus::wiring;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, RelativePlace, RtcmFrame,
+    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, RelativePlace, RtcmFrames,
     SetPoint, SettingsOrder,
 };
 use alight_shared::node::Node;
@@ -105,7 +105,7 @@ pub struct AutopilotIn {
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
     /// Frames of RTCM of the vessel's receiver.
-    pub rtcm: Vec<RtcmFrame<DroneClock>>,
+    pub rtcm: Vec<RtcmFrames<DroneClock>>,
     /// Checkpoint of a crashed predecessor; boot 0: no checkpoint. Read until this one publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
@@ -146,7 +146,7 @@ wiring! {
             newest set_point: SetPoint,
             newest mission: MissionState,
             newest forecast: DeckForecast,
-            all rtcm: RtcmFrame<DroneClock>,
+            all rtcm: RtcmFrames<DroneClock>,
         }
         edge { received }
         writes {

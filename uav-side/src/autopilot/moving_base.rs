@@ -4,7 +4,8 @@
 //! Source: MAVLink's definition of `GPS_RTCM_DATA`.
 
 use alight_shared::estimation::{Rollover, SourceClock};
-use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrame};
+use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrames};
+use alight_shared::rtcm;
 use alight_shared::time::{DroneClock, Span};
 use alight_shared::topics;
 
@@ -16,7 +17,7 @@ use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
 const FRAGMENT_BYTES: usize = 180;
 /// Fragments of a frame: two bits number them.
 const MAX_FRAGMENTS: usize = 4;
-/// Frames that one step passes on, at most: as many as the topic holds.
+/// Messages of frames that one step passes on, at most: as many as the topic holds.
 const MAX_RTCM: usize = 32;
 /// The vessel's antenna is where a frame stated it for so long.
 const BASE_LASTS: Span = Span::from_millis(10_000);
@@ -52,20 +53,26 @@ impl MovingBase {
     pub(super) fn take(
         &mut self,
         now: DroneTime,
-        frames: &[RtcmFrame<DroneClock>],
+        frames: &[RtcmFrames<DroneClock>],
         target: RtcmTarget,
         out: &mut AutopilotOut,
     ) {
-        for frame in frames.iter().take(MAX_RTCM) {
-            let fresh = now - frame.header.at <= topics::BRIDGE_RTCM.stale_after;
-            let sound = fresh && frame.check().is_ok();
-            if sound {
-                self.base = Some((frame.header, frame.antenna_m));
-            }
-            if sound && self.pass_on(&frame.bytes, target, out) {
-                self.passed_on = self.passed_on.saturating_add(1);
-            } else {
+        for message in frames.iter().take(MAX_RTCM) {
+            let fresh = now - message.header.at <= topics::BRIDGE_RTCM.stale_after;
+            let Some(frames) = rtcm::frames(&message.bytes).filter(|_| fresh && message.check().is_ok())
+            else {
                 self.dropped = self.dropped.saturating_add(1);
+                continue;
+            };
+            self.base = Some((message.header, message.antenna_m));
+            for (_, frame) in frames {
+                let passed = self.pass_on(frame, target, out);
+                let count = if passed {
+                    &mut self.passed_on
+                } else {
+                    &mut self.dropped
+                };
+                *count = count.saturating_add(1);
             }
         }
     }

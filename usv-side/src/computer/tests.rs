@@ -93,17 +93,17 @@ fn status_with_an_old_mission_state() {
 fn frames_of_a_base_with_the_computers_boot() {
     let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
     let now = Time::from_secs(2.0);
-    let frame = RtcmFrame {
+    let frame = RtcmFrames {
         header: Header::new(1, 0, 77, 5, now),
         bytes: Seq::filled(rtcm_frame(1005, 19)),
-        ..RtcmFrame::default()
+        ..RtcmFrames::default()
     };
     let input = ComputerIn {
         rtcm: vec![frame],
         ..ComputerIn::default()
     };
     let header = Header::new(1, 0, 9, 1, now);
-    assert_eq!(computer.step(now, &input).rtcm, [RtcmFrame { header, ..frame }]);
+    assert_eq!(computer.step(now, &input).rtcm, [RtcmFrames { header, ..frame }]);
     assert!(computer.step(now, &ComputerIn::default()).rtcm.is_empty());
 }
 

@@ -4,7 +4,7 @@
 use alight_shared::bus::wiring;
 use alight_shared::estimation::SourceClock;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, RtcmFrame, SensorReadings, SourceStatus};
+use alight_shared::msg::{Header, RtcmFrames, SensorReadings, SourceStatus};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -45,7 +45,7 @@ pub struct SensorsOut {
     /// For the vessel's process.
     pub readings: Vec<SensorReadings>,
     /// Frames of a moving base, for the vessel's process.
-    pub rtcm: Vec<RtcmFrame<VesselClock>>,
+    pub rtcm: Vec<RtcmFrames<VesselClock>>,
     /// Number of a source and bytes for it.
     pub requests: Vec<(usize, Vec<u8>)>,
 }
@@ -55,7 +55,7 @@ wiring! {
     SensorPorts of SensorNode: SensorsIn => SensorsOut {
         reads {}
         edge { bytes, samples }
-        writes { readings: SensorReadings, rtcm: RtcmFrame<VesselClock> }
+        writes { readings: SensorReadings, rtcm: RtcmFrames<VesselClock> }
         wakes {}
     }
 }
@@ -115,7 +115,7 @@ impl Source {
         now: Time<VesselClock>,
         bytes: &[u8],
         decoded: &mut Vec<SourceMeasurement>,
-        frames: &mut Vec<RtcmFrame<VesselClock>>,
+        frames: &mut Vec<RtcmFrames<VesselClock>>,
     ) {
         let taken = bytes.get(..bytes.len().min(MAX_STEP_BYTES)).unwrap_or_default();
         let lost_bytes = &mut self.status.lost_bytes;

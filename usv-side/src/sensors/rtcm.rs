@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::msg::{RtcmFrame, Seq, SourceStatus};
+use alight_shared::msg::{RtcmFrames, Seq, SourceStatus};
 use alight_shared::rtcm::{RtcmDecoder, RtcmNumber};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::topics;
 
 use super::{Decoded, Remark, SensorDecoder, SourceMeasurement};
-use crate::rtcm_relay::{BYTES_PER_S, radio_bytes};
+use crate::rtcm_relay::BYTES_PER_S;
 
 /// Frames of one step, at most: as many as their topic holds.
 const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
@@ -21,7 +21,7 @@ const ABSENT: Span = Span::from_millis(30_000);
 /// Number of the biases of GLONASS's phases.
 const GLONASS_BIASES: u16 = 1230;
 
-/// The newest arrivals of a number, each with its bytes on the radio.
+/// The newest arrivals of a number, each with its bytes.
 #[derive(Clone, Debug, Default)]
 struct Arrivals(VecDeque<(Time<VesselClock>, f64)>);
 
@@ -32,7 +32,7 @@ impl Arrivals {
         }
         self.0.push_back((now, bytes));
     }
-    /// Messages, Hz, and bytes on the radio, 1/s; zero after the first.
+    /// Messages, Hz, and bytes, 1/s; zero after the first.
     fn rates(&self) -> [f64; 2] {
         let Some(((first, _), (newest, _))) = self.0.front().zip(self.0.back()) else {
             return [0.0; 2];
@@ -81,7 +81,7 @@ impl RtcmTraffic {
         &mut self,
         now: Time<VesselClock>,
         bytes: &[u8],
-        out: &mut Vec<RtcmFrame<VesselClock>>,
+        out: &mut Vec<RtcmFrames<VesselClock>>,
         lost_bytes: &mut u64,
     ) -> Vec<u8> {
         let (mut others, antenna_m) = (Vec::new(), self.antenna_m.map(|m| m as f32));
@@ -90,13 +90,13 @@ impl RtcmTraffic {
             (*frames, *newest) = (*frames + 1, Some(now));
             if numbers.len() < MAX_NUMBERS || numbers.contains_key(&number) {
                 let arrivals = numbers.entry(number).or_default();
-                arrivals.take(now, radio_bytes(frame.len()));
+                arrivals.take(now, frame.len() as f64);
             }
             if out.len() < MAX_STEP_FRAMES {
-                out.push(RtcmFrame {
+                out.push(RtcmFrames {
                     antenna_m,
                     bytes: Seq::filled(frame.iter().copied()),
-                    ..RtcmFrame::default()
+                    ..RtcmFrames::default()
                 });
             } else {
                 *lost_bytes += frame.len() as u64;

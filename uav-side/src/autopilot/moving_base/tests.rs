@@ -38,8 +38,8 @@ fn rtcm(length: usize) -> Vec<u8> {
     bytes
 }
 /// As the bridge publishes it: of vessel 5, with its antenna 2 m ahead of the deck's centre.
-fn frame(at_s: f64, length: usize) -> RtcmFrame<DroneClock> {
-    RtcmFrame {
+fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
+    RtcmFrames {
         header: Header::new(5, 0, 1, 1, Time::from_secs(at_s)),
         antenna_m: [2.0, 0.0, -1.0],
         bytes: Seq::filled(rtcm(length)),
@@ -191,7 +191,7 @@ fn place_dated_by_the_receivers_own_time() {
 }
 
 /// A link that has received a PX4, and this of the vessel's receiver, at 1 s.
-fn link_out(receiver: &str, frames: Vec<RtcmFrame<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
+fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
     let config = AutopilotLinkConfig {
         receiver: receiver.into(),
         ..AutopilotLinkConfig::default()
