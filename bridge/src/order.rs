@@ -204,7 +204,9 @@ impl SequenceOrder {
     pub fn admit_unordered(&mut self, sequence: u32) {
         let newest = self.newest.map_or(sequence, |n| n.max(sequence));
         let shift = |from: u32| newest - from;
-        let before = self.newest.map_or(0, |n| self.admitted.checked_shl(shift(n)).unwrap_or(0));
+        let before = self
+            .newest
+            .map_or(0, |n| self.admitted.checked_shl(shift(n)).unwrap_or(0));
         self.admitted = before | 1_u64.checked_shl(shift(sequence)).unwrap_or(0);
         self.newest = Some(newest);
     }
@@ -227,8 +229,14 @@ mod tests {
         };
         assert_eq!([10, 13, 11].map(&mut admit), [Ok(1), Ok(3), Ok(0)]);
         let repeated = Err(RejectionReason::Duplicate);
-        assert_eq!([13, 11, 10, 12].map(&mut admit), [repeated, repeated, repeated, Ok(0)]);
-        assert_eq!([200, 137, 136].map(&mut admit), [Ok(187), Ok(0), Err(RejectionReason::OutOfOrder)]);
+        assert_eq!(
+            [13, 11, 10, 12].map(&mut admit),
+            [repeated, repeated, repeated, Ok(0)]
+        );
+        assert_eq!(
+            [200, 137, 136].map(&mut admit),
+            [Ok(187), Ok(0), Err(RejectionReason::OutOfOrder)]
+        );
     }
 
     #[test]

@@ -31,7 +31,9 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrames, TagPose, UvdarFix};
+use alight_shared::msg::{
+    CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrames, TagPose, UvdarFix,
+};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_shared::topics::CAMERA_LIGHT;
 use alight_uav::camera::metering::Setting;

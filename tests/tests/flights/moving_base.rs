@@ -119,7 +119,10 @@ fn tags_lost_for_good_low_over_the_deck() {
     };
     let means = [Some(fixed()), None].map(|base| {
         let all = places_m(base);
-        println!("from the centre, with a moving base {}: {all:.2?} m", base.is_some());
+        println!(
+            "from the centre, with a moving base {}: {all:.2?} m",
+            base.is_some()
+        );
         all.iter().sum::<f64>() / all.len() as f64
     });
     // The flare is blind, too: a place each quarter of a second against none.

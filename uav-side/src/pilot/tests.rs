@@ -433,7 +433,10 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
     assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
     // A tilted drone is pushed along the deck, and brakes no further than it would meet it as fast along as onto it.
     let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
-    assert!(slow > braked - 0.05 && fast < braked - 0.2, "{slow} {fast} {braked}");
+    assert!(
+        slow > braked - 0.05 && fast < braked - 0.2,
+        "{slow} {fast} {braked}"
+    );
 }
 
 /// A second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at `rise_mps2`.

@@ -295,7 +295,10 @@ impl Predictor {
         };
         // Without a camera that sees the deck, or what stands in for it, there is no second witness: its level goes on by the radio,
         // whose slow error no covariance of the filter has.
-        let by_relative_s = self.relative.state(at).map_or(f64::INFINITY, |r| r.stands_in_age_s());
+        let by_relative_s = self
+            .relative
+            .state(at)
+            .map_or(f64::INFINITY, |r| r.stands_in_age_s());
         let sees = by_relative_s < self.config.fresh_s
             || self
                 .vision_at
