@@ -185,7 +185,7 @@ impl SequenceOrder {
             Some(n) => Ok(sequence - n),
         }
     }
-    /// The same where each message counts by itself and may overtake others: rejects repeated ones, and those of 64 before.
+    /// Sequence numbers since the newest admitted where each message counts by itself and may overtake others: rejects repeated ones, and those of 64 before.
     pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match (self.advance(sequence), self.newest) {
             (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {
@@ -200,7 +200,7 @@ impl SequenceOrder {
     pub fn admit(&mut self, sequence: u32) {
         self.newest = Some(sequence);
     }
-    /// The same by [`Self::advance_unordered`].
+    /// `sequence` was admitted by [`Self::advance_unordered`].
     pub fn admit_unordered(&mut self, sequence: u32) {
         let newest = self.newest.map_or(sequence, |n| n.max(sequence));
         let shift = |from: u32| newest - from;

@@ -65,7 +65,7 @@ message!(RelativePlace, DroneClock, |m| {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RelativeState {
-    /// Its newest solution.
+    /// Newest solution.
     pub solution: CarrierSolution,
     /// Standard deviation of each horizontal axis, as the receiver states it, m.
     pub sd_m: f64,

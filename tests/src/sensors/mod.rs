@@ -139,7 +139,7 @@ pub struct VesselSensors {
     gnss: gnss::VesselGnss,
     heading: heading::VesselHeading,
     attitude: Option<attitude::VesselAttitude>,
-    moving_base: Option<moving_base::MovingBase>,
+    moving_base: Option<moving_base::BaseReceiver>,
 }
 
 impl VesselSensors {
@@ -157,7 +157,7 @@ impl VesselSensors {
             attitude: (config.vessel_attitude.as_ref())
                 .map(|c| attitude::VesselAttitude::new(c, identity, streams)),
             moving_base: (config.moving_base.as_ref())
-                .map(|c| moving_base::MovingBase::new(c, identity, streams)),
+                .map(|c| moving_base::BaseReceiver::new(c, identity, streams)),
         }
     }
     /// Displacement of the vessel's NED plane by the GNSS bias now, m (truth): positions in the vessel's
@@ -260,7 +260,7 @@ impl DroneSensors {
     pub fn receive_rtcm(&mut self, t: Time<TrueTime>, frames: &[RtcmFrames<DroneClock>]) {
         self.rover.iter_mut().for_each(|r| r.receive(t, frames));
     }
-    /// Its receiver has these faults from now on.
+    /// Faults of the drone's receiver from now on.
     pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
         self.rover.iter_mut().for_each(|r| r.faults = faults);
     }

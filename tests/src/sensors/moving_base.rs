@@ -108,15 +108,15 @@ fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
 
 /// The vessel's receiver.
 #[derive(Clone, Debug)]
-pub(super) struct MovingBase {
+pub(super) struct BaseReceiver {
     config: MovingBaseConfig,
     random: Noise,
     outlet: Outlet<RtcmFrames<VesselClock>, VesselClock>,
 }
 
-impl MovingBase {
+impl BaseReceiver {
     pub(super) fn new(config: &MovingBaseConfig, identity: SenderIdentity, streams: &Streams) -> Self {
-        MovingBase {
+        BaseReceiver {
             config: *config,
             random: Noise::new(streams, "vessel.moving_base.content"),
             outlet: Outlet::new(config.rate_hz, BASE_LATENCY_S, &Windows::default(), identity),

@@ -16,7 +16,7 @@ const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
 /// A drone that is faster is braked to this, m/s.
 const BRAKED_MPS: f64 = 0.25;
-/// A drone turns within this, s; one that is tilted by less pushes nowhere, as a fraction of its thrust.
+/// A drone turns within this, s; one that is tilted by less stays in its place, as a fraction of its thrust.
 const TURN_S: f64 = 0.15;
 const MIN_TILT: f64 = 0.02;
 /// A landing without a plan has braked so long before its contact as one with a plan, s.
@@ -75,7 +75,7 @@ impl Completion<'_> {
     }
 
     /// Braking `b`, m/s², from `sinks` for `until_s` at which the drone meets the deck as fast along as onto it: on a tilted drone,
-    /// which turns within `T` and whose thrust has the horizontal fraction `t` of the vertical one, it pushes along. With the speed
+    /// which turns within `T` and whose thrust has the horizontal fraction `t` of the vertical one, it drives along. With the speed
     /// `v` in that direction and the accelerations of the deck down, `d`, and along, `e`:
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
@@ -90,8 +90,8 @@ impl Completion<'_> {
         let (t, lasts_s) = (tilt.norm(), until_s.min(TURN_S));
         let speed = along(body.velocity - Vector3::from(deck.velocity));
         let [.., down] = deck.acceleration;
-        let pushes = t * (GRAVITY - down) - along(deck.acceleration.into());
-        (sinks - speed - pushes * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
+        let drives = t * (GRAVITY - down) - along(deck.acceleration.into());
+        (sinks - speed - drives * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
     /// Tilts the attitude of `stage` towards the deck's, the more the nearer it is.

@@ -383,14 +383,14 @@ fn braking_of_a_plan_not_renewed() {
     assert!((1.3..1.5).contains(&braked), "{braked}");
     // Tilted by 0.5 rad the same force up takes more thrust.
     let tilted = thrust_of_old_plan(0.2, 2.0, 0.5);
-    assert!(tilted > 1.1 * braked, "{tilted} {braked}");
+    assert!(tilted > 1.05 * braked, "{tilted} {braked}");
     // A plan that brakes harder already is followed.
     let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
     assert!(soft > braked, "{soft}");
 }
 
 /// The thrust (of hover) that follows a plan at its speed, so many m/s downwards and so high over a deck that accelerates upwards
-/// by `rises_mps2` (m/s²), of a drone that is tilted by `tilt` (rad) and so fast (m/s) towards where that pushes it.
+/// by `rises_mps2` (m/s²), of a drone that is tilted by `tilt` (rad) and so fast (m/s) towards where that drives it.
 fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);

@@ -417,7 +417,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// That receiver has no fix.
     FixLost, "fix-lost", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.moving_base.fix_lost = true);
-    /// Its fix is a false one.
+    /// A false fix.
     FalseFix, "false-fix", "m", [0.1, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.moving_base.false_fix_m = size);
 } } }

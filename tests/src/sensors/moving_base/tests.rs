@@ -16,7 +16,7 @@ fn tick(k: i64) -> Time<TrueTime> {
 
 /// A vessel that heads east, and a drone 3 m north and 10 m above its deck's centre.
 struct Pair {
-    base: MovingBase,
+    base: BaseReceiver,
     rover: MovingBaseRover,
     radio: DelayLine<RtcmFrames<DroneClock>>,
     ticks: i64,
@@ -35,7 +35,7 @@ impl Pair {
             clock: ClockModel::new(100.0, 0.0),
         };
         Pair {
-            base: MovingBase::new(config, identity, &streams),
+            base: BaseReceiver::new(config, identity, &streams),
             rover: MovingBaseRover::new(config, [0.0, 0.0, -0.1], identity, &streams),
             radio: DelayLine::new(EPOCHS),
             ticks: 0,

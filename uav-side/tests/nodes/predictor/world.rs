@@ -355,13 +355,10 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
     let mut rate_error = Markov::new(&mut rng, 0.004, 0.3);
     let mount = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * 0.6_f64.to_radians());
-    let mut in_flight: Vec<(f64, PredictorIn)> = Vec::new();
-    let mut samples = Vec::new();
-    let mut kept = None;
-    let mut given = None;
+    let (mut in_flight, mut samples) = (Vec::<(f64, PredictorIn)>::new(), Vec::new());
+    let (mut kept, mut given) = (None, None);
     for k in 0..(seconds * 100.0) as u32 {
-        let now = f64::from(k) * 0.01;
-        let dt = 0.01;
+        let (now, dt) = (f64::from(k) * 0.01, 0.01);
         let vf = vessel_frame.step(&mut rng, dt);
         let pe = position_error.step(&mut rng, dt);
         let ve = velocity_error.step(&mut rng, dt);
@@ -376,8 +373,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let (wave, spread) = (waves(v, k, now), spread(k, now));
-            let model = input(|i| (i.wave, i.prediction) = (Some(wave), Some(spread)));
+            let model = input(|i| (i.wave, i.prediction) = (Some(waves(v, k, now)), Some(spread(k, now))));
             in_flight.push((due, model));
         }
         let above = v.deck(now).0;

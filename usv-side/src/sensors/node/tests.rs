@@ -270,8 +270,8 @@ fn frames_of_a_base_among_sentences() {
             .map(|f| &*f.bytes)
             .eq(whole.iter().map(Vec::as_slice))
     );
-    // A damaged frame is a part of the sentence after it.
-    assert_eq!(attitudes, 90);
+    // A damaged frame costs no sentence.
+    assert_eq!(attitudes, 100);
     let (first, last) = (frames[0].header, frames[299].header);
     assert_eq!(
         (first.at, first.boot, first.sequence, last.sequence),
