@@ -246,7 +246,7 @@ fn pushed(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[u8]) -> SensorsOu
 fn epoch(k: i64) -> Vec<Vec<u8>> {
     let mut damaged = rtcm_frame(1087, 90);
     damaged[40] ^= 1;
-    let mut all = vec![rtcm_frame(1005, 19), rtcm_frame(1077, 200), rtcm_frame(1230, 8)];
+    let mut all = vec![rtcm_frame(1005, 19), rtcm_frame(1077, 305), rtcm_frame(1230, 8)];
     all.extend((k % 10 == 0).then_some(damaged));
     all
 }
@@ -282,7 +282,7 @@ fn frames_of_a_base_among_sentences() {
     assert!(
         remarks[0]
             .text
-            .starts_with("RTCM of 5.3 kB/s: 3.0 kB/s of it go by radio")
+            .starts_with("RTCM of 3.5 kB/s: 3.0 kB/s of it go by radio")
             && remarks[0].remedy.is_some(),
         "{remarks:?}"
     );
