@@ -73,6 +73,28 @@ pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     (!all.is_empty()).then_some(all)
 }
 
+/// Frame around a payload of 1023 bytes at most, whose first twelve bits are the message's number.
+pub fn frame(payload: &[u8]) -> Vec<u8> {
+    /// CRC-24Q: x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1, from zero.
+    const POLYNOMIAL: u32 = 0x186_4CFB;
+    let mut bytes = vec![PREAMBLE];
+    bytes.extend((payload.len() as u16).to_be_bytes());
+    bytes.extend_from_slice(payload);
+    let crc = bytes.iter().fold(0_u32, |crc, byte| {
+        (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
+            let shifted = crc << 1;
+            if shifted & 0x100_0000 == 0 {
+                shifted
+            } else {
+                shifted ^ POLYNOMIAL
+            }
+        })
+    });
+    let [_, check @ ..] = crc.to_be_bytes();
+    bytes.extend(check);
+    bytes
+}
+
 /// Finds frames between other bytes.
 #[derive(Clone, Debug, Default)]
 pub struct RtcmDecoder {
@@ -137,24 +159,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Frame with this payload.
-    fn frame(payload: &[u8]) -> Vec<u8> {
-        let mut bytes = vec![PREAMBLE, (payload.len() >> 8) as u8, payload.len() as u8];
-        bytes.extend_from_slice(payload);
-        // CRC-24Q: x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1, from zero.
-        let crc = bytes.iter().fold(0_u32, |crc, byte| {
-            (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
-                let shifted = crc << 1;
-                if shifted & 0x100_0000 == 0 {
-                    shifted
-                } else {
-                    shifted ^ 0x186_4CFB
-                }
-            })
-        });
-        bytes.extend_from_slice(&crc.to_be_bytes()[1..]);
-        bytes
-    }
     fn found(decoder: &mut RtcmDecoder, bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
         let mut all = Vec::new();
         decoder.push(bytes, |number, frame| {

@@ -14,22 +14,9 @@ pub(crate) fn sentence(body: &str) -> String {
 
 /// A frame of RTCM 3 with a message of this number, whose payload has so many bytes; of 4072 its subtype 0.
 pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
-    let mut frame = vec![0xD3, (payload >> 8) as u8, payload as u8];
-    frame.extend([(message >> 4) as u8, (message << 4) as u8, 0]);
-    frame.extend((6..payload + 3).map(|k| (7 * k) as u8));
-    // CRC-24Q.
-    let crc = frame.iter().fold(0_u32, |crc, byte| {
-        (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
-            let shifted = crc << 1;
-            if shifted & 0x100_0000 == 0 {
-                shifted
-            } else {
-                shifted ^ 0x186_4CFB
-            }
-        })
-    });
-    frame.extend_from_slice(&crc.to_be_bytes()[1..]);
-    frame
+    let mut content = vec![(message >> 4) as u8, (message << 4) as u8, 0];
+    content.extend((6..payload + 3).map(|k| (7 * k) as u8));
+    alight_shared::rtcm::frame(&content)
 }
 
 /// Measurements by `decoder` from bytes that arrive in parts of `cut`, and the decoder then.

@@ -14,28 +14,9 @@ use crate::odometry::OdometryConfig;
 
 /// Bytes of a frame of RTCM 3 of so many bytes in all, which is sound.
 fn rtcm(length: usize) -> Vec<u8> {
-    let payload = length - 6;
-    let mut bytes = vec![0xD3, (payload >> 8) as u8, payload as u8];
     // Message 1077.
-    bytes.extend(
-        [0x43, 0x50]
-            .into_iter()
-            .chain((0..).map(|k: usize| k as u8))
-            .take(payload),
-    );
-    // CRC-24Q.
-    let crc = bytes.iter().fold(0_u32, |crc, byte| {
-        (0..8).fold(crc ^ (u32::from(*byte) << 16), |crc, _| {
-            let shifted = crc << 1;
-            if shifted & 0x100_0000 == 0 {
-                shifted
-            } else {
-                shifted ^ 0x186_4CFB
-            }
-        })
-    });
-    bytes.extend_from_slice(&crc.to_be_bytes()[1..]);
-    bytes
+    let payload = [0x43, 0x50].into_iter().chain((0..).map(|k: usize| k as u8));
+    alight_shared::rtcm::frame(&payload.take(length - 6).collect::<Vec<_>>())
 }
 /// As the bridge publishes it: of vessel 5, with its antenna 2 m ahead of the deck's centre.
 fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
