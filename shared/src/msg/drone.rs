@@ -200,6 +200,8 @@ pub struct AutopilotState {
     pub shadow: Option<ShadowComparison>,
     /// Whether it flies its own mission.
     pub own_mission: OwnMission,
+    /// Destination of its return mode, height above mean sea level; None: not reported.
+    pub home: Option<Datum>,
 }
 
 /// Command of a landing that only looks on, compared with what the pilot does.

@@ -1,5 +1,6 @@
 //! Inbound messages: heartbeats, clocks, samples, answers.
 
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 use alight_shared::time::Span;
 
@@ -121,6 +122,10 @@ impl AutopilotLink {
                 if self.estimate.origin.on_report(origin) {
                     self.estimate.restart();
                 }
+            }
+            MavlinkMessage::Home(home) => {
+                peer.streams.received(message::id::HOME_POSITION);
+                peer.home = Some(*home).filter(Datum::is_on_earth);
             }
             MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => {
                 self.estimate.origin.on_heights(*sea_m, *ellipsoid_m);

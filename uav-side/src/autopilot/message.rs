@@ -411,6 +411,8 @@ pub enum MavlinkMessage {
     },
     /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
     Origin(Datum),
+    /// `HOME_POSITION`: destination of its return mode; height above mean sea level.
+    Home(Datum),
     /// `GPS_RAW_INT`: the receiver's height above mean sea level and above the ellipsoid, m; the latter 0 where it is not
     /// known.
     GnssHeights {

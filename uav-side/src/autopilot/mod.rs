@@ -375,6 +375,7 @@ impl AutopilotLink {
             rejection: self.rejection(now, p),
             shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
             own_mission: self.own_mission.monitor.now(),
+            home: p.home,
         })
     }
     /// Reason that forbids a landing and a take-off, by all that is known on the link.

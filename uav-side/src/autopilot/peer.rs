@@ -1,5 +1,6 @@
 //! The autopilot at the other end, as it reports itself: each quantity with the time of its own report.
 
+use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::Span;
 
@@ -43,6 +44,8 @@ pub(crate) struct MavlinkPeer {
     /// It was reported that the gauge is silent.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
+    /// Destination of its return mode.
+    pub(crate) home: Option<Datum>,
     /// Whether its rotors follow that.
     pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
@@ -68,6 +71,7 @@ impl MavlinkPeer {
             batteries: [None; MAX_BATTERIES],
             battery_lost: false,
             thrust: None,
+            home: None,
             rotors: RotorOutputs::default(),
             parameters: Parameters::new(firmware, attitudes, now),
         }

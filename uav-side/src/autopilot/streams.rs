@@ -76,6 +76,7 @@ impl MessageStreams {
             (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
+            (id::HOME_POSITION, 1.0),
         ];
         let switch: &[(u32, f64)] = if c.rc_switch == 0 {
             &[]

@@ -84,7 +84,8 @@ pub(super) struct SimulatedFlight {
     period: u32,
     /// Place to hold in modes of its own and without a usable set-point.
     hold: PositionReference,
-    home: Vector3<f64>,
+    /// Destination of its return mode.
+    pub(super) home: Vector3<f64>,
     /// The landing target, and when it came.
     guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,

@@ -345,7 +345,9 @@ impl SimulatedAutopilot {
                 CommandResult::Accepted
             }
             command::SET_HOME => {
-                self.home = Some(Datum::new(p[4], p[5], p[6]));
+                let home = Datum::new(p[4], p[5], p[6]);
+                self.flight.home = self.origin.to::<DroneNed>(&home).0;
+                self.home = Some(home);
                 CommandResult::Accepted
             }
             _ => CommandResult::Unsupported,
@@ -497,6 +499,10 @@ impl SimulatedAutopilot {
                     LandedState::InAir => 2,
                 },
             },
+            id::HOME_POSITION => {
+                let home = Vector::<DroneNed>::from(self.flight.home);
+                MavlinkMessage::Home(self.home.unwrap_or(self.origin.at(&home)))
+            }
             id::BATTERY_STATUS => MavlinkMessage::Battery {
                 number: 0,
                 remaining: self

@@ -24,6 +24,8 @@ pub mod id {
     pub const GPS_RAW_INT: u32 = 24;
     /// `GPS_GLOBAL_ORIGIN`.
     pub const GPS_GLOBAL_ORIGIN: u32 = 49;
+    /// `HOME_POSITION`.
+    pub const HOME_POSITION: u32 = 242;
     /// `DISTANCE_SENSOR`.
     pub const DISTANCE_SENSOR: u32 = 132;
     /// `BATTERY_STATUS`.

@@ -129,6 +129,11 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
             f64::from(d.longitude) * 1e-7,
             f64::from(d.altitude) * 1e-3,
         )),
+        M::HOME_POSITION(d) => MavlinkMessage::Home(Datum::new(
+            f64::from(d.latitude) * 1e-7,
+            f64::from(d.longitude) * 1e-7,
+            f64::from(d.altitude) * 1e-3,
+        )),
         M::GPS_RAW_INT(d) => MavlinkMessage::GnssHeights {
             sea_m: f64::from(d.alt) * 1e-3,
             ellipsoid_m: payload.i32(ELLIPSOID_HEIGHT_AT) * 1e-3,

@@ -168,6 +168,12 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             longitude: (o.longitude_deg * 1e7).round() as i32,
             altitude: (o.height_m * 1e3).round() as i32,
         }),
+        MavlinkMessage::Home(home) => M::HOME_POSITION(m::HOME_POSITION_DATA {
+            latitude: (home.latitude_deg * 1e7).round() as i32,
+            longitude: (home.longitude_deg * 1e7).round() as i32,
+            altitude: (home.height_m * 1e3).round() as i32,
+            ..m::HOME_POSITION_DATA::DEFAULT
+        }),
         MavlinkMessage::Command(c) => {
             let mut d = m::COMMAND_LONG_DATA::DEFAULT;
             (d.target_system, d.target_component) = (c.to.system, c.to.component);
