@@ -231,6 +231,27 @@ pub struct LastVessel {
     pub velocity: [f64; 2],
 }
 
+impl LastVessel {
+    /// To 20 m and 0.25 m/s.
+    fn rounded(&self) -> LastVessel {
+        let to = |v: f64, step: f64| (v / step).round() * step;
+        let Datum {
+            latitude_deg,
+            longitude_deg,
+            height_m,
+        } = self.place;
+        LastVessel {
+            at: self.at,
+            place: Datum::new(
+                to(latitude_deg, 2e-4),
+                to(longitude_deg, 2e-4),
+                to(height_m, 20.0),
+            ),
+            velocity: self.velocity.map(|v| to(v, 0.25)),
+        }
+    }
+}
+
 /// A battery by its gauge, for a mission that goes on with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -262,14 +283,14 @@ pub struct MissionCheckpoint {
     pub header: Header<DroneClock>,
     /// The state published last.
     pub state: MissionState,
+    /// The motors are armed.
+    pub armed: bool,
     /// A landing is wanted.
     pub landing: bool,
     /// When the landing was begun.
     pub started: Time<DroneClock>,
-    /// The charge at which the operator asked for a landing below the battery's reserve, 0 to 1; None: above it.
-    pub ordered_below: Option<f64>,
-    /// The charge at which it was noticed that the battery is below its reserve, 0 to 1; None: above it.
-    pub low_from: Option<f64>,
+    /// The operator asked for a landing below the battery's reserve: the deck is the first place.
+    pub deck_first: bool,
     /// State of the battery in addition to the charge that counts.
     pub battery: Option<KnownBattery>,
     /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
@@ -305,20 +326,31 @@ pub struct MissionCheckpoint {
 }
 
 impl MissionCheckpoint {
-    /// Part that outlives the computer's boot, and with that its clock: the purpose of the flight; None: nothing.
+    /// Part that outlives the computer's boot, and with that its clock: the purpose of a flight; None: the motors are disarmed.
+    /// The vessel's place and the time on a station are rounded, so that a disk is written to every few seconds.
     pub fn lasting(&self) -> Option<MissionCheckpoint> {
         let header = self.header.outdated();
-        self.sortie.then(|| MissionCheckpoint {
+        let last_vessel = self.last_vessel.map(|v| LastVessel {
+            at: header.at,
+            ..v.rounded()
+        });
+        self.armed.then(|| MissionCheckpoint {
             header,
             state: MissionState {
                 header,
                 sorties: self.state.sorties,
+                station: self.state.station.map(|kept| kept.left_at(self.header.at)),
                 ..MissionState::default()
             },
-            sortie: true,
+            armed: true,
+            landing: self.landing,
+            deck_first: self.deck_first,
+            stopped: self.stopped,
             deck_declined: self.deck_declined,
+            sortie: self.sortie,
             cycling: self.cycling,
             cycles_ended: self.cycles_ended,
+            last_vessel,
             ..MissionCheckpoint::default()
         })
     }
@@ -501,8 +533,6 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.datum.is_on_earth() => "datum",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
-    m.ordered_below.is_none_or(|b| FRACTION.contains(&b)) => "ordered_below",
-    m.low_from.is_none_or(|b| FRACTION.contains(&b)) => "low_from",
     m.battery.is_none_or(|b| b.is_sane()) => "battery",
     m.last_vessel.is_none_or(|v| v.place.is_on_earth() && within(&v.velocity, MAX_SPEED_MPS)) => "last_vessel",
 });

@@ -271,6 +271,11 @@ pub enum ReasonCode {
     /// The deck's dimensions in the drone's configuration are not the vessel's: those that differ most, the drone's and, as the
     /// limit, the vessel's, m.
     DeckDiffers,
+    /// Battery below the reserve, fraction, and the deck not open: it is awaited until this charge, fraction; 0: no other place is
+    /// in reach.
+    BatteryWaits,
+    /// The charge is above the reserve again, fraction.
+    BatteryRecovered,
 }
 
 /// A reason with the figure that decided and its limit.

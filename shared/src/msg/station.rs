@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::reason::display::on_station;
 use super::{MissionState, ReasonCode};
-use crate::time::{DroneClock, Time};
+use crate::time::{DroneClock, Span, Time};
 
 /// Highest station over the deck's mean level, m.
 pub const MAX_STATION_HEIGHT_M: u8 = 50;
@@ -108,6 +108,24 @@ pub struct KeptStation {
     pub station: Station,
     /// Until then.
     pub until: Time<DroneClock>,
+}
+
+impl KeptStation {
+    /// The station with what is left of its time at `now`, in whole minutes, as a time since the clock's beginning.
+    pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
+        let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
+        KeptStation {
+            until: Time::EPOCH + Span::from_secs(60.0 * left_min),
+            ..*self
+        }
+    }
+    /// The station whose time left, stated by [`Self::left_at`], begins at `now`.
+    pub fn begun_at(&self, now: Time<DroneClock>) -> KeptStation {
+        KeptStation {
+            until: now + (self.until - Time::EPOCH),
+            ..*self
+        }
+    }
 }
 
 #[cfg(test)]

@@ -255,13 +255,18 @@ fn low_battery_above_the_deck() {
     }
 }
 
+/// A deck that is closed while the battery is low is awaited, and taken once it is open again.
 #[test]
 fn low_battery_near_a_closed_deck() {
     let mut fleet = low_battery_in(State::Tracking, &reserving(), 55);
     fleet.world.deck_order(DeckOrder::Closed);
-    fleet.until(60.0, |f| f.state(0) == State::GaveUp);
-    let mission = fleet.mission(0);
-    assert_eq!(mission.low_battery, Some(BatteryPlace::Home));
-    assert_eq!(mission.entered.code, ReasonCode::BatteryHome);
+    fleet.run(25.0);
+    assert_eq!(fleet.mission(0).low_battery, Some(BatteryPlace::Deck));
     assert_never_descended(&fleet, 0);
+    fleet.world.deck_order(DeckOrder::Open);
+    assert!(
+        fleet.until(60.0, |f| f.state(0) == State::Landed),
+        "{:?}",
+        fleet.visited(0)
+    );
 }

@@ -315,12 +315,17 @@ fn sortie_after_a_reboot() {
     }
 }
 
-/// Nothing is received there: at the battery's reserve it takes the next place of its order.
+/// Nothing is received there: at the last moment for the next place of its order it takes that one.
 #[test]
 fn sortie_that_does_not_receive_its_vessel() {
     let mut rig = called_out_of_range(Firmware::Px4, 68, f64::INFINITY);
     let near = rig.until(120.0, |r| r.world.physics().deck_distance_m(0) < 40.0);
     assert!(near, "{:?}", rig.visited(0));
+    rig.run(25.0);
+    assert_eq!(rig.state(0), State::Search);
+    if let Some(linked) = rig.world.linked(0) {
+        linked.autopilot.battery = 0.12;
+    }
     let home = rig.until(120.0, |r| r.mission(0).low_battery == Some(BatteryPlace::Home));
     let m = rig.mission(0);
     assert!(

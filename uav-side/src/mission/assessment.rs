@@ -1,5 +1,6 @@
 //! The situation of a step, by the newest of every input, and the odds of a landing in it.
 
+use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
 use alight_shared::msg::{
     CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve, State,
@@ -7,8 +8,10 @@ use alight_shared::msg::{
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
+use nalgebra::Vector2;
 
 use super::MissionNode;
+use super::charge::Charges;
 use super::outlook::Outlook;
 use super::reservation::{Promise, Reservation, stated_course};
 use super::situation::{ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
@@ -106,6 +109,7 @@ impl MissionNode {
             several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
             battery: autopilot.and_then(|_| self.battery.charge(c)),
             battery_reserve: self.battery_reserve(deck.as_ref()),
+            charges: self.charges(heights.water_z.unwrap_or(0.0)),
             own,
             odometry_age_s: self.drone.age_s(now),
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
@@ -167,6 +171,18 @@ impl MissionNode {
             let assumed_mps = c.battery_air_speed_mps - d.leaving_mps;
             self.battery.reserve(d.distance_m, assumed_mps, c)
         })
+    }
+
+    /// Charge that each place to land needs from here, over water at `water_z`, NED, m.
+    fn charges(&self, water_z: f64) -> Charges {
+        let (c, drone) = (&self.config, self.drone.get());
+        let home = (drone.zip(self.autopilot.get().and_then(|a| a.home))).map(|(d, home)| {
+            let there: Vector<DroneNed> = d.datum.to(&home);
+            (there.0 + d.datum_offset() - d.position()).xy()
+        });
+        let wind = (drone.and_then(|d| d.wind)).map_or(Vector2::zeros(), Vector2::from);
+        let up_m = drone.map_or(0.0, |d| water_z - d.position().z);
+        Charges::of(self.battery.usual_power(c), home, wind, up_m, c)
     }
 
     /// Age of the newest plan that the solver found feasible, s.

@@ -238,7 +238,7 @@ impl BatteryMonitor {
         (c.battery_reserve + self.usual_power(c) * c.battery_attempt_s).min(1.0)
     }
     /// The measured power, or that of a drone which flies for ten minutes, 1/s.
-    fn usual_power(&self, c: &MissionConfig) -> f64 {
+    pub(super) fn usual_power(&self, c: &MissionConfig) -> f64 {
         match self.power(c) {
             measured if measured > 0.0 => measured,
             _ => UNMEASURED_PER_S,

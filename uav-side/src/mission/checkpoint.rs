@@ -4,7 +4,9 @@
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::admission::command::keep;
-use alight_shared::msg::{Command, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{
+    Command, KeptStation, LastVessel, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State,
+};
 use alight_shared::time::Span;
 use alight_shared::topics;
 
@@ -190,14 +192,16 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         landing: m.landing,
         attempts: m.state.attempts,
         started: m.started,
-        ordered_below: m.ordered_below,
+        deck_first: m.deck_first,
         deck_declined: m.deck_declined,
         armed: false,
         low_battery: m.state.low_battery,
-        low_from: m.low_from,
+        missing: None,
+        low_since: None,
         stopped: m.stopped,
         overruled: false,
         lapsed: false,
+        station: None,
         sortie: m.sortie,
         // From where it goes on.
         led_from: None,
@@ -215,17 +219,52 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     }
 }
 
-/// Purpose of the flight, by a checkpoint that is too old to go on from: a drone on a sortie comes back while its charge
-/// lasts, and its cycles end. Where its operator has declined the deck, or for a drone that is disarmed, nothing is left
-/// of it.
+/// A boot of the computer takes so long, s.
+const BOOT_S: f64 = 30.0;
+
+/// Whether a checkpoint was written before the computer's clock began again.
+fn of_former_boot(m: &MissionCheckpoint) -> bool {
+    m.header.at < DroneTime::EPOCH
+}
+
+/// The vessel as an aged checkpoint knew it.
+pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<LastVessel> {
+    let at = now - Span::from_secs(BOOT_S);
+    let known = |v| {
+        if of_former_boot(m) {
+            LastVessel { at, ..v }
+        } else {
+            v
+        }
+    };
+    m.last_vessel.map(known)
+}
+
+/// Purpose of the flight, by a checkpoint that is too old to go on from: an order to land and a station go on once the drone is
+/// found in our mode, and end where a person has it; an operator's stop and a declined deck stay; a drone on a sortie comes back
+/// while its charge lasts, and its cycles end. Of a drone that was disarmed nothing is left.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
-    if !m.sortie || m.deck_declined {
+    if !m.armed {
         return MissionProgress::default();
     }
+    let begun = |kept: KeptStation| {
+        if of_former_boot(m) {
+            kept.begun_at(now)
+        } else {
+            kept
+        }
+    };
     let restarted = m.cycling.then(|| ReasonCode::Restarted.into());
     MissionProgress {
+        landing: m.landing,
         started: now,
-        sortie: true,
+        deck_first: m.deck_first,
+        armed: true,
+        lapsed: true,
+        station: m.state.station.map(begun),
+        stopped: m.stopped,
+        deck_declined: m.deck_declined,
+        sortie: m.sortie && !m.deck_declined,
         cycles: Cycles {
             sorties: m.state.sorties[0],
             ended: restarted.or(m.cycles_ended),

@@ -1,9 +1,9 @@
 //! Unattended cycles: what begins the next sortie, and what ends them; and the way to a vessel that is not received.
 
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, ArmingRejected, BatteryHome, DoesNotRise, ForecastStale, HandOverRefused, HandsOver,
-    HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack, SeeksVessel,
-    SortieBegins, SortiesDone, TakeOffTilted,
+    ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRefused,
+    HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack,
+    SeeksVessel, SortieBegins, SortiesDone, TakeOffTilted,
 };
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, OwnMission};
 use nalgebra::Vector2;
@@ -266,6 +266,7 @@ fn purpose_of_an_aged_checkpoint() {
                 sorties: [2, 3],
                 ..MissionState::default()
             },
+            armed: true,
             sortie,
             deck_declined,
             cycling: true,
@@ -382,7 +383,7 @@ fn way_to_a_vessel_that_is_not_received() {
     let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Not received, until the reserve is reached; received, as any landing.
+    // Not received, until the last moment for home; received, as any landing.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(
@@ -392,22 +393,27 @@ fn way_to_a_vessel_that_is_not_received() {
         &silent(|s| s.battery = Some(0.19)),
     );
     assert_eq!(
+        (d.phase, d.entered.unwrap().code),
+        (MissionPhase::Seek, BatteryWaits)
+    );
+    let last = silent(|s| (s.battery, s.now) = (Some(0.06), at(40.0)));
+    let d = step(d.phase, d.progress, None, &last);
+    assert_eq!(
         (d.entered.unwrap().code, d.progress.low_battery),
         (BatteryHome, Some(BatteryPlace::Home))
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // No vessel is sought without a sortie, nor one that is too far away.
+    // Without a sortie no vessel is sought before the charge calls, nor one that is too far away.
     let stays = MissionProgress {
         sortie: false,
         ..called
     };
-    assert_eq!(
-        step(MissionPhase::Idle, stays, None, &silent(|_| {}))
-            .waiting
-            .code,
-        ForecastStale
-    );
+    let lasts = silent(|s| s.sortie.turns_back = None);
+    let d = step(MissionPhase::Idle, stays, None, &lasts);
+    assert_eq!(d.waiting.code, ForecastStale);
+    let d = step(MissionPhase::Idle, stays, None, &silent(|_| {}));
+    assert_eq!(d.phase, MissionPhase::Seek);
     let far = silent(|s| s.sortie.seeks.iter_mut().for_each(|k| k.offset.x = 6e3));
     assert_eq!(
         step(MissionPhase::Idle, called, None, &far).waiting.code,

@@ -1,15 +1,13 @@
 //! Interruptions of every state: stale data, operators, retries, battery, time limit, lost control.
 
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
-    FalseTouchdown, ForecastStale, HardContact, NotCommanded, NotFlying, OdometryStale, Operator,
-    OutOfRetries, Permitted, Recovered, TooLong, Touchdown,
+    Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
+    NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, TooLong, Touchdown,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED};
+use alight_shared::msg::{AutopilotMode, CommandKind};
 use nalgebra::Vector3;
 
-use super::phase::{HoldCause, holding};
-use super::reservation::Reservation;
+use super::phase::HoldCause;
 use super::tests::*;
 use super::*;
 use crate::contingency::ContactOutcomes;
@@ -341,129 +339,6 @@ fn hard_contact_that_is_not_repeated() {
         State::Hold,
         Commanded,
     );
-}
-
-#[test]
-fn low_battery_without_a_deck() {
-    use BatteryPlace::{Deck, Here, Home};
-    let low = with(|s| s.battery = Some(0.1));
-    let stale = with(|s| (s.battery, s.own, s.forecast_age_s) = (Some(0.1), None, 9.0));
-    let closed = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(DECK_CLOSED)));
-    let reserved = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(2)));
-    let hold = holding(HoldCause::Data, &fair(), &config());
-    for (order, why) in [
-        (vec![Deck, Home, Here], BatteryHome),
-        (vec![Here, Deck, Home], BatteryHere),
-        (vec![Deck], BatteryLow),
-        (vec![], BatteryLow),
-    ] {
-        let c = MissionConfig {
-            battery_order: order,
-            ..config()
-        };
-        for (phase, s) in [
-            (hold, &stale),
-            (TRACKING, &closed),
-            (MissionPhase::APPROACH, &reserved),
-        ] {
-            let d = decide(phase, wanted(), None, s, &c);
-            goes(&d, State::GaveUp, why);
-            let text = d.entered.unwrap_or_default().to_string();
-            assert!(text.contains("10 %") && text.contains("needs 20 %"), "{text}");
-            assert_eq!(
-                d.progress.low_battery,
-                c.battery_order.iter().copied().find(|p| *p != Deck)
-            );
-            let d = decide(d.phase, d.progress, None, s, &c);
-            waits(&d, State::GaveUp, NotCommanded);
-        }
-        // A descent that has begun is the quickest way down, also to a deck that is not of the first choice.
-        let d = decide(DESCENT, attempt(), None, &low, &c);
-        assert_eq!(d.phase.state(), State::Descent);
-    }
-    // The deck is lost after it was chosen.
-    let d = step(TRACKING, &low);
-    goes(&d, State::Tracking, BatteryDeck);
-    goes(&step(&d, &closed), State::GaveUp, BatteryHome);
-    let d = step(MissionPhase::APPROACH, &reserved);
-    let d = commanded(&d, CommandKind::Land, &low);
-    goes(&d, State::Hold, Commanded);
-    goes(&run(&d, &low, 1.0), State::Tracking, Recovered);
-}
-
-#[test]
-fn low_battery_limits_above_the_deck() {
-    // A deck to land on only without an alternative.
-    let rough = |battery: f64| {
-        with(|s| {
-            s.battery = Some(battery);
-            s.odds.as_mut().unwrap().slides = 0.2;
-            s.deck.as_mut().unwrap().tilt_rad = 0.5;
-        })
-    };
-    let full = run(TRACKING, &rough(0.9), 5.0);
-    assert_eq!(run(&full, &rough(0.9), 5.0).phase.state(), State::TrackingStable);
-    for phase in [MissionPhase::APPROACH, TRACKING, MissionPhase::TrackingStable] {
-        let d = step(phase, &rough(0.1));
-        goes(&d, State::Tracking, BatteryDeck);
-        assert!(
-            d.entered
-                .is_some_and(|why| why.to_string().contains("lands on the deck"))
-        );
-        let d = run(&d, &rough(0.1), 5.0);
-        goes(&run(&d, &rough(0.1), 5.0), State::Descent, Permitted);
-    }
-    // Also on the way there, and in a descent.
-    let mut away = rough(0.1);
-    away.deck.as_mut().unwrap().distance_m = 40.0;
-    goes(&step(MissionPhase::APPROACH, &away), State::Approach, BatteryDeck);
-    let d = step(DESCENT, &rough(0.1));
-    goes(&d, State::Descent, BatteryDeck);
-    assert_eq!(run(&d, &rough(0.1), 5.0).phase.state(), State::Descent);
-    // Whose grant is stale has the deck.
-    let silent = |battery| Situation {
-        reservation: Reservation::Unknown(5.0),
-        ..with(|s| s.battery = Some(battery))
-    };
-    let d = run(TRACKING, &silent(0.1), 5.0);
-    let d = run(&d, &silent(0.1), 5.0);
-    goes(&run(&d, &silent(0.1), 5.0), State::Descent, Permitted);
-    let full = step(MissionPhase::TrackingStable, &silent(0.9));
-    waits(&full, State::TrackingStable, DeckGrantStale);
-    // Not what nothing survives.
-    let mut worse = rough(0.1);
-    worse.deck.as_mut().unwrap().tilt_rad = 0.8;
-    let d = run(&d, &worse, 5.0);
-    assert_eq!(run(&d, &worse, 5.0).phase.state(), State::TrackingStable);
-    // For that it waits until half of the reserve is left; the rest is for the next place.
-    worse.battery = Some(0.09);
-    let d = step(&d, &worse);
-    goes(&d, State::GaveUp, BatteryHome);
-    assert_eq!(d.progress.low_battery, Some(BatteryPlace::Home));
-    assert_eq!(step(DESCENT, &rough(0.09)).phase.state(), State::Descent);
-    // A deck without an owner is free.
-    let nobodys = with(|s| (s.battery, s.reservation) = (Some(0.15), Reservation::Others(0)));
-    goes(
-        &step(MissionPhase::APPROACH, &nobodys),
-        State::Tracking,
-        BatteryDeck,
-    );
-}
-
-/// A cell fails: the measured power asks for all of the battery, which is empty before the drone is anywhere else.
-#[test]
-fn low_battery_that_drains_fast() {
-    let drained = |battery: f64, distance_m: f64| {
-        with(|s| {
-            (s.battery, s.battery_reserve) = (Some(battery), 1.0);
-            s.deck.as_mut().unwrap().distance_m = distance_m;
-        })
-    };
-    let noticed = step(MissionPhase::APPROACH, &drained(0.6, 80.0));
-    for (distance_m, place) in [(20.0, BatteryPlace::Deck), (80.0, BatteryPlace::Home)] {
-        let d = step(&noticed, &drained(0.45, distance_m));
-        assert_eq!(d.progress.low_battery, Some(place), "{distance_m} m");
-    }
 }
 
 #[test]

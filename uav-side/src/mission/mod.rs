@@ -1,6 +1,6 @@
 //! Mission: permission of what the planner may fly, with the reason why not more.
 //!
-//! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
+//! Read `transition` (the state machine as a pure function), `concerns` (what interrupts every state, `charge` among it), `states` (its table), `phase` (the states and what they
 //! remember), `search` and `seek` (the way to a deck that is known by a beacon alone, and to one that is not received), `situation` (every quantity it judges), `height` (does a second witness
 //! confirm the deck's height?), `outlook` (how likely a landing succeeds, with `staying`: does the landed
 //! drone stay?), `take_off`, `lift_off` and `leaving` (the way back up), `cycles` (sorties one after the other), `waiting` (is a better moment worth its cost?), then `checkpoint` (what outlives the process). This file keeps the inputs and writes the output.
@@ -8,7 +8,9 @@
 mod answers;
 mod assessment;
 mod battery;
+mod charge;
 mod checkpoint;
+mod concerns;
 mod cycles;
 mod height;
 mod leaving;
@@ -32,6 +34,10 @@ mod transition;
 mod turnaround;
 mod waiting;
 
+#[cfg(test)]
+mod charge_tests;
+#[cfg(test)]
+mod concerns_tests;
 #[cfg(test)]
 mod cycles_tests;
 #[cfg(test)]

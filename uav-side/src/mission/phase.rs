@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::cycles::Cycles;
 use super::limits::exceeds;
 use super::situation::{Deck, Situation};
-use crate::contingency::BELOW_M;
+use crate::contingency::{BELOW_M, HARD_MPS};
 use crate::mission_config::MissionConfig;
 use crate::surroundings::WITH_DECK_M;
 
@@ -276,17 +276,18 @@ pub struct MissionProgress {
     pub attempts: u32,
     /// When the landing, the take-off or the hold in which that ends was begun.
     pub started: DroneTime,
-    /// The charge at which the operator asked for a landing below the battery's reserve: the deck is the first place then,
-    /// within wider limits, until the landing ends.
-    pub ordered_below: Option<f64>,
+    /// The operator asked for a landing below the battery's reserve: the deck is the first place until the landing ends.
+    pub deck_first: bool,
     /// An operator has stopped a landing that the low battery had brought about: the deck is not chosen again.
     pub deck_declined: bool,
     /// The drone was armed since the order: that ends with the flight.
     pub armed: bool,
+    /// The deck is closed, another drone's, unknown or out of sight since.
+    pub missing: Option<DroneTime>,
+    /// It hovers without an order lower than waves reach since.
+    pub low_since: Option<DroneTime>,
     /// The battery's reserve was reached: where it lands.
     pub low_battery: Option<BatteryPlace>,
-    /// The charge at which that was noticed.
-    pub low_from: Option<f64>,
     /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
     /// near to the deck for a climb, the landing is completed.
     pub stopped: bool,
@@ -294,6 +295,8 @@ pub struct MissionProgress {
     pub overruled: bool,
     /// Set-points ceased and the autopilot holds: the landing goes on once they are back.
     pub lapsed: bool,
+    /// The station that it kept before its computer began again: it goes on there once the drone is ours.
+    pub station: Option<KeptStation>,
     /// It has taken off from the deck, and not landed since: it comes back while the battery lasts.
     pub sortie: bool,
     /// Sorties one after the other.
@@ -305,7 +308,7 @@ pub struct MissionProgress {
 }
 
 impl MissionProgress {
-    /// Lands on the deck because the battery is low: within wider limits.
+    /// The battery is low, and the deck is the place to land.
     pub(super) fn is_urgent(&self) -> bool {
         self.low_battery == Some(BatteryPlace::Deck)
     }
@@ -341,6 +344,12 @@ pub(super) fn old_data(s: &Situation) -> Option<Reason> {
         .or(s.moved)
         .or_else(|| exceeds(ReasonCode::ForecastStale, s.forecast_age_s, s.forecast_limit_s))
         .or_else(|| s.deck.is_none().then(|| s.no_deck()))
+}
+
+/// The hard contact that was noticed.
+pub(super) fn hard_contact(s: &Situation) -> Option<Reason> {
+    let reason = |mps| Reason::new(ReasonCode::HardContact, mps, HARD_MPS);
+    s.hard_contact_mps.map(reason)
 }
 
 /// Since when `holds` has been true, and for how long, s.

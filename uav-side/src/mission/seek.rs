@@ -1,6 +1,6 @@
 //! The way back to a vessel that is not received: to where its last velocity has brought it, until it is.
 //!
-//! Only a drone on a sortie flies it, and only once it has to come back. The place is `p + u t` after the time `t` since the vessel
+//! A drone on a sortie flies it, and any other once its charge calls it back. The place is `p + u t` after the time `t` since the vessel
 //! was received; how far from there it may be is in what the way is taken to cost ([`super::sortie`]). With the radio back the
 //! landing begins as any. With nothing received the battery's reserve sends the drone to the next place of `battery_order`.
 
@@ -8,7 +8,7 @@ use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
 
 use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTransition, old_data};
-use super::situation::{SilentVessel, Situation};
+use super::situation::{ControlState, SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
 /// A hold for want of data is no place to wait further away than this, m.
@@ -16,11 +16,13 @@ pub(super) const FAR_M: f64 = 100.0;
 /// No turn of the heading nearer to the place than this, m.
 const ARRIVED_M: f64 = 10.0;
 
-/// Whether a drone that has to come back seeks its vessel: on a sortie, by odometry that is fresh, without a forecast.
+/// Whether a drone that has to come back seeks its vessel: on a sortie or by its charge, by odometry that is fresh, without a
+/// forecast.
 pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
     let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
-    s.sortie.seeks.filter(|_| progress.sortie && without).filter(near)
+    let returns = progress.sortie || s.flight == ControlState::Ours && s.sortie.turns_back.is_some();
+    s.sortie.seeks.filter(|_| returns && without).filter(near)
 }
 
 /// Why it is on its way: how far, m, and how long the vessel has been silent, s.

@@ -9,6 +9,7 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
+use super::charge::Charges;
 use super::lift_off::Moments;
 use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::reservation::{Promise, Reservation};
@@ -349,6 +350,8 @@ pub struct Situation {
     pub battery: Option<f64>,
     /// Reserve that has to be left of it, 0 to 1.
     pub battery_reserve: f64,
+    /// Charge that each place to land needs.
+    pub charges: Charges,
     /// The newest odometry.
     pub own: Option<OwnState>,
     /// Age of the odometry, s.

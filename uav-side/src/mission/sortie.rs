@@ -105,7 +105,7 @@ pub(super) struct ReturnLeg {
 
 impl ReturnLeg {
     /// Time until the drone meets the vessel if it turns after `stays_s`, s; [`MAX_WAY_S`] where it does not catch up.
-    fn time_s(&self, stays_s: f64) -> f64 {
+    pub(super) fn time_s(&self, stays_s: f64) -> f64 {
         let r = self.offset + self.vessel * stays_s;
         let drift = self.vessel - self.wind;
         // (v² - |d|²) T² - 2 r.d T - |r|² = 0.
@@ -184,8 +184,8 @@ impl MissionNode {
             self.last_vessel = newest.or(self.last_vessel);
         }
         s.sortie.seeks = (self.last_vessel.as_ref().zip(drone)).map(|(last, drone)| seeks(last, drone, now));
-        let known = self.progress.sortie.then(|| self.battery.energy(c)).flatten();
-        let (Some(energy), Some(seeks), Some(last)) = (known, &s.sortie.seeks, &self.last_vessel) else {
+        let energy = self.battery.energy(c);
+        let (Some(energy), Some(seeks), Some(last)) = (energy, &s.sortie.seeks, &self.last_vessel) else {
             return;
         };
         let (offset, velocity) = towards(last, seeks);
@@ -196,7 +196,7 @@ impl MissionNode {
             air_mps: c.battery_air_speed_mps,
         };
         s.sortie.turns_back = energy.turns_back(&way);
-        s.sortie.turns_in_s = Some(energy.turns_in_s(&way));
+        s.sortie.turns_in_s = (self.progress.sortie).then(|| energy.turns_in_s(&way));
     }
 }
 

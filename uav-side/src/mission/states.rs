@@ -11,6 +11,7 @@ use alight_shared::msg::ReasonCode::{
 use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
+use super::charge::urgency;
 use super::limits::{
     CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M,
     STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
@@ -111,14 +112,24 @@ fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
+/// Whether the drone is ours and its deck known.
+fn goes_on(s: &Situation) -> bool {
+    s.flight == ControlState::Ours && old_data(s).is_none()
+}
+
 /// Idle: waits for command, flight and the vessel's state by radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
         return turnaround::stands(idle, progress, s, c);
     }
+    if let Some(kept) = progress.station.filter(|_| goes_on(s) && !progress.landing) {
+        progress.station = None;
+        return holding(HoldCause::Station(kept), s, c).enter(ReasonCode::Restarted);
+    }
     if !progress.landing {
-        return idle.stay(if progress.stopped { Operator } else { NotCommanded });
+        let waits = if progress.stopped { Operator } else { NotCommanded };
+        return idle.stay(stopped_low(progress, s).unwrap_or(waits.into()));
     }
     let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
@@ -292,20 +303,21 @@ fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTr
 }
 
 /// What was steady, or feasible, stays so within limits this much wider.
-const HYSTERESIS: f64 = 1.5;
+pub(super) const HYSTERESIS: f64 = 1.5;
 
-/// Factor on the limits of a landing: an empty battery leaves no other place.
-fn widening(progress: &MissionProgress) -> f64 {
-    if progress.is_urgent() { HYSTERESIS } else { 1.0 }
+/// Factor on the limits of a landing by its [`urgency`].
+fn widening(urgency: f64) -> f64 {
+    if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
 
-/// Why the landing is not as likely to succeed as is `needed`, or its contact likelier to be unsafe than `max_harm`; an empty
-/// battery leaves no other place.
-fn unlikely(progress: &MissionProgress, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
-    if progress.is_urgent() || s.forced_descent.is_some() {
+/// Why the landing is not as likely to succeed as is `needed`, or its contact likelier to be unsafe than `max_harm`: `(1 - u)
+/// needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
+fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
+    if urgency >= 1.0 || s.forced_descent.is_some() {
         return None;
     }
-    // Of what is not known no landing is likely.
+    let (needed, max_harm) = ((1.0 - urgency) * needed, max_harm.powf(1.0 - urgency));
+    // Without a forecast of the contact no landing is likely.
     let unknown = Reason::new(ReasonCode::LikelyBeside, 0.0, needed);
     let why = |odds: Odds| odds.below(needed).or_else(|| odds.harmful(max_harm));
     s.odds.map_or(Some(unknown), why)
@@ -324,11 +336,12 @@ fn tracking(
     if let Some(lost) = not_followed(deck, s, c) {
         return lost;
     }
-    if let Some(why) = unsteady(deck, s, c, widening(progress)) {
+    let urgency = urgency(progress, s, c);
+    if let Some(why) = unsteady(deck, s, c, widening(urgency)) {
         return MissionPhase::TRACKING.stay(why);
     }
     let (steady, lasted) = lasting(true, steady, s.now);
-    if lasted < c.steady_s && !progress.is_urgent() {
+    if lasted < c.steady_s && urgency <= 0.0 {
         return MissionPhase::Tracking { steady }.stay(Reason::new(NotSteady, lasted, c.steady_s));
     }
     MissionPhase::TrackingStable.enter(Reason::new(Steady, lasted, c.steady_s))
@@ -343,7 +356,8 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     if let Some(lost) = not_followed(deck, s, c) {
         return lost;
     }
-    let wide = widening(progress);
+    let urgency = urgency(progress, s, c);
+    let (wide, urgent) = (widening(urgency), urgency > 0.0);
     if let Some(why) = unsteady(deck, s, c, HYSTERESIS * wide) {
         return MissionPhase::TRACKING.enter(why);
     }
@@ -353,26 +367,26 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     // Whose grant is stale keeps the deck: a silent owner does not lose it.
     let stale = matches!(s.reservation, Reservation::Unknown(_));
     let rejection = (s.reservation.rejection())
-        .filter(|_| !(stale && progress.is_urgent()))
+        .filter(|_| !(stale && urgent))
         .or_else(|| {
             first_beyond([
                 (VisionLost, deck.vision_age_s, c.descent_vision_s),
                 (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
-        .or_else(|| deck.infeasible(c, wide))
-        .or_else(|| contradicted(deck, progress));
+        .or_else(|| deck.infeasible(c, wide));
     // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
     let rejection = rejection.or_else(|| {
-        if progress.is_urgent() {
+        if urgent {
             return None;
         }
-        (s.rejection.or(s.other_deck))
+        (deck.contradicted.or(s.rejection).or(s.other_deck))
             .or_else(|| (!deck.identified).then(|| NotIdentified.into()))
             .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))
-            .or_else(|| unlikely(progress, s, s.worth_waiting.max(c.min_probability), c.max_harm))
     });
+    let rejection =
+        rejection.or_else(|| unlikely(urgency, s, s.worth_waiting.max(c.min_probability), c.max_harm));
     let early = s.forced_descent.filter(|at| s.now < *at);
     if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
         return stable.stay(why);
@@ -411,11 +425,6 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
 /// Set-points of a loop that settles swing by less than this besides what plan and wind ask for, rad: half of the angle at
 /// which a contact is harmful, 5 deg rms.
 const MAX_SWING_RAD: f64 = 0.087;
-
-/// Two witnesses of the deck contradict each other: no landing, unless the battery decides.
-fn contradicted(deck: &Deck, progress: &MissionProgress) -> Option<Reason> {
-    deck.contradicted.filter(|_| !progress.is_urgent())
-}
 
 /// A flare may last so long without vision, s: its last metre with the tags out of view; and while the radio still reports
 /// where the vessel is.

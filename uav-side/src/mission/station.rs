@@ -105,7 +105,7 @@ pub(super) fn commanded(
     }
     progress.cycles.end(Operator.into());
     (progress.landing, progress.stopped) = (false, false);
-    (progress.ordered_below, progress.low_battery) = (None, None);
+    (progress.deck_first, progress.low_battery) = (false, None);
     let kept = KeptStation {
         station,
         until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),

@@ -56,7 +56,7 @@ impl MissionNode {
         }
         if let Some(m) = &begun.aged {
             self.progress = checkpoint::purpose(now, m);
-            self.last_vessel = m.last_vessel;
+            self.last_vessel = checkpoint::known_vessel(now, m);
         }
         self.commands.first_of(now, &begun.commands)
     }
@@ -133,10 +133,10 @@ impl MissionNode {
         MissionCheckpoint {
             header: state.header,
             state: *state,
+            armed: self.autopilot.get().is_some_and(|a| a.armed),
             landing: self.progress.landing,
             started: self.progress.started,
-            ordered_below: self.progress.ordered_below,
-            low_from: self.progress.low_from,
+            deck_first: self.progress.deck_first,
             battery: self.battery.memory(),
             deck_declined: self.progress.deck_declined,
             stopped: self.progress.stopped,

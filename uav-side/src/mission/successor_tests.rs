@@ -162,3 +162,79 @@ fn abort_among_many_commands_to_a_successor() {
         assert_eq!(entered, Some(State::GaveUp), "abort as command {abort_at}");
     }
 }
+
+/// State x who has the drone after a reboot of the computer x charge: the purpose of the flight goes on, comes back, or waits
+/// for a new order; what a person has ended stays ended.
+#[test]
+fn purpose_that_outlives_a_reboot() {
+    use alight_shared::msg::{AutopilotMode, KeptStation, Station};
+    // A clock that begins again: 500 s of the former one are over.
+    let written = |change: fn(&mut MissionCheckpoint)| {
+        let mut m = MissionCheckpoint {
+            armed: true,
+            landing: false,
+            ..checkpoint(State::Tracking, 500.0)
+        };
+        change(&mut m);
+        m.lasting()
+    };
+    let flown = |checkpoint, modes: &[AutopilotMode], battery| {
+        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+        let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+        let mut last = MissionState::default();
+        for k in 0..120_u32 {
+            let t = at(3.0 + 0.1 * f64::from(k));
+            let mut input = fresh_input(k, t, [20.0, 0.0, -16.3]);
+            if let Some(a) = &mut input.autopilot {
+                let mode = modes.get(k as usize / 20).or(modes.last());
+                (a.mode, a.battery) = (mode.copied().unwrap_or(AutopilotMode::Offboard), Some(battery));
+                a.lapsed = a.mode == AutopilotMode::Hold;
+            }
+            last = m
+                .step(t, &MissionIn { checkpoint, ..input })
+                .state
+                .unwrap_or(last);
+        }
+        last
+    };
+    let landing = written(|m| m.landing = true);
+    let station = written(|m| {
+        m.state.station = Some(KeptStation {
+            station: Station {
+                height_m: 15,
+                ..Station::USUAL
+            },
+            until: at(590.0),
+        });
+    });
+    let stopped = written(|m| m.stopped = true);
+    let declined = written(|m| (m.stopped, m.deck_declined) = (true, true));
+    let nothing = written(|_| ());
+    use AutopilotMode::{Hold, Offboard, Other};
+    let (ours, lapsed, taken): (&[_], &[_], &[_]) = (&[Offboard], &[Hold, Offboard], &[Other, Offboard]);
+    for (k, (kept, modes, battery, state)) in [
+        (landing, ours, 0.9, State::Tracking),
+        (landing, lapsed, 0.9, State::Tracking),
+        (landing, taken, 0.9, State::Idle),
+        (station, ours, 0.9, State::Hold),
+        (station, taken, 0.9, State::Idle),
+        (stopped, ours, 0.9, State::Idle),
+        (stopped, ours, 0.18, State::Idle),
+        (stopped, ours, 0.14, State::Tracking),
+        (declined, ours, 0.14, State::GaveUp),
+        (nothing, ours, 0.9, State::Idle),
+        (nothing, ours, 0.15, State::Tracking),
+        (nothing, &[Other], 0.15, State::Idle),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let m = flown(kept, modes, battery);
+        assert_eq!(m.state, state, "row {k}: {m:?}");
+        assert_ne!(m.waiting.to_string() + &m.entered.to_string(), "", "row {k}");
+    }
+    let kept = flown(station, ours, 0.9).station.unwrap();
+    assert!((at(60.0)..at(130.0)).contains(&kept.until), "{kept:?}");
+    // Of a drone that is disarmed nothing lasts.
+    assert!(written(|m| (m.landing, m.armed) = (true, false)).is_none());
+}

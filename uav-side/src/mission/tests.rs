@@ -16,6 +16,7 @@ use nalgebra::{Vector2, Vector3};
 use Does::{Enter, Stay};
 use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, Tracking, TrackingStable};
 
+use super::charge::Charges;
 use super::phase::DroneTime;
 use super::reservation::{Reservation, stated_course};
 use super::situation::{Deck, OwnState, SortieEvidence, TakeOffEvidence};
@@ -75,6 +76,11 @@ pub(super) fn fair() -> Situation {
         several: None,
         battery: Some(0.9),
         battery_reserve: config().battery_reserve,
+        charges: Charges {
+            home: 0.06,
+            here: 0.03,
+            attempt: 0.05,
+        },
         own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),
             velocity: Vector3::zeros(),
@@ -344,11 +350,11 @@ fn silent_vessel_with_its_tags_in_sight() {
         low_battery: Some(BatteryPlace::Deck),
         ..wanted()
     };
-    goes(
-        &decide(stable, urgent, None, &unknown, &by_tag),
-        Descent,
-        Permitted,
-    );
+    let empty = Situation {
+        battery: Some(0.09),
+        ..unknown
+    };
+    goes(&decide(stable, urgent, None, &empty, &by_tag), Descent, Permitted);
 }
 
 #[test]
@@ -553,7 +559,11 @@ fn turn_in_a_landing() {
         low_battery: Some(BatteryPlace::Deck),
         ..attempt()
     };
-    waits(&step((descent, urgent), &low(3.0, stated)), Descent, Descending);
+    let empty = Situation {
+        battery: Some(0.09),
+        ..stated
+    };
+    waits(&step((descent, urgent), &low(3.0, empty)), Descent, Descending);
 }
 
 #[test]

@@ -275,6 +275,18 @@ impl fmt::Display for Reason {
             ReasonCode::BatteryDeck => battery(f, ": lands on the deck, within wider limits"),
             ReasonCode::BatteryHome => battery(f, ": the autopilot returns home"),
             ReasonCode::BatteryHere => battery(f, ": the autopilot lands here"),
+            ReasonCode::BatteryWaits if l > 0.0 => write!(
+                f,
+                "battery at {:.0} %: waits for the deck until {:.0} %, which the next place needs",
+                100.0 * v,
+                100.0 * l
+            ),
+            ReasonCode::BatteryWaits => write!(
+                f,
+                "battery at {:.0} %: waits for the deck, no other place is in reach",
+                100.0 * v
+            ),
+            ReasonCode::BatteryRecovered => battery(f, ": goes on"),
             ReasonCode::NoPlace => write!(f, "all {v:.0} waiting places at the vessel are taken"),
             ReasonCode::OutOfRetries => write!(f, "attempts used: {v:.0} (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),

@@ -9,12 +9,12 @@ use alight_shared::msg::{Course, Reason};
 use super::super::limits::{DECISION_TIMEOUT_S, LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::super::phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting};
 use super::super::situation::{Deck, Situation};
-use super::{HYSTERESIS, MAX_SWING_RAD, blind_limit, contradicted, unlikely, widening};
+use super::{HYSTERESIS, MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
 use crate::mission_config::MissionConfig;
 
 /// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
-fn withdrawn(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
-    let turns = s.course == Course::Turning && s.promise.is_none() && !progress.is_urgent();
+fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
+    let turns = s.course == Course::Turning && s.promise.is_none() && urgency <= 0.0;
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
@@ -39,22 +39,16 @@ const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
 /// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
-fn violation(
-    deck: &Deck,
-    progress: &MissionProgress,
-    s: &Situation,
-    c: &MissionConfig,
-    blind_s: f64,
-) -> Option<Reason> {
+fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
     exceeds(VisionLost, deck.located_age_s(), blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck.infeasible(c, HYSTERESIS * widening(progress)))
+        .or_else(|| deck.infeasible(c, HYSTERESIS * widening(urgency)))
         .or_else(|| exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD))
-        .or_else(|| contradicted(deck, progress))
-        .or_else(|| unlikely(progress, s, c.min_probability - repeat, c.max_harm + repeat))
+        .or(deck.contradicted.filter(|_| urgency <= 0.0))
+        .or_else(|| unlikely(urgency, s, c.min_probability - repeat, c.max_harm + repeat))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
@@ -82,7 +76,8 @@ pub(super) fn descent(
     if let Some(why) = attitude_lost(deck, s) {
         return PhaseTransition::BreakOff(why);
     }
-    let violation = violation(deck, progress, s, c, c.descent_vision_s);
+    let urgency = urgency(progress, s, c);
+    let violation = violation(deck, urgency, s, c, c.descent_vision_s);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
     // Below the commit clearance going on is safer than breaking off, while the deck is below.
@@ -92,7 +87,7 @@ pub(super) fn descent(
     if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
         return PhaseTransition::BreakOff(why);
     }
-    if let Some(why) = withdrawn(progress, s).filter(|_| !close) {
+    if let Some(why) = withdrawn(urgency, s).filter(|_| !close) {
         return PhaseTransition::BreakOff(why);
     }
     if let Some(lowest_m) = c.lowest_plan_m() {
@@ -163,10 +158,11 @@ pub(super) fn flare(
         exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
     let hard = hard.or_else(|| attitude_lost(deck, s));
-    if let Some(why) = hard.or_else(|| withdrawn(progress, s).filter(|_| !committed)) {
+    let urgency = urgency(progress, s, c);
+    if let Some(why) = hard.or_else(|| withdrawn(urgency, s).filter(|_| !committed)) {
         return PhaseTransition::BreakOff(why);
     }
-    let violation = violation(deck, progress, s, c, blind_limit(deck));
+    let violation = violation(deck, urgency, s, c, blind_limit(deck));
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     if let Some(why) = violation.filter(|_| lasted > VIOLATION_S && !committed) {
         return PhaseTransition::BreakOff(why);

@@ -1,0 +1,271 @@
+//! Charge: the place at which a drone lands whose battery is below its reserve, and the point of no return of each place.
+//!
+//! To reach a place and land there takes the charge `n = (1 + m) P (T + t) + g`: power `P`, time `T` of the way in the wind, time `t`
+//! of the landing, relative error `m` of all three, step `g` of the gauge. The drone stays with the first place of `battery_order` and leaves it for the
+//! next one at `b <= n`, the last moment at which that one can be had. A deck that is closed, another drone's or unknown is awaited
+//! until then, and given up no sooner than it has been missing for [`MISSING_S`]. Without another place in reach the deck remains.
+
+use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
+use nalgebra::Vector2;
+
+use super::limits::RESUME_DISTANCE_M;
+use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding};
+use super::reservation::Reservation;
+use super::situation::{ControlState, Deck, Situation};
+use super::sortie::ReturnLeg;
+use super::states::{FOR_OPERATOR, HYSTERESIS};
+use crate::mission_config::MissionConfig;
+
+/// Relative error of power, wind and times.
+const MARGIN: f64 = 0.25;
+/// Step of a gauge.
+const STEP: f64 = 0.01;
+/// Change of the mode, and the end of a descent on the ground, s.
+const ENDS_S: f64 = 10.0;
+/// Speed of the autopilot's descent to land, m/s. Source: PX4's MPC_LAND_SPEED; ArduCopter sinks faster above 10 m.
+const LAND_MPS: f64 = 0.7;
+/// Air speed of the autopilot's return, m/s. Source: PX4's MPC_XY_CRUISE; ArduCopter's RTL is faster.
+const RETURN_MPS: f64 = 5.0;
+/// Time of the shortest attempt: from above the deck onto it, s.
+const LAST_ATTEMPT_S: f64 = 30.0;
+/// Fraction of the configured reserve that is kept for a home whose place is not reported.
+const UNKNOWN_HOME: f64 = 0.5;
+
+/// A deck is given up once it has been missing for so long, s.
+/// Chosen: a person who crosses it, another drone's last metres, or a process that starts again take less.
+const MISSING_S: f64 = 20.0;
+
+/// Charge that each place needs from here, 0 to 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Charges {
+    /// Return by the autopilot, and a landing there.
+    pub home: f64,
+    /// Landing in place.
+    pub here: f64,
+    /// Attempt to land on the deck from above it.
+    pub attempt: f64,
+}
+
+impl Charges {
+    /// By the `power`, 1/s; `home`: from the drone to its destination, m, None: not reported; `up_m`: height above the water.
+    pub(super) fn of(
+        power: f64,
+        home: Option<Vector2<f64>>,
+        wind: Vector2<f64>,
+        up_m: f64,
+        c: &MissionConfig,
+    ) -> Charges {
+        let land_s = up_m.max(0.0) / LAND_MPS + ENDS_S;
+        let needs = |way_s: f64| (1.0 + MARGIN) * power * (way_s + land_s) + STEP;
+        let way_s = |offset| {
+            let way = ReturnLeg {
+                offset,
+                vessel: Vector2::zeros(),
+                wind,
+                air_mps: RETURN_MPS,
+            };
+            way.time_s(0.0)
+        };
+        Charges {
+            home: home.map_or(UNKNOWN_HOME * c.battery_reserve, |offset| needs(way_s(offset))),
+            here: needs(0.0),
+            attempt: power * LAST_ATTEMPT_S,
+        }
+    }
+    /// Charge at which the drone leaves for `place`.
+    fn last_moment(&self, place: BatteryPlace) -> f64 {
+        match place {
+            BatteryPlace::Deck => 0.0,
+            BatteryPlace::Home => self.home,
+            BatteryPlace::Here => self.here,
+        }
+    }
+    /// Whether `place` can be reached with the charge `b`, without a margin; in place it comes down with any.
+    fn reaches(&self, place: BatteryPlace, b: f64) -> bool {
+        match place {
+            BatteryPlace::Deck | BatteryPlace::Here => true,
+            BatteryPlace::Home => b >= without_margin(self.home),
+        }
+    }
+    /// Whether a drone with the charge `b` leaves a deck for `place` that has been missing for `missing_s`.
+    fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
+        let last = self.last_moment(place);
+        let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
+        b <= last && missing_s >= MISSING_S || margin_used
+    }
+}
+
+/// Charge `n` less its margin.
+fn without_margin(n: f64) -> f64 {
+    (n - STEP) / (1.0 + MARGIN)
+}
+
+/// The deck as a place to land.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DeckAccess {
+    /// Not wanted by the operator, or not touched in this mode.
+    Declined,
+    /// Closed, another drone's, unknown, out of sight, or too rough for any landing: it may be open again.
+    Awaited,
+    /// To be had.
+    Open,
+}
+
+/// Whether the deck is one to land on now.
+pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
+    let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
+    let lands = |d: &Deck| {
+        let on_the_way = d.distance_m > RESUME_DISTANCE_M;
+        on_the_way || d.vision_age_s <= c.vision_lost_s && d.infeasible(c, HYSTERESIS).is_none()
+    };
+    free && s.fresh_deck().is_some_and(lands)
+}
+
+/// Places that remain with the charge `b`, the preferred one first.
+fn remaining<'a>(
+    b: f64,
+    deck: DeckAccess,
+    first: bool,
+    s: &'a Situation,
+    c: &'a MissionConfig,
+) -> impl Iterator<Item = BatteryPlace> + 'a {
+    let deck_first = (first && c.battery_order.contains(&BatteryPlace::Deck)).then_some(BatteryPlace::Deck);
+    let rest = c.battery_order.iter().copied();
+    let all = deck_first
+        .into_iter()
+        .chain(rest.filter(move |p| deck_first != Some(*p)));
+    all.filter(move |p| *p != BatteryPlace::Deck || deck != DeckAccess::Declined)
+        .filter(move |p| s.charges.reaches(*p, b))
+}
+
+/// The place to land with the charge `b`, and the charge at which the drone leaves it for the next one.
+fn place(
+    b: f64,
+    deck: DeckAccess,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<(BatteryPlace, f64)> {
+    let missing_s = progress.missing.map_or(0.0, |since| (s.now - since).secs());
+    let mut places = remaining(b, deck, progress.deck_first, s, c);
+    let preferred = places.next()?;
+    let next = places.next().filter(|_| preferred == BatteryPlace::Deck);
+    let leaves_at = next.map_or(0.0, |p| s.charges.last_moment(p));
+    let leaves = |p: &BatteryPlace| s.charges.leaves_for(*p, b, missing_s);
+    match next.filter(|p| deck == DeckAccess::Awaited && leaves(p)) {
+        Some(next) => Some((next, s.charges.last_moment(next))),
+        None => Some((preferred, leaves_at)),
+    }
+}
+
+/// Fraction by which the limits of a landing have given way to the battery, 0 to 1: 0 in the half of the reserve in which the drone
+/// waits for the best moment, 1 with the charge for one attempt or, where that is more, at the last moment for home.
+pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
+    let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {
+        return 0.0;
+    };
+    let mut others = remaining(b, DeckAccess::Declined, false, s, c);
+    let next = others.find(|p| *p == BatteryPlace::Home);
+    let last = next
+        .map_or(0.0, |p| s.charges.last_moment(p))
+        .max(s.charges.attempt);
+    let first = 0.5 * (s.battery_reserve + last);
+    if first <= last {
+        return 1.0;
+    }
+    ((first - b) / (first - last)).clamp(0.0, 1.0)
+}
+
+/// Charge below which the drone lands: the reserve; after a stop by its operator what is left of it for the decision.
+fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
+    let kept = if progress.stopped { FOR_OPERATOR } else { 0.0 };
+    (1.0 - kept) * s.battery_reserve
+}
+
+/// Whether the mission has a drone in the air that it does not fly yet: nobody lands it if its order does not come.
+pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
+    let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
+    let held = s.held_back().is_some();
+    phase == MissionPhase::Idle && ours && !held && c.mode != LandingMode::Shadow
+}
+
+/// Transition of a drone whose charge is below its reserve: to the place at which it lands now. A descent that has begun is the
+/// quickest way down. A charge that is above again gives the state back.
+pub(super) fn charge(
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let lands = phase.state().phase() == Phase::Landing;
+    if lands && progress.stopped {
+        return None;
+    }
+    let Some(b) = s.battery.filter(|b| *b < limit(progress, s)) else {
+        return above_again(phase, progress, s, c);
+    };
+    let gave_up_before = matches!(phase, MissionPhase::GaveUp { .. });
+    let ended = gave_up_before || phase.waits_for_operator() || phase == MissionPhase::Idle;
+    let wanted = progress.landing || lands || ended && !progress.deck_declined;
+    let deck = match (wanted && c.lowest_plan_m().is_none(), progress.missing) {
+        (false, _) => DeckAccess::Declined,
+        (true, Some(_)) => DeckAccess::Awaited,
+        (true, None) => DeckAccess::Open,
+    };
+    let chosen = if lands && deck != DeckAccess::Declined {
+        Some((BatteryPlace::Deck, 0.0))
+    } else {
+        place(b, deck, progress, s, c)
+    };
+    let before = core::mem::replace(&mut progress.low_battery, chosen.map(|(place, _)| place));
+    let changed = before != progress.low_battery;
+    let low = |code| Reason::new(code, b, s.battery_reserve);
+    let (to, why) = match chosen {
+        Some((BatteryPlace::Deck, leaves_at)) => {
+            if ended {
+                (progress.landing, progress.stopped) = (true, false);
+                (progress.attempts, progress.started) = (0, s.now);
+            }
+            let open = deck == DeckAccess::Open;
+            let near = s.fresh_deck().is_some_and(|d| d.distance_m <= RESUME_DISTANCE_M);
+            let next = match (open && near && !lands && s.waits(c).is_none(), ended) {
+                (true, _) => MissionPhase::TRACKING,
+                (false, true) => holding(HoldCause::Data, s, c),
+                (false, false) => phase,
+            };
+            let why = if open || lands {
+                low(ReasonCode::BatteryDeck)
+            } else {
+                Reason::new(ReasonCode::BatteryWaits, b, leaves_at)
+            };
+            return (changed || ended).then(|| next.enter(why));
+        }
+        Some((BatteryPlace::Home, needs)) => (gave_up(s, c), Reason::new(ReasonCode::BatteryHome, b, needs)),
+        Some((BatteryPlace::Here, _)) => (gave_up(s, c), low(ReasonCode::BatteryHere)),
+        // It holds already.
+        None if ended => return None,
+        None => (gave_up(s, c), low(ReasonCode::BatteryLow)),
+    };
+    (changed || !gave_up_before).then(|| to.enter(why))
+}
+
+/// The charge is not low, or no more: a drone that was on its way to another place goes on with what it did.
+fn above_again(
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let left = matches!(
+        progress.low_battery.take()?,
+        BatteryPlace::Home | BatteryPlace::Here
+    );
+    let b = s.battery.unwrap_or_default();
+    let cause = if progress.landing {
+        HoldCause::Data
+    } else {
+        HoldCause::Operator
+    };
+    let why = Reason::new(ReasonCode::BatteryRecovered, b, s.battery_reserve);
+    (left && matches!(phase, MissionPhase::GaveUp { .. })).then(|| holding(cause, s, c).enter(why))
+}

@@ -1,0 +1,269 @@
+//! Concerns: what interrupts a state, as a table.
+//!
+//! A row counts in the phases of `in_phase` once its evidence has lasted, and acts; the first row that acts decides. Its evidence
+//! lies in what it reads: a touchdown in the pilot's detector, control in two heartbeats, data in the staleness limit of each topic,
+//! charge in `battery_lasts_s`. A row whose condition clears gives the state back: a hold for data goes on once they are fresh, a
+//! lapse begins the landing again, a charge that is above the reserve again resumes. What a person has ended (control, an abort) is
+//! begun again by an order alone.
+//!
+//! | row | action | clears by | overruled by |
+//! |---|---|---|---|
+//! | touchdown | Landed | rotors that carry above the deck | a false touchdown |
+//! | return | lands as if ordered | - | an operator's stop |
+//! | control | Idle | control given back | - |
+//! | report | Hold | the autopilot's next report | - |
+//! | data | Hold, or completes the landing | fresh data | a softer landing |
+//! | charge | deck, home or here | a charge above the reserve | an operator's stop, for a quarter of the reserve |
+//! | rest | Hold at a safe height | an order | - |
+//! | way | gives up | an order | charge, while it leads elsewhere |
+//! | time | gives up | an order | charge, while it leads elsewhere |
+
+use alight_shared::msg::{BatteryPlace, OwnMission, Phase, Reason, ReasonCode};
+
+use super::charge::{charge, is_unordered};
+use super::checkpoint::ends_softer;
+use super::limits::exceeds;
+use super::phase::{
+    HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, hard_contact, holding, lasting,
+    old_data,
+};
+use super::situation::{ControlState, Deck, Situation};
+use super::take_off;
+use crate::mission_config::MissionConfig;
+
+/// A row.
+pub(super) struct Concern {
+    /// Whether it counts in this phase.
+    in_phase: fn(MissionPhase, &MissionProgress, &Situation, &MissionConfig) -> bool,
+    /// Transition while its condition holds.
+    act: fn(MissionPhase, &mut MissionProgress, &Situation, &MissionConfig) -> Option<PhaseTransition>,
+}
+
+/// The rows before an operator's command, and after it.
+pub(super) const BEFORE_ORDERS: [Concern; 1] = [Concern {
+    in_phase: |phase, progress, _, _| phase.flies() && !progress.overruled,
+    act: |_, _, s, _| {
+        let touchdown = hard_contact(s).unwrap_or(ReasonCode::Touchdown.into());
+        s.motors_stopped.then(|| MissionPhase::LANDED.enter(touchdown))
+    },
+}];
+pub(super) const AFTER_ORDERS: [Concern; 8] = [
+    Concern {
+        // return
+        in_phase: |phase, progress, s, _| returns(phase, progress, s),
+        act: turn_back,
+    },
+    Concern {
+        // control
+        in_phase: |phase, _, _, _| phase.flies(),
+        act: control,
+    },
+    Concern {
+        // report
+        in_phase: |phase, _, _, _| phase.needs_data(),
+        act: |_, progress, s, c| {
+            let silent = s.flight == ControlState::Unknown;
+            silent.then(|| without_data(progress, s, c).enter(ReasonCode::NotFlying))
+        },
+    },
+    Concern {
+        // data
+        in_phase: |phase, _, _, _| phase.needs_data(),
+        act: data,
+    },
+    Concern {
+        // charge
+        // What ends a climb over the deck waits until the drone is clear of it.
+        in_phase: |phase, _, s, c| phase.flies() && !phase.takes_off() || is_unordered(phase, s, c),
+        act: charge,
+    },
+    Concern {
+        // rest
+        in_phase: |phase, _, s, c| is_unordered(phase, s, c),
+        act: rest,
+    },
+    Concern {
+        // way
+        in_phase: |phase, _, _, _| is_under_way(phase),
+        act: way,
+    },
+    Concern {
+        // time
+        in_phase: |phase, _, _, _| is_under_way(phase),
+        act: |_, progress, s, c| {
+            let took_s = (s.now - progress.started).secs();
+            let why = exceeds(ReasonCode::TooLong, took_s, c.mission_timeout_s)?;
+            Some(gave_up(s, c).enter(why))
+        },
+    },
+];
+
+/// Transition by the first of these rows that acts.
+pub(super) fn interrupt(
+    rows: &[Concern],
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let counts = |row: &&Concern, progress: &MissionProgress| (row.in_phase)(phase, progress, s, c);
+    let mut rows = rows.iter();
+    rows.find_map(|row| {
+        counts(&row, progress)
+            .then(|| (row.act)(phase, progress, s, c))
+            .flatten()
+    })
+}
+
+/// On the way to a landing that has not begun to descend.
+fn is_under_way(phase: MissionPhase) -> bool {
+    let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
+    phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
+}
+
+/// Whether the drone comes back by itself: on a sortie, and without an order in our mode where the vessel is not received any more.
+fn returns(phase: MissionPhase, progress: &MissionProgress, s: &Situation) -> bool {
+    let silent = s.flight == ControlState::Ours && s.fresh_deck().is_none();
+    let waits = phase.waits_for_operator() || phase == MissionPhase::Idle;
+    waits && (progress.sortie || silent) && !progress.landing && !progress.stopped
+}
+
+/// The end of a sortie by what is left of the battery, or because the autopilot's own mission is done: the drone lands as if
+/// that had been ordered. Where the pilot flies, or the autopilot its own mission, the order waits for the drone.
+fn turn_back(
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let idles = phase == MissionPhase::Idle;
+    let done = idles && progress.sortie && s.sortie.own_mission == OwnMission::Done;
+    let why = (s.sortie.turns_back).or(done.then(|| ReasonCode::MissionDone.into()))?;
+    (progress.landing, progress.started, progress.attempts) = (true, s.now, 0);
+    let next = if idles {
+        phase
+    } else {
+        holding(HoldCause::Data, s, c)
+    };
+    Some(next.enter(why))
+}
+
+/// Transition when the drone is not ours.
+fn control(
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    match s.flight {
+        ControlState::Disarmed | ControlState::OtherControl(_) => {
+            progress.landing = false;
+            Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
+        }
+        // Low over the deck: up, as soon as it follows set-points again.
+        ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
+        // It goes on to hold there, or on its way up, once set-points are followed again.
+        ControlState::Lapsed if phase.rests() => None,
+        ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
+        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
+    }
+}
+
+/// Data may be this old where a landing is completed without them, s.
+const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
+
+/// Transition on stale data: a landing goes on where that is softer, else it holds until they are fresh.
+fn data(
+    phase: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let why = old_data(s)?;
+    Some(if completes_without_data(phase, progress, s, c) {
+        phase.stay(why)
+    } else {
+        without_data(progress, s, c).enter(why)
+    })
+}
+
+/// Whether a landing that was not stopped goes on although data are old, for a moment: because to complete it is softer, or
+/// because the drone's own odometry is missing low over the deck. Without that nothing is commanded, so that to leave now or
+/// once it is back is the same, and then it is decided by where the drone is, not by where it was.
+fn completes_without_data(
+    phase: MissionPhase,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> bool {
+    let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
+    let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
+    let touches = c.lowest_plan_m().is_none();
+    let blind = s.odometry_age_s > s.odometry_limit_s && s.forecast_age_s <= s.forecast_limit_s;
+    let goes_on = |d: Deck| blind && d.ends.is_some() || ends_softer(&d, s);
+    lands && touches && known && s.deck.is_some_and(goes_on)
+}
+
+/// Hold until data are fresh, unless an operator has stopped the landing meanwhile.
+fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> MissionPhase {
+    if progress.stopped {
+        gave_up(s, c)
+    } else {
+        holding(HoldCause::Data, s, c)
+    }
+}
+
+/// A drone that hovers without an order so low that a wave or the deck may reach it has to do so for so long, s: longer than a
+/// pilot who hands it over there and orders at once.
+const RESTS_LOW_S: f64 = 3.0;
+
+/// Without an order a drone does not stay lower than any wave: it holds where waits are safe. One whose rotors do not carry it
+/// may stand on deck or ground.
+fn rest(
+    _: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let own = s.own?;
+    let height_m = s.water_z - own.position.z;
+    let flies = s.rotors_carry == Some(true) && s.false_touchdown().is_some();
+    let low = flies
+        && height_m < c.minimum_altitude_m
+        && !progress.landing
+        && s.odometry_age_s <= s.odometry_limit_s;
+    let (since, lasted) = lasting(low, progress.low_since, s.now);
+    progress.low_since = since;
+    let why = Reason::new(ReasonCode::TooLow, height_m, c.minimum_altitude_m);
+    (lasted > RESTS_LOW_S).then(|| holding(HoldCause::Operator, s, c).enter(why))
+}
+
+/// A beacon alone has led the drone too far from where that began: one that moves on would lead it anywhere.
+fn way(
+    _: MissionPhase,
+    progress: &mut MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let deck = s.fresh_deck()?;
+    let known = deck.radio_age_s <= c.radio_fresh_s || deck.vision_age_s <= c.vision_fresh_s;
+    if known || s.moved.is_some() || deck.beacon.is_none() {
+        progress.led_from = None;
+        return None;
+    }
+    let here = s.own?.position;
+    let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
+    let way_m = (here.x - x).hypot(here.y - y);
+    let why = exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)?;
+    // Nor does a low battery lead it on.
+    progress.deck_declined = true;
+    Some(gave_up(s, c).enter(why))
+}
+
+/// On the way to another place than the deck.
+pub(super) fn is_elsewhere(progress: &MissionProgress) -> bool {
+    matches!(
+        progress.low_battery,
+        Some(BatteryPlace::Home | BatteryPlace::Here)
+    )
+}
