@@ -57,6 +57,8 @@ pub struct World {
     /// Drones report to the vessel, and it grants its deck and passes commands on: the load that a drone which flies alone
     /// and needs no reservation does without.
     shares_deck: bool,
+    /// Owner of the deck by the vessel's newest grant; 0: free.
+    deck_owner: u32,
     // The drones' radios and computers.
     drones: Vec<SimulatedDroneComputer>,
     /// So much faster than true time the steady clocks run, the vessel's and the first drone's, s/s.
@@ -93,6 +95,7 @@ impl World {
             shares_deck: scenario.drones > 1
                 || nodes.drone.mission.reservation_required
                 || nodes.drone.mission.takeoff,
+            deck_owner: 0,
             drones: (0..scenario.drones as usize)
                 .map(|k| SimulatedDroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
@@ -333,6 +336,7 @@ impl World {
         self.broadcast(t, PacketKind::Rtcm, &output.rtcm);
         self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);
         if self.shares_deck {
+            self.deck_owner = output.grant.iter().last().map_or(self.deck_owner, |g| g.owner);
             self.broadcast(t, PacketKind::Deck, &output.grant);
             self.broadcast(t, PacketKind::Command, &output.commands);
         }
@@ -392,6 +396,10 @@ impl World {
     /// The boat's own autopilot.
     pub fn boat(&mut self) -> &mut BoatAutopilot {
         &mut self.boat
+    }
+    /// Whether the vessel keeps its deck for the drone `k` or for nobody.
+    pub fn deck_is_free(&self, k: usize) -> bool {
+        [0, DRONE_ID + k as u32].contains(&self.deck_owner)
     }
     /// State of the handshake about the helm.
     pub fn helm(&self) -> HelmStatus {

@@ -367,6 +367,11 @@ impl SimulatedAutopilot {
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
+    /// In another mode than the one that takes set-points, which was chosen: a failsafe's.
+    pub fn holds_by_itself(&self) -> bool {
+        let chosen = self.firmware().mode(self.chosen());
+        chosen == AutopilotMode::Offboard && !self.in_offboard()
+    }
     /// In the mode that takes set-points.
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard

@@ -8,7 +8,10 @@ use serde::Serialize;
 use super::kinds::Takes;
 use super::people::People;
 use super::schedule::{Schedule, Scheduled};
-use super::watch::{StormEnding, StormScene, StormWatch, Violation, end, goes_on, is_stuck, is_unreported};
+use super::watch::{
+    SPENT_OF_RESERVE, StormEnding, StormScene, StormWatch, Violation, end, goes_on, is_stuck, is_unreported,
+    no_last_resort,
+};
 use super::{FaultKind, FlightKind, Mutant, Storm};
 use crate::harness::failing::Failing;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
@@ -27,11 +30,20 @@ const GIVEN_UP_S: f64 = 20.0;
 /// A descent that began more recently is let come to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
+/// A drone that waits in our mode is given so much charge above what its operator has for a decision.
+const RUNS_LOW: f64 = 0.01;
+/// It is on the deck within this time then, s.
+const COMES_DOWN_S: f64 = 330.0;
+
 /// A flown storm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
     /// Ending of the flight.
     pub ending: StormEnding,
+    /// What it waited for at the end.
+    pub waits_for: Option<String>,
+    /// The end of a wait in our mode, by the battery alone.
+    pub came_down: Option<StormEnding>,
     /// The first rule that was broken.
     pub violation: Option<Violation>,
     /// The faults that began: kind, the mission's state at that time, and when, s after the order.
@@ -80,6 +92,8 @@ struct Run {
     last_s: f64,
     /// When it did not rest on the deck last, s.
     moved_s: f64,
+    /// When a wait in our mode was left to the battery, s.
+    runs_low_s: Option<f64>,
     flown: Flown,
 }
 
@@ -100,8 +114,11 @@ impl Run {
             watches: vec![StormWatch::default(); storm.drones.into()],
             last_s: 0.0,
             moved_s: 0.0,
+            runs_low_s: None,
             flown: Flown {
                 ending: StormEnding::Waits,
+                waits_for: None,
+                came_down: None,
                 violation: None,
                 began: Vec::new(),
                 states: Vec::new(),
@@ -125,15 +142,57 @@ impl Run {
         self.rig.advance(&mut NoTap);
         let over = match self.look() {
             Some(violation) => Some((StormEnding::Violated, Some(violation))),
+            None if self.runs_low_s.is_some() => self.come_down(),
             None => self.over(),
         };
+        if over == Some((StormEnding::Waits, None)) && self.run_low(show) {
+            return true;
+        }
         if let Some((ending, violation)) = over {
-            (self.flown.ending, self.flown.violation) = (ending, violation);
+            let waited = self.runs_low_s.is_some() && violation.is_none();
+            self.flown.came_down = waited.then_some(ending);
+            (self.flown.ending, self.flown.violation) = match waited {
+                true => (StormEnding::Waits, None),
+                false => (ending, violation),
+            };
         }
         if let Some(violation) = self.flown.violation {
             show(self.rig.t_s(), &violation.to_string());
         }
         over.is_none()
+    }
+
+    /// Leaves a drone that waits in our mode to its battery; false where another has it.
+    fn run_low(&mut self, show: &mut dyn FnMut(f64, &str)) -> bool {
+        let reserve = self.rig.nodes.drone.mission.battery_reserve;
+        let waiting = self.rig.mission(0).waiting.to_string();
+        let t_s = self.rig.t_s();
+        show(t_s, &format!("waits: {waiting}"));
+        self.flown.waits_for = Some(waiting);
+        let Some(linked) = self.rig.world.linked(0).filter(|l| l.autopilot.in_offboard()) else {
+            return false;
+        };
+        let low = SPENT_OF_RESERVE * reserve + RUNS_LOW;
+        linked.autopilot.battery = linked.autopilot.battery.min(low);
+        self.runs_low_s = Some(t_s);
+        true
+    }
+    /// The end of a wait that was left to the battery: on the deck, or where the deck could not be had.
+    fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
+        let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
+        let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
+        if !stands {
+            self.moved_s = t_s;
+        }
+        if t_s - self.moved_s > REST_S {
+            return Some((StormEnding::Landed, None));
+        }
+        let late = self.runs_low_s.is_some_and(|at| t_s > at + COMES_DOWN_S);
+        (late || o.in_water || !o.motors_on && !stands).then(|| {
+            let ending = end(&self.rig);
+            let excused = self.flight.may_land_elsewhere() || !self.rig.world.deck_is_free(0);
+            (ending, (!excused).then(|| no_last_resort(&self.rig)))
+        })
     }
 
     /// Begins and ends the faults that are due.
@@ -154,7 +213,10 @@ impl Run {
     /// The first rule that the last tick broke.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
-        let scene = scene_of(self.flight, &self.faults.0, self.people.ordered_s(), rig.t_s());
+        let scene = StormScene {
+            runs_low: self.runs_low_s.is_some(),
+            ..scene_of(self.flight, &self.faults.0, self.people.ordered_s(), rig.t_s())
+        };
         let mut looks = self.watches.iter_mut().enumerate();
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
@@ -220,6 +282,7 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
         withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - NOTICED_S));
     StormScene {
         flight,
+        runs_low: false,
         faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
         uncommanded: takes(Takes::Command, super::watch::RESUME_S),

@@ -24,7 +24,9 @@ const STRUCK_S: f64 = 5.0;
 const ABORT_S: f64 = 1.0;
 
 /// Below this share of the battery's reserve a stopped landing goes on without an order.
-const SPENT_OF_RESERVE: f64 = 0.75;
+pub(super) const SPENT_OF_RESERVE: f64 = 0.75;
+/// With this share of the reserve left by a fault the drone has to land safely.
+const LANDS_WITH: f64 = 0.5;
 
 /// Armed on the deck for longer than this, the status reports it, s.
 const ARMED_S: f64 = 10.0;
@@ -81,6 +83,8 @@ pub enum StormRule {
     NotFinite,
     /// Long after the last fault it has neither landed nor states a reason to wait.
     Stuck,
+    /// It waited in our mode until its battery was spent, though the deck was free.
+    NoLastResort,
     /// It waits in the air, and names neither charge that suffices nor that it is low, or no next step.
     WaitsUnsaid,
 }
@@ -120,6 +124,7 @@ impl fmt::Display for Violation {
             }
             StormRule::NotFinite => write!(f, "a set-point was not finite"),
             StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
+            StormRule::NoLastResort => write!(f, "waited until {:.0} % beside a free deck", 100.0 * figure),
             StormRule::WaitsUnsaid => write!(
                 f,
                 "waits at {:.0} % of its battery, and reports neither that nor its next step",
@@ -143,6 +148,8 @@ pub struct StormScene {
     pub uncommanded: bool,
     /// Thrust is taken.
     pub without_power: bool,
+    /// The drone waits, and is left to its battery.
+    pub runs_low: bool,
     /// Charge that a fault has left in the battery, 0 to 1: nothing while it lasts; None: no fault met it.
     pub charge_left: Option<f64>,
     /// When the mission received an abort, s.
@@ -154,10 +161,10 @@ pub struct StormScene {
 }
 
 impl StormScene {
-    /// Whether the charge left is enough to land with: the mission's reserve.
+    /// Whether the charge left is enough to land with.
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
-        self.charge_left.is_none_or(|left| left >= reserve)
+        self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
     }
     /// Part that excuses another drone than the one that faults meet.
     const fn of_others(&self) -> StormScene {
@@ -259,7 +266,8 @@ impl StormWatch {
             rig.mission(k).low_battery,
             Some(BatteryPlace::Home | BatteryPlace::Here)
         );
-        let may = scene.flight.may_land_elsewhere() && scene.charge_left.is_some();
+        let without_deck = scene.runs_low && !rig.world.deck_is_free(k);
+        let may = scene.flight.may_land_elsewhere() && scene.charge_left.is_some() || without_deck;
         self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }
 
@@ -375,11 +383,24 @@ pub fn end(rig: &Rig) -> StormEnding {
         StormEnding::Waits
     }
 }
-/// Long after the last fault: broken where it has neither landed nor states a reason to wait.
+/// A drone that waited until its battery was spent.
+pub fn no_last_resort(rig: &Rig) -> Violation {
+    let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
+    Violation {
+        rule: StormRule::NoLastResort,
+        t_s: rig.t_s(),
+        figure: autopilot.map_or(0.0, |a| a.battery),
+        state: rig.state(0),
+    }
+}
+/// Long after the last fault: broken where it has neither landed nor states a reason to wait, or PX4 holds by itself.
 pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let states_reason = mission.waiting.code != ReasonCode::None;
-    let rests = matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
+    let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
+    let lapsed = autopilot.is_some_and(SimulatedAutopilot::holds_by_itself);
+    let rests =
+        states_reason && !lapsed && matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
     let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
     let fine = !o.motors_on || rests || (states_reason && !lands);
     (!fine).then(|| Violation {
@@ -395,6 +416,7 @@ const fn names_battery(why: ReasonCode) -> bool {
     matches!(
         why,
         ReasonCode::BatteryLow
+            | ReasonCode::BatteryWaits
             | ReasonCode::BatteryDeck
             | ReasonCode::BatteryHome
             | ReasonCode::BatteryHere
