@@ -2,7 +2,9 @@
 //!
 //! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset
 //! ours - theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. So the quickest of the
-//! last answers is used, its uncertainty growing by what the clocks may drift.
+//! last answers is used, its uncertainty growing by what the clocks may drift. An autopilot that states too early a time (ArduPilot
+//! subtracts what the bytes that wait behind a request would have taken on a serial line) is wrong by more: it makes samples
+//! arrive before they are taken, and several of them in a row outweigh it.
 
 use std::collections::VecDeque;
 
@@ -25,6 +27,21 @@ const RESTART_S: f64 = 0.5;
 const STEPPED_S: f64 = 0.02;
 /// A sample is never older than this when it arrives, s.
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
+/// A sample that is this much ahead of its arrival counts as taken then, s.
+const AHEAD_S: f64 = 0.01;
+/// So many samples in a row, over this time, that an answer dates ahead of their arrival are evidence against it, s: one stamp
+/// may be wrong, and another stream comes between those of one that is.
+const SEVERAL: u32 = 5;
+const SEVERAL_S: f64 = 0.05;
+
+/// Samples in a row that are dated ahead of their arrival.
+#[derive(Clone, Copy, Debug)]
+struct AheadRun {
+    since: DroneTime,
+    count: u32,
+    /// The largest offset that one of them allows.
+    high: Span,
+}
 
 /// State of knowledge of the autopilot's clock.
 #[derive(Clone, Debug, Default)]
@@ -40,6 +57,7 @@ pub(crate) struct RemoteClock {
     pub(crate) restarts: u32,
     /// The autopilot's clock went ahead of ours, which stood still with this computer: known since, and for how long, s.
     stood_still: Option<(DroneTime, f64)>,
+    ahead: Option<AheadRun>,
 }
 
 impl RemoteClock {
@@ -121,11 +139,37 @@ impl RemoteClock {
             let before = self.stood_still(now).map_or(0.0, |(_, s)| s);
             self.stood_still = Some((now, before.max(-age)));
         }
-        if !(-0.01 - error_s..=MAX_SAMPLE_AGE_S).contains(&age) {
+        let allowed = OffsetBounds::of_message(remote_ns, now).high;
+        self.ahead = (age < -error_s).then(|| match self.ahead {
+            Some(run) => AheadRun {
+                count: run.count.saturating_add(1),
+                high: run.high.max(allowed),
+                ..run
+            },
+            None => AheadRun {
+                since: now,
+                count: 1,
+                high: allowed,
+            },
+        });
+        if !(-AHEAD_S - error_s..=MAX_SAMPLE_AGE_S).contains(&age) {
             self.rejected = self.rejected.saturating_add(1);
+            self.discard_contradicted(now);
             return None;
         }
         Some(at.min(now))
+    }
+    /// Discards the answers by which each of several samples in a row arrived before it was taken. Where all do, the one
+    /// that does by the smallest time stays: it may be this computer that stood still.
+    fn discard_contradicted(&mut self, now: DroneTime) {
+        let lasts = |run: &AheadRun| run.count >= SEVERAL && (now - run.since).secs() >= SEVERAL_S;
+        let Some(run) = self.ahead.filter(lasts) else {
+            return;
+        };
+        let lowest = self.exchanges.iter().map(|e| e.drifted(now, DRIFT).low).min();
+        let limit = run.high.max(lowest.unwrap_or(run.high));
+        self.exchanges.retain(|e| e.drifted(now, DRIFT).low <= limit);
+        self.ahead = None;
     }
     /// This computer stood still with its clock, as samples show that are dated ahead of it: since when that is known, and for
     /// how long it did, s. For a while: they are dated again with the next answer.
@@ -185,6 +229,54 @@ mod tests {
         );
         assert!(c.local_time(now, i64::MIN).is_none() && c.local_time(now, i64::MAX).is_none());
         assert_eq!(c.rejected, 5);
+    }
+
+    /// Answers that take 20 ms, and one of 1 ms in which the autopilot states a time too early by `early_s`: how many of the next
+    /// second's samples at 100 Hz, which take 1 ms, are dated right, where those that are `ahead` are stamped 15 ms after their
+    /// arrival; and the uncertainty.
+    fn dated(early_s: f64, ahead: impl Fn(i64) -> bool) -> (usize, f64) {
+        let mut c = RemoteClock::default();
+        for k in 0..10 {
+            ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.010, 0.010);
+        }
+        let t0 = DroneTime::from_secs(202.0);
+        let stated = t0 + Span::from_secs(0.0005 - early_s);
+        c.answered(
+            t0 + Span::from_millis(1),
+            t0.nanos(),
+            stated.nanos() - APART_NS,
+            0.1,
+        );
+        let mut dated = 0;
+        for k in 1..=100_i64 {
+            let now = t0 + Span::from_millis(10 * k);
+            let wrong = if ahead(k) { 16_000_000 } else { 0 };
+            let at = c.local_time(now, now.nanos() - 1_000_000 + wrong - APART_NS);
+            dated += usize::from(at.is_some_and(|at| (now - at).secs() < 0.012));
+        }
+        (dated, c.uncertainty_s(t0 + Span::from_secs(1.0)))
+    }
+
+    #[test]
+    fn samples_in_a_row_against_one_answer() {
+        let (dated, error_s) = dated(0.012, |_| false);
+        assert!(
+            dated >= 90 && (0.009..0.012).contains(&error_s),
+            "{dated}, {error_s}"
+        );
+    }
+
+    #[test]
+    fn single_samples_against_right_answers() {
+        // One alone, one in five as of a stream with another clock, and a burst that lasts no longer than four samples.
+        for ahead in [
+            |k: i64| k == 50,
+            |k: i64| k % 5 == 0,
+            |k: i64| (50..54).contains(&k),
+        ] {
+            let (dated, error_s) = dated(0.0, ahead);
+            assert!(dated >= 79 && error_s < 0.001, "{dated}, {error_s}");
+        }
     }
 
     /// This computer was suspended with its clock, for less and for more than a restart takes: that is no restart, and samples are
