@@ -21,6 +21,10 @@ const MEDIAN: usize = 5;
 /// Heights of the feet above the deck by rangefinder and forecast that differ by more than this contradict each other, m.
 const APART_M: f64 = 0.5;
 
+/// No deck is nearer to the rangefinder than the feet by more than this, m: such a reading, as the 0 of a device that measures
+/// nothing, is invalid.
+pub(crate) const BELOW_FEET_M: f64 = 0.10;
+
 /// Whether two heights of the feet contradict each other; what is not known contradicts nothing.
 pub(crate) fn disagree(range_height: f64, forecast_height: Option<f64>) -> bool {
     forecast_height.is_some_and(|h| !((range_height - h).abs() <= APART_M))

@@ -20,7 +20,7 @@ use super::thrust::HoverThrust;
 use super::{DroneTime, Output, OutputHeaders};
 use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
-use crate::range_witness::{RangeWitness, disagree};
+use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
@@ -28,8 +28,6 @@ const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Position and attitude on their own are not used within this time after an `ODOMETRY`.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
-/// No deck is nearer to the rangefinder than the feet by more than this, m.
-const BELOW_FEET_M: f64 = 0.10;
 /// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
 /// After a jump of its position by more than this its origin is asked for again, m.

@@ -224,8 +224,8 @@ impl Pilot {
     /// Low enough to stand on the ground: by the rangefinder, or where none reads, as low as where it was disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
-        match self.range.fresh(now, topics::RANGE.stale_after) {
-            Some(r) => r.range_m < feet_m + LOW_BY_RANGE_M,
+        match self.detector.median(now) {
+            Some(range_m) => range_m < feet_m + LOW_BY_RANGE_M,
             None => self.disarmed_z.is_some_and(|z| body.position.z > z - LOW_M),
         }
     }

@@ -179,7 +179,13 @@ fn idle_thrust_on_the_ground() {
     let drone = DroneGeometry::default();
     let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
     // A report alone cuts no thrust: the rangefinder sees the ground, too.
-    for (range_m, stands) in [(Some(feet_m), true), (Some(12.0), false), (None, false)] {
+    // 0 is what a device gives that measures nothing.
+    for (range_m, stands) in [
+        (Some(feet_m), true),
+        (Some(12.0), false),
+        (Some(0.0), false),
+        (None, false),
+    ] {
         let s = after(State::Idle, 0.0, 1.0, |i| {
             let autopilot = i.autopilot.as_mut().unwrap();
             autopilot.landed = LandedState::OnGround;

@@ -24,7 +24,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use crate::contingency::HARD_MPS;
-use crate::range_witness::{RangeWitness, disagree};
+use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
 type DroneTime = Time<DroneClock>;
 
@@ -116,8 +116,6 @@ const SPEED_VETO_MPS: f64 = 0.8;
 const STAYS_MPS: f64 = 0.25;
 /// Time constant of that speed, s: half of [`RESTING_S`].
 const STAYS_TIME_S: f64 = 0.15;
-/// No deck is nearer to the rangefinder than the feet by more than this, m.
-const BELOW_FEET_M: f64 = 0.10;
 /// Smallest sustained excess that makes contact suspected, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
 /// So many times that where rangefinder and forecast contradict each other: no gust and no cushion of air.
