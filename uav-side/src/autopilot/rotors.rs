@@ -2,7 +2,8 @@
 //!
 //! ArduCopter's stand still for ARMING_DELAY_SEC after arming and then spin up for MOT_SPOOL_TIME, whatever is asked of them
 //! meanwhile; PX4's follow at once. Outputs are compared with themselves: as they were while the autopilot was disarmed, and a
-//! moment ago, so that neither their protocol nor their order matters.
+//! moment ago, so that neither their protocol nor their order matters. The heartbeat that reports armed comes up to a second
+//! late, and rotors turn by then: those at rest are of some heartbeats before.
 
 use alight_shared::time::Span;
 
@@ -20,14 +21,45 @@ const GROWS: f64 = 1.5;
 const SETTLES: Span = Span::from_millis(200);
 /// A report counts for so long.
 const STALE: Span = Span::from_millis(500);
+/// Outputs at rest are those of so long before a disarmed report: two heartbeats.
+const REPORTED_WITHIN: Span = Span::from_millis(2000);
 /// Outputs that have not risen so long after arming are not those of the motors.
 const OTHERS: Span = Span::from_millis(5000);
+
+/// Outputs of a disarmed autopilot.
+#[derive(Clone, Copy, Debug)]
+struct AtRest {
+    pulses: [u16; OUTPUTS],
+    /// Those of a later time, which may be of an autopilot that has just armed.
+    later: [u16; OUTPUTS],
+    later_at: DroneTime,
+}
+
+impl AtRest {
+    fn begun(now: DroneTime, pulses: &[u16; OUTPUTS]) -> AtRest {
+        let (pulses, later) = (*pulses, *pulses);
+        AtRest {
+            pulses,
+            later,
+            later_at: now,
+        }
+    }
+    /// Takes those that are reported now.
+    fn update(&mut self, now: DroneTime, pulses: &[u16; OUTPUTS]) {
+        if now - self.later_at >= REPORTED_WITHIN {
+            *self = AtRest {
+                pulses: self.later,
+                ..AtRest::begun(now, pulses)
+            };
+        }
+    }
+}
 
 /// The outputs since the autopilot was armed.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RotorOutputs {
     /// As they were before.
-    at_rest: [Option<[u16; OUTPUTS]>; PORTS],
+    at_rest: [Option<AtRest>; PORTS],
     armed_at: Option<DroneTime>,
     newest: Option<DroneTime>,
     /// Former rise of the outputs, and its time.
@@ -42,7 +74,8 @@ impl RotorOutputs {
             return;
         };
         if !armed {
-            *at_rest = Some(*pulses);
+            let begun = || AtRest::begun(now, pulses);
+            at_rest.get_or_insert_with(begun).update(now, pulses);
             (self.armed_at, self.before, self.follow) = (None, None, false);
             return;
         }
@@ -50,7 +83,7 @@ impl RotorOutputs {
         let Some(at_rest) = at_rest else { return };
         (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
         let mut rises = [0.0; OUTPUTS];
-        for ((rise, rest), pulse) in rises.iter_mut().zip(at_rest).zip(pulses) {
+        for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {
                 // No pulses until it was armed.
                 *rest = *pulse;
@@ -78,8 +111,9 @@ mod tests {
     use super::*;
     use alight_shared::time::Time;
 
-    /// When outputs of `pulse_us` at each time after arming (s), 20 a second, show that the rotors follow.
-    fn follow_s(at_rest: u16, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
+    /// When outputs of `pulse_us` at each time after arming (s), 20 a second, show that the rotors follow; the heartbeat reports
+    /// armed at `reported_s`.
+    fn follow_s(at_rest: u16, reported_s: f64, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
         let mut rotors = RotorOutputs::default();
         let mut outputs = |t: f64, armed, pulse: f64| {
             let mut all = [0; OUTPUTS];
@@ -91,10 +125,12 @@ mod tests {
             rotors.outputs(Time::from_secs(t), armed, 0, &all);
             rotors.wait(Time::from_secs(t))
         };
-        assert!(!outputs(9.9, false, f64::from(at_rest)));
+        for k in 0..100 {
+            assert!(!outputs(5.0 + 0.05 * f64::from(k), false, f64::from(at_rest)));
+        }
         (0..200)
             .map(|k| 0.05 * f64::from(k))
-            .find(|t| !outputs(10.0 + t, true, pulse_us(*t)))
+            .find(|t| !outputs(10.0 + t, *t >= reported_s, pulse_us(*t)) && *t >= reported_s)
     }
 
     #[test]
@@ -106,15 +142,18 @@ mod tests {
             _ => 1110.0,
         };
         for at_rest in [1000, 0] {
-            let s = follow_s(at_rest, arducopter).unwrap();
+            let s = follow_s(at_rest, 0.0, arducopter).unwrap();
             assert!((2.6..3.0).contains(&s), "{s}");
         }
         // PX4's, and those of a digital protocol.
         for (at_rest, turns) in [(900, 1200.0), (54, 400.0)] {
-            assert!(follow_s(at_rest, |_| turns).unwrap() < 0.3);
+            for reported_s in [0.0, 0.6, 1.2] {
+                let s = follow_s(at_rest, reported_s, |_| turns).unwrap();
+                assert!(s < reported_s + 0.3, "{s} s, reported after {reported_s} s");
+            }
         }
         // None of the motors': they show nothing, and hide nothing for ever.
-        let s = follow_s(1000, |_| 1000.0).unwrap();
+        let s = follow_s(1000, 0.0, |_| 1000.0).unwrap();
         assert!((5.0..5.2).contains(&s), "{s}");
     }
 }
