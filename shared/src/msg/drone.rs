@@ -177,8 +177,8 @@ pub struct AutopilotState {
     pub armed: bool,
     /// Mode of the autopilot.
     pub mode: AutopilotMode,
-    /// It holds by itself because our set-points ceased, and follows them again as soon as they come; in any other hold
-    /// it is a pilot's.
+    /// It holds by itself because our set-points ceased, and follows them again as soon as they come; or it held when the link
+    /// began, and nothing has shown yet that a pilot chose that. In any other hold it is a pilot's.
     pub lapsed: bool,
     /// State by the autopilot's land detector.
     pub landed: LandedState,

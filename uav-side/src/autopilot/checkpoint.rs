@@ -53,7 +53,6 @@ impl AutopilotLink {
         let Some(m) = before.filter(|m| m.commanding) else {
             return;
         };
-        self.stream.lapse.succeed(now, m.header.at);
         self.inputs.mode = self.inputs.mode.or(m.mode);
         match validate(now, drone_id, &m) {
             Ok(()) => self.resume(now, &m),

@@ -4,11 +4,11 @@
 //! next one; any other is the will of a person, who has taken the drone over. Set-points cease where the pilot or this link
 //! pauses, where the whole computer stands still (then the link itself does not step), and where the autopilot does, or the
 //! wire, which its silence shows. A computer that was suspended with its clock knows of no gap: the autopilot's clock, which went
-//! on, shows it. A hold that may have begun in such a gap is PX4's own; for a person's it then counts as
+//! on, shows it. Before this link's first set-point all is a gap: what an armed drone holds for then is not known, and a link
+//! before this one may have died. A hold that may have begun in a gap is PX4's own; for a person's it then counts as
 //! soon as set-points do not end it. ArduCopter never holds by itself: its Brake is chosen.
 
 use alight_shared::msg::AutopilotMode;
-use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::clock::RemoteClock;
@@ -20,8 +20,6 @@ const GAP_S: f64 = 0.1;
 /// PX4 leaves OFFBOARD and reports so no later than this after COM_OF_LOSS_T, s: its commander's period, its failsafe, and
 /// half of a heartbeat's period.
 const REPORTED_WITHIN_S: f64 = 0.5;
-/// A predecessor's hold may be its lapse for so long: as long as a mission's checkpoint counts.
-const PREDECESSOR: Span = Span::from_millis(5000);
 /// PX4 that holds by itself comes back with the first set-points; one that has been sent them for so long, s, does not
 /// because a person chose the hold.
 const RETURNS_WITHIN_S: f64 = 3.0;
@@ -31,6 +29,8 @@ const RETURNS_WITHIN_S: f64 = 3.0;
 struct Observed {
     /// The autopilot's mode.
     mode: AutopilotMode,
+    /// Motors may turn.
+    armed: bool,
     /// Something of the autopilot arrived in this step.
     received: bool,
     /// When the last set-point went out.
@@ -56,7 +56,8 @@ fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bo
 impl Gaps {
     /// The stream has gone on at `at`, known now.
     fn goes_on(&mut self, now: DroneTime, at: DroneTime) {
-        if let Some(gap_s) = self.last.map(|last| (at - last).secs()).filter(|s| *s > GAP_S) {
+        let gap_s = self.last.map_or(f64::INFINITY, |last| (at - last).secs());
+        if gap_s > GAP_S {
             self.newest = Some((now, gap_s));
         }
         self.last = Some(at);
@@ -69,10 +70,9 @@ impl Gaps {
 /// The hold's origin, decided where the mode changes and kept until it changes again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LapseMonitor {
-    mode: AutopilotMode,
+    /// None: not reported yet.
+    mode: Option<AutopilotMode>,
     lapsed: bool,
-    /// Began after a link that had commanded a moment before, and has sent nothing yet.
-    succeeded_at: Option<DroneTime>,
     /// Set-points have been sent into the hold since.
     streams: Option<DroneTime>,
     /// The step before this one.
@@ -86,13 +86,6 @@ impl LapseMonitor {
     pub(super) fn is_lapsed(&self) -> bool {
         self.lapsed
     }
-    /// A link before this one commanded in OFFBOARD until `written`: what it did not see of the mode since began then.
-    pub(super) fn succeed(&mut self, now: DroneTime, written: DroneTime) {
-        if now - written <= PREDECESSOR {
-            self.mode = AutopilotMode::Offboard;
-            self.succeeded_at = Some(now);
-        }
-    }
     /// Judges a hold where it begins.
     fn step(&mut self, now: DroneTime, o: &Observed) {
         let before = self.stepped.replace(now).unwrap_or(now);
@@ -102,21 +95,21 @@ impl LapseMonitor {
         if o.received {
             self.received.goes_on(now, now);
         }
-        if o.mode != self.mode {
-            let left = self.mode == AutopilotMode::Offboard && o.mode == AutopilotMode::Hold;
+        if self.mode != Some(o.mode) {
+            let left = self.mode.is_none_or(|mode| mode == AutopilotMode::Offboard);
+            let holds = o.armed && o.mode == AutopilotMode::Hold;
             let follows = |loss_s| {
                 let suspended = o.stood_still.is_some_and(|gap| explains(gap, now, loss_s));
                 suspended || self.follows_a_gap(now, before, o.sent_at, loss_s)
             };
-            self.lapsed = left && o.loss_s.is_some_and(follows);
-            self.mode = o.mode;
+            self.lapsed = left && holds && o.loss_s.is_some_and(follows);
+            self.mode = Some(o.mode);
         }
         let sent_at = o.sent_at;
         let sends = self.lapsed && sent_at.is_some_and(|at| (now - at).secs() <= GAP_S);
         self.streams = self.streams.filter(|_| sends).or(sends.then_some(now));
-        self.lapsed &= self
-            .streams
-            .is_none_or(|since| (now - since).secs() <= RETURNS_WITHIN_S);
+        let returns = |since: DroneTime| (now - since).secs() <= RETURNS_WITHIN_S;
+        self.lapsed &= o.armed && self.streams.is_none_or(returns);
     }
     /// Whether a hold that began between the step `before` and `now` may be PX4's own.
     fn follows_a_gap(
@@ -126,11 +119,8 @@ impl LapseMonitor {
         sent_at: Option<DroneTime>,
         loss_s: f64,
     ) -> bool {
-        let ours = match (sent_at, self.succeeded_at) {
-            (Some(at), _) => (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S,
-            (None, Some(at)) => (now - at).secs() <= loss_s + REPORTED_WITHIN_S,
-            (None, None) => false,
-        };
+        let ours = sent_at
+            .is_none_or(|at| (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S);
         ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
     /// Judges a hold that has just begun; `received`: something of the autopilot arrived in this step.
@@ -145,6 +135,7 @@ impl LapseMonitor {
         let loss_s = (peer.firmware == Firmware::Px4).then(|| peer.parameters.loss_s());
         let observed = Observed {
             mode: peer.mode,
+            armed: peer.armed,
             received,
             sent_at,
             loss_s,
@@ -167,6 +158,7 @@ mod tests {
     fn observed(mode: AutopilotMode, sent_s: f64, loss_s: Option<f64>) -> Observed {
         Observed {
             mode,
+            armed: true,
             received: true,
             sent_at: Some(at(sent_s)),
             loss_s,
@@ -270,6 +262,42 @@ mod tests {
             };
             m.step(at(0.0), &back);
             assert_eq!(m.is_lapsed(), expected, "{gap_s}");
+        }
+    }
+
+    /// A link without its predecessor's checkpoint, which has sent nothing, or its first set-point so long before (s).
+    #[test]
+    fn hold_found_at_the_start() {
+        use AutopilotMode::{Hold, Offboard, Other};
+        let first = |before: &[AutopilotMode], armed, sent_s: Option<f64>, loss_s| {
+            let mut m = LapseMonitor::default();
+            for (k, mode) in before.iter().chain([&Hold]).enumerate() {
+                let t = 20.0 * k as f64;
+                let sent_at = sent_s.filter(|_| *mode == Hold).map(|s| at(t - s));
+                let o = Observed {
+                    armed,
+                    sent_at,
+                    ..observed(*mode, 0.0, loss_s)
+                };
+                m.step(at(t), &o);
+            }
+            m.is_lapsed()
+        };
+        let px4 = Some(0.25);
+        for (before, armed, sent_s, loss_s, expected) in [
+            (&[][..], true, None, px4, true),
+            (&[Offboard], true, None, px4, true),
+            (&[Offboard], true, Some(0.01), px4, true),
+            // A pilot flew it; it stands disarmed; ArduCopter.
+            (&[Other], true, None, px4, false),
+            (&[], false, None, px4, false),
+            (&[], true, None, None, false),
+        ] {
+            let found = first(before, armed, sent_s, loss_s);
+            assert_eq!(
+                found, expected,
+                "{before:?}, armed {armed}, {sent_s:?}, {loss_s:?}"
+            );
         }
     }
 

@@ -239,13 +239,13 @@ fn hold_by_a_person_in_a_lapse() {
 
 #[test]
 fn lapse_of_a_restarted_link() {
-    for (away_s, lapsed) in [(0.7, true), (8.0, false)] {
+    for away_s in [0.7, 8.0] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.pilot = None;
         p.restart_link(away_s);
         p.run(1.0);
         assert_eq!(p.state().mode, AutopilotMode::Hold);
-        assert_eq!(p.state().lapsed, lapsed, "{away_s} s");
+        assert!(p.state().lapsed, "{away_s} s");
     }
 }
 
