@@ -61,7 +61,7 @@ def main():
     link = mavutil.mavlink_connection(options.url, source_system=255)
     began, heartbeats, values, shown, system = time.monotonic(), 0, {}, 0.0, None
     channel, steps = options.switch or (0, [])
-    pulse_us, sent, listed = None, 0.0, not options.set
+    pulse_us, sent, listed, begun = None, 0.0, not options.set, ""
     while (elapsed := time.monotonic() - began) < options.seconds:
         while steps and steps[0][0] <= elapsed and system is not None:
             pulse_us = steps.pop(0)[1]
@@ -96,7 +96,11 @@ def main():
                 )
         elif kind == "STATUSTEXT":
             severity = name_of("MAV_SEVERITY", message.severity)
-            print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {message.text}", flush=True)
+            begun += message.text
+            # A long text comes in parts, of which the last is not full.
+            if not message.id or len(message.text) < 50:
+                print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {begun}", flush=True)
+                begun = ""
         elif kind == "COMMAND_ACK":
             print(f"{elapsed:6.1f}  COMMAND_ACK {message.command}: {name_of('MAV_RESULT', message.result)}", flush=True)
         elif kind == "PARAM_VALUE":

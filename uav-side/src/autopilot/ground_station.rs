@@ -16,18 +16,10 @@ use super::station::StationOrders;
 use super::station_parameters::StationParameters;
 use super::{AutopilotOut, DroneTime};
 
-/// Characters of a STATUSTEXT.
-pub const MAX_TEXT: usize = 50;
 /// Period of the named values.
 const VALUES: Span = Span::from_millis(500);
 /// A mission that waits for one thing for this long reports it.
 const WAITS: Span = Span::from_millis(3000);
-/// A clause of a text that is cut ends no sooner than this, characters.
-const MIN_CLAUSE: usize = 30;
-/// Terms at which a text does not end.
-const DANGLING: [&str; 16] = [
-    "a", "an", "and", "at", "by", "for", "from", "in", "is", "of", "on", "or", "than", "the", "to", "with",
-];
 /// An abort or a hold where a climb would meet the deck harder than the landing does.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
 /// Name of the distance between the drone's and the deck's centre, m.
@@ -195,43 +187,15 @@ fn severity_of(m: &MissionState) -> u8 {
     }
 }
 
+/// A text in ASCII characters; one of more than a STATUSTEXT's goes out in several.
 fn status_text(severity: u8, text: &str) -> MavlinkMessage {
-    let text = fit(text);
-    MavlinkMessage::Text { severity, text }
-}
-
-/// `text` in the ASCII characters of one STATUSTEXT: without its remarks in brackets where it is too long, then without its
-/// last clauses, then without its last terms.
-pub(super) fn fit(text: &str) -> String {
     let ascii = |c: char| match c {
         '²' => '2',
         c if c.is_ascii() => c,
         _ => '?',
     };
-    let mut text: String = text.chars().map(ascii).collect();
-    while text.len() > MAX_TEXT
-        && let Some((begin, end)) = last_remark(&text)
-    {
-        text.replace_range(begin..end, "");
-    }
-    if text.len() <= MAX_TEXT {
-        return text;
-    }
-    let short = text.get(..=MAX_TEXT).unwrap_or(&text);
-    let clause = short.rfind([':', ';', ',']).filter(|k| *k >= MIN_CLAUSE);
-    let end = clause.or_else(|| short.rfind(' ')).unwrap_or(MAX_TEXT);
-    let mut terms: Vec<&str> = short.get(..end).unwrap_or(short).split(' ').collect();
-    while terms.len() > 1 && terms.last().is_some_and(|w| DANGLING.contains(w)) {
-        terms.pop();
-    }
-    terms.join(" ").trim_end_matches([':', ';', ',']).to_owned()
-}
-
-/// Position of the last remark in brackets, the space before it included.
-fn last_remark(text: &str) -> Option<(usize, usize)> {
-    let begin = text.rfind(" (")?;
-    let length = text.get(begin..)?.find(')')?;
-    Some((begin, begin + length + 1))
+    let text = text.chars().map(ascii).collect();
+    MavlinkMessage::Text { severity, text }
 }
 
 #[cfg(test)]
@@ -239,42 +203,6 @@ mod tests {
     use super::*;
     use alight_shared::msg::{Header, Reason};
     use alight_shared::time::Time;
-
-    #[test]
-    fn texts_of_whole_terms_in_fifty_characters() {
-        for (text, expected) in [
-            ("Landed: touchdown", "Landed: touchdown"),
-            (
-                "Hold: deck forecast 0.61 s old (limit 0.60), by radio",
-                "Hold: deck forecast 0.61 s old, by radio",
-            ),
-            (
-                "Idle: not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)",
-                "Idle: not flying, not armed, or not in OFFBOARD",
-            ),
-            (
-                "Gave up: battery at 21 % (needs 30 %) and no place to land: landing aborted",
-                "Gave up: battery at 21 % and no place to land",
-            ),
-            (
-                "still armed after 10 commands to disarm on the deck: disarm by remote control",
-                "still armed after 10 commands to disarm",
-            ),
-            (
-                "still ARMED after a stopped take-off: disarm by remote control",
-                "still ARMED after a stopped take-off",
-            ),
-            (
-                "Waits: wind pushes with up to 2.1 m/s² (limit 1.5)",
-                "Waits: wind pushes with up to 2.1 m/s2 (limit 1.5)",
-            ),
-        ] {
-            assert_eq!(fit(text), expected);
-        }
-        // One long term, and no character that takes several bytes is cut in two.
-        assert_eq!(fit(&"ü".repeat(80)).len(), MAX_TEXT);
-        assert_eq!(fit(""), "");
-    }
 
     fn state(state: State, since_s: f64, code: ReasonCode) -> MissionState {
         MissionState {
@@ -326,7 +254,6 @@ mod tests {
         };
         assert_eq!(first, Some(expected));
         assert!((2..100).all(|k| reports.report(Time::from_secs(0.1 * f64::from(k)), &m).is_none()));
-        assert!(STOPPED_LOW.len() <= MAX_TEXT);
     }
 
     #[test]

@@ -148,7 +148,7 @@ fn message() -> impl Strategy<Value = MavlinkMessage> {
             command,
             first: first.map(f64::from),
         }),
-        (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| MavlinkMessage::Text { severity, text }),
+        (0..8_u8, "\\PC{0,12}").prop_map(|(severity, text)| MavlinkMessage::Text { severity, text }),
         any::<u16>().prop_map(|flags| MavlinkMessage::EstimatorStatus { flags }),
         any::<u16>().prop_map(|flags| MavlinkMessage::EkfStatus { flags }),
         any::<(u32, u32)>().prop_map(|(present, healthy)| MavlinkMessage::SystemStatus { present, healthy }),

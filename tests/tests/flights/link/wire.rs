@@ -2,7 +2,7 @@
 
 use super::ground::{STATION, VEHICLE, order};
 use super::station_parameters::set;
-use alight_uav::autopilot::ground_station::{AGE, DISTANCE, MAX_TEXT, WIND};
+use alight_uav::autopilot::ground_station::{AGE, DISTANCE, WIND};
 use alight_uav::autopilot::message::{
     Address, CommandResult, LandingTarget, MavlinkMessage, ParameterValue, RC_RECEIVER, RcChannels,
     TargetFrame, command, severity,
@@ -76,7 +76,7 @@ fn messages() -> Vec<MavlinkMessage> {
         },
         MavlinkMessage::Text {
             severity: severity::WARNING,
-            text: "x".repeat(MAX_TEXT),
+            text: "x".repeat(50),
         },
     ]);
     sent

@@ -1,6 +1,5 @@
 //! Tests of orders by a ground station.
 
-use super::super::ground_station::fit;
 use super::*;
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Time;
@@ -370,8 +369,10 @@ fn landing_ordered_of_a_drone_that_stands() {
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     let answer = answer.unwrap();
     assert_eq!(answer.result, CommandResult::TemporarilyRejected);
-    assert_eq!(
-        fit(&answer.text.unwrap()),
-        "no landing: the drone stands on the deck"
+    assert!(
+        answer
+            .text
+            .unwrap()
+            .starts_with("no landing: the drone stands on the deck")
     );
 }

@@ -230,6 +230,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
         MavlinkMessage::RelativePlace(_) => return None,
         // Made byte by byte.
         MavlinkMessage::Odometry(_)
+        | MavlinkMessage::Text { .. }
         | MavlinkMessage::CommandAck { .. }
         | MavlinkMessage::GnssHeights { .. }
         | MavlinkMessage::EstimatorStatus { .. }
@@ -297,10 +298,6 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
                 name: chars(name),
             })
         }
-        MavlinkMessage::Text { severity, text } => M::STATUSTEXT(m::STATUSTEXT_DATA {
-            severity: m::MavSeverity::from_u8(*severity)?,
-            text: chars(text),
-        }),
         MavlinkMessage::HilSensor(s) => {
             let mut d = m::HIL_SENSOR_DATA::DEFAULT;
             d.time_usec = s.time_us;

@@ -104,6 +104,24 @@ fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
         size_m: payload.float(TARGET_SIZE_AT),
     })
 }
+/// Characters of one `STATUSTEXT`.
+const TEXT: usize = 50;
+/// `STATUSTEXT`s of a text: severity, characters; then the extension: number of the text (0: it is in this one alone), number of
+/// the part. A part that is not full is the last.
+pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>> {
+    let number = if text.len() > TEXT { number } else { 0 };
+    let full = text.as_bytes().chunks_exact(TEXT);
+    let rest = Some(full.remainder()).filter(|rest| number != 0 || !rest.is_empty() || text.is_empty());
+    let parts = full.chain(rest);
+    let part = |(k, part): (u8, &[u8])| {
+        let row = Row::default()
+            .bytes(&[severity])
+            .bytes(part)
+            .bytes(&[0; TEXT][part.len()..]);
+        row.bytes(&number.to_le_bytes()).bytes(&[k]).0
+    };
+    (0..=u8::MAX).zip(parts).map(part).collect()
+}
 /// `COMMAND_ACK`: command, result; then the extension: progress (255: not known), a second result, receiver.
 pub(super) fn command_ack(command: u16, result: CommandResult, to: Address) -> Vec<u8> {
     let number = match result {

@@ -12,6 +12,9 @@ use alight_shared::mavlink::{
 
 use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
+/// Number of the last severity (`MAV_SEVERITY_DEBUG`).
+const MAX_SEVERITY: u8 = 7;
+
 /// Frames from a stream of bytes, however it is cut.
 #[derive(Default)]
 pub struct Decoder {
@@ -73,16 +76,27 @@ impl Encoder {
     pub fn signed(signing: Option<Signing>) -> Encoder {
         Encoder { sequence: 0, signing }
     }
-    /// The next frame's bytes. None for a message that only others send and for a number that the dialect does not know.
+    /// The next frame's bytes; of a long text those of several. None for a message that only others send and for a number that
+    /// the dialect does not know.
     pub fn frame(&mut self, from: Address, message: &MavlinkMessage) -> Option<Vec<u8>> {
-        let outgoing = outgoing(message)?;
+        let MavlinkMessage::Text { severity, text } = message else {
+            return Some(self.next(from, outgoing(message)?));
+        };
+        let number = u16::from(self.sequence) + 1;
+        let texts = (*severity <= MAX_SEVERITY).then(|| extension::status_texts(*severity, text, number))?;
+        let frames = texts
+            .into_iter()
+            .map(|text| self.next(from, Outgoing::new(253, 83, text)));
+        Some(frames.flatten().collect())
+    }
+    fn next(&mut self, from: Address, outgoing: Outgoing) -> Vec<u8> {
         self.sequence = self.sequence.wrapping_add(1);
         let from = MavlinkSender {
             system: from.system,
             component: from.component,
             sequence: self.sequence,
         };
-        Some(mavlink::encode(from, outgoing, self.signing.as_ref()))
+        mavlink::encode(from, outgoing, self.signing.as_ref())
     }
 }
 
@@ -141,6 +155,7 @@ fn chars<const N: usize>(t: &str) -> CharArray<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// DISTANCE_SENSOR with its extension, 1.5 m, downwards, of this quality.
     fn distance(quality: u8) -> Vec<u8> {
@@ -182,6 +197,37 @@ mod tests {
             decoder.push(&order(number, at));
             assert_eq!(decoder.next_frame().is_some(), taken, "{number} at {at}");
         }
+    }
+
+    proptest! {
+        /// Whole, however long: in parts with one number, each but the last full.
+        #[test]
+        fn texts_in_parts(text in "[ -~]{0,220}") {
+            let mut decoder = Decoder::default();
+            let message = MavlinkMessage::Text { severity: 4, text: text.clone() };
+            decoder.push(&Encoder::default().frame(Address::new(1, 191), &message).unwrap());
+            let parts: Vec<String> = core::iter::from_fn(|| decoder.next_frame())
+                .map(|f| match f.message {
+                    MavlinkMessage::Text { severity: 4, text } => text,
+                    other => panic!("{other:?}"),
+                })
+                .collect();
+            prop_assert_eq!(parts.concat(), text.as_str());
+            let full = if text.len() > 50 { text.len() / 50 } else { 0 };
+            prop_assert_eq!(parts.len(), full + 1);
+        }
+    }
+
+    #[test]
+    fn numbers_of_parts() {
+        let numbers = |text: &str| -> Vec<[u8; 3]> {
+            let texts = extension::status_texts(4, text, 7);
+            texts.iter().map(|t| [t[51], t[52], t[53]]).collect()
+        };
+        assert_eq!(numbers("short"), [[0; 3]]);
+        assert_eq!(numbers(&"x".repeat(50)), [[0; 3]]);
+        // The empty one ends it.
+        assert_eq!(numbers(&"x".repeat(100)), [[7, 0, 0], [7, 0, 1], [7, 0, 2]]);
     }
 
     #[test]
