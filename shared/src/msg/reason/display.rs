@@ -168,10 +168,7 @@ impl fmt::Display for Reason {
                 "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated power module"
             ),
             ReasonCode::GivenBack => {
-                write!(
-                    f,
-                    "follows set-points again, feet {v:.2} m above the deck: climbs first"
-                )
+                write!(f, "follows set-points again, feet {v:.2} m above the deck")
             }
             ReasonCode::StoodStill => {
                 write!(
