@@ -178,23 +178,26 @@ impl Signatures {
             unchecked: self.unchecked + other.unchecked,
         }
     }
-    /// Fault of a link's signatures, and its remedy; None where all are as configured.
-    pub fn finding(&self) -> Option<(String, &'static str)> {
-        let (count, found, remedy) = if self.other_key > 0 {
+    /// Fault of a link's signatures, and its remedy; None where all are as configured. Those left out on a link on which the
+    /// autopilot's are `admitted` were of others, or from before it had the key.
+    pub fn finding(&self, admitted: bool) -> Option<(String, &'static str)> {
+        let left_out = |count| if admitted { 0 } else { count };
+        let [other_key, old, unsigned] = [self.other_key, self.old, self.unsigned].map(left_out);
+        let (count, found, remedy) = if other_key > 0 {
             (
-                self.other_key,
+                other_key,
                 "left out: another key than signing_key's signed them",
                 "give the autopilot and signing_key's file the same passphrase",
             )
-        } else if self.old > 0 {
+        } else if old > 0 {
             (
-                self.old,
+                old,
                 "left out: sent before, or stamped over a minute before our time",
                 "set this computer's clock, and let the autopilot have a GNSS fix",
             )
-        } else if self.unsigned > 0 {
+        } else if unsigned > 0 {
             (
-                self.unsigned,
+                unsigned,
                 "left out: not signed, and signing_key demands it",
                 "set up signing at the autopilot for this link (ArduPilot; PX4 had none in March 2026), or empty signing_key",
             )

@@ -366,7 +366,7 @@ impl SensorDecoder for MavlinkDecoder {
         self.signing = Some(key);
     }
     fn remarks(&self) -> Vec<Remark> {
-        let signatures = self.frames.signatures().finding();
+        let signatures = self.frames.signatures().finding(false);
         self.heights
             .remark()
             .into_iter()

@@ -38,14 +38,16 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
             .into_iter()
             .flat_map(|m| mission(s, m)),
     );
-    if let Some(a) = s.snapshot.autopilot.fresh(s.now_ns)
+    let autopilot = s.snapshot.autopilot.fresh(s.now_ns);
+    if let Some(a) = autopilot
         && a.rejection.code != ReasonCode::None
     {
         let found = format!("no landing: {}", a.rejection);
         all.push(FindingTopic("autopilot").stopping(found, advice(a.rejection.code)));
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
-        && let Some((signatures, remedy_of_signatures)) = mavlink_key::counts(&p.metrics).finding()
+        && let Some((signatures, remedy_of_signatures)) =
+            mavlink_key::counts(&p.metrics).finding(autopilot.is_some())
     {
         all.push(FindingTopic("signatures").warning(signatures, remedy_of_signatures));
     }

@@ -177,6 +177,8 @@ pub struct SigningCheck {
     pub key: Result<u32, String>,
     /// Frames received by their signatures.
     pub received: Signatures,
+    /// The autopilot's are admitted.
+    pub admitted: bool,
 }
 
 /// The place for shared memory.

@@ -25,6 +25,7 @@ use alight_computer::subject::Computer;
 use alight_computer::vessel::deck_inputs;
 use alight_shared::mavlink::Signatures;
 use alight_shared::process::ProcessKind;
+use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory};
 use alight_transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::camera::Lens;
@@ -249,7 +250,9 @@ impl CheckFacts {
             }
             (_, _) => None,
         };
-        self.signing = Some(signing(&d.autopilot.signing_key, received));
+        let state = snapshot.and_then(|s| s.autopilot.fresh(steady_ns()));
+        let admitted = state.is_some() || matches!(self.reported, Some(Some(_)));
+        self.signing = Some(signing(&d.autopilot.signing_key, received, admitted));
         self.autopilot = Some((name, reach));
     }
     fn radio(&mut self, radio: &RadioConfig) {
@@ -270,12 +273,13 @@ impl CheckFacts {
     }
 }
 
-fn signing(path: &str, received: Signatures) -> SigningCheck {
+fn signing(path: &str, received: Signatures, admitted: bool) -> SigningCheck {
     let key = mavlink_key::read("autopilot.signing_key", path).map_err(|e| e.to_string());
     SigningCheck {
         path: path.to_owned(),
         key: key.map(|_| fs::metadata(path).map_or(0, |m| m.permissions().mode())),
         received,
+        admitted,
     }
 }
 

@@ -328,7 +328,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
 /// Signing of its frames, and whether a ground station's `orders` count.
 fn signing(check: &SigningCheck, orders: bool) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("signing");
-    match (&check.key, check.received.finding()) {
+    match (&check.key, check.received.finding(check.admitted)) {
         (Err(why), _) => TOPIC.broken(why, "correct autopilot.signing_key or that file"),
         (Ok(_), Some((signatures, remedy_of_signatures))) => TOPIC.broken(signatures, remedy_of_signatures),
         (Ok(mode), None) if mode & OTHERS & !GROUP_READS != 0 => TOPIC.warning(

@@ -135,6 +135,7 @@ fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
             unsigned,
             ..Signatures::default()
         },
+        admitted: false,
     })
 }
 
@@ -514,20 +515,20 @@ fn autopilot_check_over_a_signed_link() {
     let key = mavlink_key::read("autopilot.signing_key", file.to_str().unwrap()).unwrap();
     let other = Some(Signing::new([7; 32]));
     let mut computer = DroneComputerConfig::default();
-    let text = |s: Signatures| s.finding().map(|(text, _)| text).unwrap_or_default();
+    let text = |s: Signatures, admitted| s.finding(admitted).map(|(text, _)| text).unwrap_or_default();
     // Signatures were not configured: they are not checked, and their presence is reported.
     let (found, signatures, _) = found_of_autopilot(&computer, key.clone());
     assert!(
-        found.is_some() && text(signatures).contains("neither checked"),
+        found.is_some() && text(signatures, true).contains("neither checked"),
         "{signatures:?}"
     );
     computer.autopilot.signing_key = file.display().to_string();
     let (found, signatures, _) = found_of_autopilot(&computer, key);
-    assert!(found.is_some_and(|f| f.origin.is_some()) && signatures.finding().is_none());
+    assert!(found.is_some_and(|f| f.origin.is_some()) && signatures.finding(true).is_none());
     for (other, why) in [(other, "another key"), (None, "not signed")] {
         let (found, signatures, commands) = found_of_autopilot(&computer, other);
         assert!(found.is_none() && commands.is_empty());
-        assert!(text(signatures).contains(why), "{signatures:?}");
+        assert!(text(signatures, false).contains(why), "{signatures:?}");
     }
     std::fs::remove_file(file).unwrap();
 }

@@ -219,6 +219,19 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
 ];
 
+/// Frames from before the autopilot had the key, or of others, break no link on which its own are admitted.
+#[test]
+fn frames_left_out_of_a_link_that_works() {
+    let mut facts = drone();
+    facts.signing = signed(Ok(0o600), 1).map(|s| SigningCheck { admitted: true, ..s });
+    let findings = judge(&facts);
+    let bad: Vec<_> = findings
+        .iter()
+        .filter(|f| f.level != FindingLevel::Fine)
+        .collect();
+    assert!(bad.is_empty(), "{bad:#?}");
+}
+
 #[test]
 fn check_of_each_fault() {
     let faults: [FaultTable; 4] = [
