@@ -196,6 +196,8 @@ pub struct AutopilotState {
     pub hover_thrust: f64,
     /// Why no landing is permitted with it as it is (no origin, a parameter); without a code: it suits.
     pub rejection: Reason,
+    /// A parameter that does not suit, but forbids no landing; without a code: all suit.
+    pub warning: Reason,
     /// While a pilot flies and nothing is commanded: what would have been.
     pub shadow: Option<ShadowComparison>,
     /// Whether it flies its own mission.

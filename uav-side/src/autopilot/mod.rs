@@ -373,6 +373,7 @@ impl AutopilotLink {
             thrust: self.applied_thrust(now),
             hover_thrust: if settled { hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
+            warning: p.parameters.warning(),
             shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
             own_mission: self.own_mission.monitor.now(),
             home: p.home,

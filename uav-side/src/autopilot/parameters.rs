@@ -152,6 +152,18 @@ impl Parameters {
             .or_else(|| reasons().next())
             .unwrap_or_default()
     }
+    /// The first that does not suit, or is not reported, of those that forbid no landing.
+    pub fn warning(&self) -> Reason {
+        let known = |i: &&Item| i.value.is_some() || i.requests >= REQUESTS;
+        let warning = |i: &&Item| i.parameter.severity == Severity::Warn;
+        let mut reasons = self
+            .items
+            .iter()
+            .filter(known)
+            .filter(warning)
+            .filter_map(Item::reason);
+        reasons.next().unwrap_or_default()
+    }
     /// Whether a set-point's thrust is read as thrust; None: not known yet.
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;

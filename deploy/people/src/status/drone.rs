@@ -39,11 +39,15 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
             .flat_map(|m| mission(s, m)),
     );
     let autopilot = s.snapshot.autopilot.fresh(s.now_ns);
-    if let Some(a) = autopilot
-        && a.rejection.code != ReasonCode::None
-    {
-        let found = format!("no landing: {}", a.rejection);
-        all.push(FindingTopic("autopilot").stopping(found, advice(a.rejection.code)));
+    if let Some(a) = autopilot {
+        const TOPIC: FindingTopic = FindingTopic("autopilot");
+        if a.rejection.code != ReasonCode::None {
+            let found = format!("no landing: {}", a.rejection);
+            all.push(TOPIC.stopping(found, advice(a.rejection.code)));
+        }
+        if a.warning.code != ReasonCode::None {
+            all.push(TOPIC.warning(a.warning.to_string(), advice(a.warning.code)));
+        }
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) =

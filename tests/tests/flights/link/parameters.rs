@@ -99,4 +99,9 @@ fn parameter_with_a_warning() {
         "{:?}",
         p.texts
     );
+    let named = |p: &LinkRig| p.state().warning.to_string();
+    assert!(named(&p).starts_with("MC_AIRMODE is 0"), "{}", named(&p));
+    p.linked.autopilot.parameters.insert("MC_AIRMODE", 1.0);
+    p.run(1.5);
+    assert!(!named(&p).contains("MC_AIRMODE"), "{}", named(&p));
 }
