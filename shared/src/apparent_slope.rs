@@ -91,12 +91,6 @@ impl<C: Clock> ApparentSlope<C> {
         }
     }
 
-    /// The slopes that are expected on another course ([`sea_slopes`]) in the place of those that were measured on the one
-    /// before; the measured ones of the new course replace them by and by.
-    pub fn expect(&mut self, slope_sd: f64) {
-        let steps = |slope: f64| (slope / SLOPE_STEP).round() as u8;
-        self.windows = Seq::filled(sea_slopes(slope_sd).map(steps));
-    }
     /// The steepest slope of each window, in units of [`SLOPE_STEP`], the present one first; empty before the first.
     pub fn slopes(&self, now: Time<C>) -> Seq<u8, SLOPE_WINDOWS> {
         let mut copy = ApparentSlope {
@@ -132,16 +126,6 @@ impl<C: Clock> ApparentSlope<C> {
             self.windows = Seq::filled(std::iter::repeat_n(0, steps).chain(old.iter().copied()));
         }
     }
-}
-
-/// The steepest slope of each window, the newest first, where the standard deviation of the slope is `slope_sd`: its peaks are
-/// taken as Rayleigh's, `s = sd sqrt(-2 ln(1 - p))`, each window one quantile, an ordinary one the newest.
-pub fn sea_slopes(slope_sd: f64) -> [f64; SLOPE_WINDOWS] {
-    let quantile = |k: usize| {
-        let p = (k as f64 + 0.5) / SLOPE_WINDOWS as f64;
-        slope_sd * (-2.0 * (1.0 - p).ln()).sqrt()
-    };
-    core::array::from_fn(|k| quantile((k + SLOPE_WINDOWS / 2) % SLOPE_WINDOWS))
 }
 
 #[cfg(test)]

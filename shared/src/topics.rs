@@ -170,7 +170,7 @@ topics! {
         /// The vessel's answer.
         TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, 2.0 Hz, 64, 2000 ms;
         /// Whose the vessel's deck is.
-        DECK: "deck", msg::DeckGrant<VesselClock>, 2.0 Hz, 130, 2000 ms;
+        DECK: "deck", msg::DeckGrant<VesselClock>, 2.0 Hz, 112, 2000 ms;
         /// An operator's command, from the operator to the vessel and from the vessel to a drone.
         OPERATOR: "command", msg::OperatorCommand<VesselClock>, 0.1 Hz, 64, 5000 ms;
         /// Statuses of drones as the vessel received them, for operators.

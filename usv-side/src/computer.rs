@@ -3,15 +3,13 @@
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::bus::{computer, wiring};
-use alight_shared::frames::wrap_angle;
-use alight_shared::mavlink::Signing;
 use alight_shared::msg::{
-    CommandReceipt, CrewOrder, DeckGrant, DeckOrder, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
+    CommandReceipt, CrewOrder, DeckGrant, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
     OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 mod crew;
@@ -20,20 +18,15 @@ mod event;
 pub use event::VesselEvent;
 
 use crate::VesselNodeConfig;
-use crate::advice::{Advice, CourseOutlook, HEADING_STEP_RAD};
 use crate::deck::{
     ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
     OperatorRelay,
 };
 use crate::followed::Followed;
-use crate::helm::{BoatMotion, BoatPlace, Goal, HelmCheckpoint, HelmIn, HelmNode};
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 use crate::rtcm_relay::RtcmRelay;
 use crate::sensors::{Readings, SensorNode};
 use crew::CrewOrders;
-
-/// Advice counts for so long: it comes with each wave model, the slowest of which are a third of this apart.
-const ADVICE_FRESH: Span = Span::from_millis(30_000);
 
 /// Input that arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -52,12 +45,8 @@ pub struct ComputerIn {
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
     /// Digital inputs.
     pub deck_inputs: DeckInputs,
-    /// Bytes of the boat's autopilot; None: its link is not open.
-    pub helm: Option<Vec<u8>>,
     /// At the first step, what the former start left.
     pub checkpoint: Option<VesselCheckpoint>,
-    /// The process is asked to end.
-    pub ends: bool,
 }
 
 impl ComputerIn {
@@ -87,29 +76,15 @@ pub struct ComputerOut {
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
     /// Events of this step.
     pub events: Vec<VesselEvent>,
-    /// The lamp at the helm.
-    pub lamp: Lamp,
-    /// Bytes for the boat's autopilot.
-    pub helm: Vec<u8>,
-}
-
-/// The lamp at the helm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Lamp {
-    /// Nothing is wanted of the helm.
-    #[default]
-    Out,
-    /// A drone wants the vessel to keep course and speed.
-    Lit,
-    /// The skipper is asked whether the computer may steer.
-    Blinks,
+    /// The lamp at the helm is lit: a drone wants the vessel to keep course and speed.
+    pub lamp: bool,
 }
 
 wiring! {
     /// Topics that the vessel's process reads; its output goes by radio and to people.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
         reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrames<VesselClock> }
-        edge { time_requests, statuses, commands, deck_inputs, helm, checkpoint, ends }
+        edge { time_requests, statuses, commands, deck_inputs, checkpoint }
         writes {}
         wakes { SensorReadings }
     }
@@ -120,7 +95,7 @@ computer! {
     VesselRows {
         /// The vessel's sensors: bytes to dated measurements.
         sensors: SensorNode => ProcessKind::Sensors,
-        /// Estimator, deck arbiter, helm and broadcast.
+        /// Estimator, deck arbiter and broadcast.
         vessel: VesselComputer => ProcessKind::Vessel,
     }
     /// The vessel's processes: there is no other list of them.
@@ -134,8 +109,6 @@ pub struct VesselCheckpoint {
     pub deck: DeckCheckpoint,
     /// The commands that operators gave, for longer than their terminals repeat them.
     pub commands: Vec<GivenCommand>,
-    /// State before the vessel was steered, while it is.
-    pub helm: Option<HelmCheckpoint>,
 }
 
 /// The vessel's computer.
@@ -143,11 +116,6 @@ pub struct VesselCheckpoint {
 pub struct VesselComputer {
     node: VesselNode,
     arbiter: DeckArbiter,
-    helm: HelmNode,
-    /// For the helm: the newest motion, its place, and the best course.
-    motion: Option<(Time<VesselClock>, BoatMotion)>,
-    place: Option<BoatPlace>,
-    advice: Option<(Time<VesselClock>, Goal)>,
     relay: OperatorRelay,
     rtcm: RtcmRelay,
     drones: DroneMonitor,
@@ -171,10 +139,6 @@ impl VesselComputer {
         VesselComputer {
             node: VesselNode::new(node, vessel, boot),
             arbiter: DeckArbiter::new(deck, vessel, boot),
-            helm: HelmNode::new(&node.helm),
-            motion: None,
-            place: None,
-            advice: None,
             relay: OperatorRelay::new(vessel, boot),
             rtcm: RtcmRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
@@ -200,14 +164,6 @@ impl VesselComputer {
     /// The deck arbiter.
     pub fn arbiter(&self) -> &DeckArbiter {
         &self.arbiter
-    }
-    /// The helm.
-    pub fn helm(&self) -> &HelmNode {
-        &self.helm
-    }
-    /// MAVLink frames of the helm are signed with this key.
-    pub fn sign_helm(&mut self, key: Signing) {
-        self.helm.sign(key);
     }
     /// The operator relay.
     pub fn relay(&self) -> &OperatorRelay {
@@ -235,7 +191,6 @@ impl VesselComputer {
         VesselCheckpoint {
             deck: self.arbiter.checkpoint(),
             commands: self.relay.given(),
-            helm: self.helm.checkpoint(),
         }
     }
 
@@ -250,97 +205,6 @@ impl VesselComputer {
         self.rejected
             .count_many(RejectionReason::Sender, arrivals.len() - own.len());
         own
-    }
-
-    /// The helm's step, by what arbiter and estimator knew at the step before: its bytes for the boat's autopilot.
-    fn steer(
-        &mut self,
-        now: Time<VesselClock>,
-        input: &ComputerIn,
-        orders: &[DeckOrder],
-        events: &mut Vec<VesselEvent>,
-    ) -> Vec<u8> {
-        let answer = |order: &DeckOrder| match order {
-            DeckOrder::Helm(answer) => Some(*answer),
-            DeckOrder::Closed
-            | DeckOrder::Open
-            | DeckOrder::Clear(_)
-            | DeckOrder::TakeOff(_)
-            | DeckOrder::TakeOffStanding(_)
-            | DeckOrder::Steady(_)
-            | DeckOrder::Turning => None,
-        };
-        let before = self.helm.status();
-        let out = self.helm.step(
-            now,
-            &HelmIn {
-                demand: self.arbiter.demand(now),
-                drone: self.arbiter.comes(now),
-                motion: self.motion,
-                place: self.place,
-                advice: self
-                    .advice
-                    .filter(|(at, _)| now - *at <= ADVICE_FRESH)
-                    .map(|(_, goal)| goal),
-                answers: orders.iter().filter_map(answer).collect(),
-                consent: input.deck_inputs.consent,
-                turning: self.arbiter.is_turning(now),
-                bytes: input.helm.clone(),
-                checkpoint: input.checkpoint.as_ref().and_then(|c| c.helm),
-                ends: input.ends,
-            },
-        );
-        let changed = (out.status.state, out.status.why) != (before.state, before.why);
-        let turned = self
-            .helm
-            .kept()
-            .filter(|_| changed)
-            .and_then(|kept| kept.slope_sd);
-        turned.into_iter().for_each(|sd| self.node.expect_slopes(sd));
-        events.extend(changed.then_some(VesselEvent::Helm(out.status)));
-        out.bytes
-    }
-    /// Keeps the part of a step's output that the helm uses.
-    fn observe_motion(&mut self, now: Time<VesselClock>, out: &VesselOut) {
-        if let Some(e) = &out.estimate {
-            let [heading_rad, rate_radps] = e.mean_heading.map(f64::from);
-            let [north, east] = e.mean_velocity.map(f64::from);
-            let motion = BoatMotion {
-                heading_rad,
-                rate_radps,
-                speed_mps: north * heading_rad.cos() + east * heading_rad.sin(),
-            };
-            self.motion = Some((e.header.at, motion));
-            let [north_m, east_m, ..] = e.eta;
-            self.place = Some(BoatPlace {
-                datum: e.datum,
-                position_m: [north_m, east_m],
-            });
-        }
-        if let (Some(_), Some((_, motion))) = (&out.wave, &self.motion) {
-            let goal = |c: &CourseOutlook| Goal {
-                heading_rad: c.heading_rad,
-                speed_mps: c.speed_mps,
-                likelihood: Some(c.likelihood),
-                slope_sd: Some(c.slope_sd),
-            };
-            let permitted = |c: &CourseOutlook| self.helm.permits(&goal(c), motion);
-            let advice = self.node.advisor().advice_within(permitted);
-            // It holds within one step of its headings of the course that it compares with.
-            let stands = |a: &Advice| a.is_change() && turned(&a.here, motion) <= HEADING_STEP_RAD;
-            self.advice = advice.filter(stands).map(|a| (now, goal(&a.best)));
-        }
-    }
-
-    /// A question, which ends with a descent, before a steady course that is wanted anyway.
-    fn lamp(&self, now: Time<VesselClock>) -> Lamp {
-        if self.helm.asks_by_lamp(now) {
-            Lamp::Blinks
-        } else if self.arbiter.wants_steady(now) {
-            Lamp::Lit
-        } else {
-            Lamp::Out
-        }
     }
 
     /// Events on changes of the deck's owner and the drones' numbers.
@@ -403,16 +267,13 @@ impl Node for VesselComputer {
         // what it did before shows neither that it left the deck nor that it took a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
-        let helm = self.steer(now, input, &orders, &mut events);
         let granted = self.arbiter.step(
             now,
             &ArbiterIn {
                 statuses: current.clone(),
                 orders,
                 inputs: input.deck_inputs,
-                helm: self.helm.status(),
                 dimensions: Some(self.node.dimensions()),
-                turns_back: self.helm.turns_back(),
                 checkpoint: left.map(|c| c.deck.clone()),
             },
         );
@@ -434,7 +295,6 @@ impl Node for VesselComputer {
         self.node.prioritise(self.arbiter.landing(now));
         self.node.blow(self.drones.wind(now));
         let vessel = self.node.step(now, &input.vessel());
-        self.observe_motion(now, &vessel);
         for (source, before) in self.stuck.iter_mut().enumerate() {
             let stuck = self.node.source(IMU, source).is_stuck;
             let changed = std::mem::replace(before, stuck) != stuck;
@@ -448,15 +308,9 @@ impl Node for VesselComputer {
             statuses,
             rtcm: self.rtcm.pass(now, &input.rtcm),
             events,
-            lamp: self.lamp(now),
-            helm,
+            lamp: self.arbiter.wants_steady(now),
         }
     }
-}
-
-/// So far a vessel has turned from a course, rad.
-fn turned(from: &CourseOutlook, now: &BoatMotion) -> f64 {
-    wrap_angle(now.heading_rad - from.heading_rad).abs()
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::surroundings::SurroundingsConfig;
 use alight_shared::vessel_model::VesselModelConfig;
 
-use crate::helm::HelmConfig;
 use crate::rate_control::RateControlConfig;
 
 config! {
@@ -100,8 +99,6 @@ config! {
         pub heading: HeadingConfig;
         /// Rates of its messages.
         pub broadcast: BroadcastConfig;
-        /// Steering for a landing or a take-off.
-        pub helm: HelmConfig;
     }
     check |this, at| {
         this.surroundings.check_deck(&this.deck, &at.table("surroundings"))?;

@@ -12,7 +12,6 @@
 //! | [`rtcm_relay`] | RTCM of the vessel's receiver to the drones, within a budget |
 //! | [`followed`] | whether the drones listen to this computer, or to another with its identity |
 //! | [`deck`] | the deck arbiter and the operator relay |
-//! | [`helm`] | steers the vessel for a landing, with the skipper's consent |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
 pub mod advice;
@@ -20,12 +19,10 @@ pub mod calibrate;
 pub mod computer;
 pub mod config;
 pub mod deck;
-pub mod demand;
 pub mod estimator;
 #[cfg(test)]
 mod fixtures;
 pub mod followed;
-pub mod helm;
 pub mod log;
 mod mavlink_systems;
 pub mod node;
@@ -35,7 +32,7 @@ pub mod rtcm_relay;
 pub mod sensors;
 
 pub use advice::{Advice, Advisor, CourseOutlook};
-pub use computer::{ComputerIn, ComputerOut, Lamp, VesselCheckpoint, VesselComputer, VesselEvent};
+pub use computer::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer, VesselEvent};
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::DeckConfig;
 pub use estimator::Estimator;

@@ -218,11 +218,6 @@ impl VesselNode {
     pub fn advisor(&self) -> &Advisor {
         &self.advisor
     }
-    /// The vessel has turned to a course on which the deck's apparent slope has this standard deviation: what was measured on
-    /// the one before does not count any more.
-    pub fn expect_slopes(&mut self, slope_sd: f64) {
-        self.apparent_slope.1.expect(slope_sd);
-    }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
         &self.estimator

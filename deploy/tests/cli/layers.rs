@@ -233,7 +233,7 @@ const NODES: [(&str, &[&str]); 2] = [
         "uav-side",
         &["autopilot", "camera", "mission", "pilot", "planner", "predictor"],
     ),
-    ("usv-side", &["deck", "estimator", "helm", "sensors"]),
+    ("usv-side", &["deck", "estimator", "sensors"]),
 ];
 
 #[test]

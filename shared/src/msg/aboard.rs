@@ -6,8 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, HelmAnswer, HelmStatus,
-    ImuSample, Seq, Text,
+    AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text,
 };
 use crate::time::VesselClock;
 
@@ -49,8 +48,6 @@ pub enum DeckOrder {
     Steady(u32),
     /// The vessel turns or may turn, until another order about her course.
     Turning,
-    /// The skipper's answer: whether the vessel's computer may steer for this landing.
-    Helm(HelmAnswer),
 }
 
 /// Why the deck is closed.
@@ -300,17 +297,13 @@ pub struct DeckStatus {
     /// Why its state would not outlive the process, if it would not.
     pub file_error: Option<Line>,
     /// Digital inputs that cannot be read, and why.
-    pub input_errors: Seq<Line, 4>,
+    pub input_errors: Seq<Line, 3>,
     /// Why the lamp at the helm cannot be driven, if it cannot.
     pub lamp_error: Option<Line>,
     /// Course that the helm intends.
     pub course: Course,
     /// A drone wants the vessel to keep course and speed.
     pub wants_steady: bool,
-    /// State of the handshake about the helm.
-    pub helm: HelmStatus,
-    /// Why the boat's autopilot cannot be steered, if it cannot.
-    pub helm_error: Option<Line>,
 }
 
 /// A drone that was received.

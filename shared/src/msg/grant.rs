@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, HelmStatus, Reason, ReasonCode, within};
+use super::{Header, Reason, ReasonCode, within};
 use crate::time::{Clock, Time};
 
 /// In the place of a drone's number: the deck is closed to all.
@@ -127,8 +127,6 @@ pub struct DeckGrant<C: Clock> {
     pub stations: [u8; PLACES],
     /// Course that the helm intends.
     pub course: Course,
-    /// State of the handshake about the helm.
-    pub helm: HelmStatus,
     /// Somebody aboard has cleared the deck for a take-off of its owner.
     pub take_off: bool,
     /// Another drone asks for the deck on which its owner stands.
@@ -151,7 +149,6 @@ restamped!(DeckGrant {
     places,
     stations,
     course,
-    helm,
     take_off,
     wanted,
     dimensions
@@ -161,7 +158,6 @@ message!(@C DeckGrant<C>, C, |m| {
         Course::Unknown | Course::Turning => true,
         Course::Steady(for_s) => (0.0..=MAX_STEADY_S).contains(&for_s),
     } => "course",
-    m.helm.is_sound() => "helm",
     m.dimensions.is_none_or(|d| d.is_sound()) => "dimensions",
 });
 

@@ -43,7 +43,6 @@ mod drone;
 mod drone_status;
 pub use drone_status::still_armed_s;
 mod grant;
-mod helm;
 mod link_checkpoint;
 mod mission;
 mod reason;
@@ -81,7 +80,6 @@ pub use grant::{
 };
 /// Numbers of which three digits suffice.
 pub use half::f16;
-pub use helm::{AskedCourse, HelmAnswer, HelmEnd, HelmState, HelmStatus, MAX_HELM_TURN_S};
 pub use link_checkpoint::{LinkCheckpoint, WindCheckpoint};
 pub use mission::{
     BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,

@@ -154,8 +154,6 @@ pub enum ReasonCode {
     NotIdentified,
     /// The tags of a vessel that is not received are detected.
     TagsInSight,
-    /// The vessel's computer turns her to a better heading, rad, on which she is steady in this time, s.
-    HelmTurns,
     /// The vessel is known by its beacon alone: the standard deviation of its place, m, and the beacon's age, s.
     KnownByBeacon,
     /// Above the beacon's predicted place the tags are not detected: its distance, m, and how far is searched around it, m.

@@ -2,11 +2,10 @@
 //! commands in. Pure: bytes are made and read here, sockets belong to the process around it.
 //!
 //! [`px4`] speaks PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend. [`simulated`] is
-//! an autopilot of our own with the character of either, in the place of a firmware. [`boat`] is the simulated vessel's.
+//! an autopilot of our own with the character of either, in the place of a firmware.
 //! Sea, deck, contact, wind, camera and rangefinder are those of every other landing.
 
 pub mod ardupilot;
-pub mod boat;
 mod config;
 pub mod px4;
 mod sensors;

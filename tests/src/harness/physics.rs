@@ -29,7 +29,6 @@ use crate::physics::drone::{
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::{HullFiles, ResponseVessel};
-use crate::physics::vessel::steering::SteeringSetPoint;
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::moving_base::MovingBaseFaults;
 use crate::sensors::noise::Noise;
@@ -335,10 +334,6 @@ impl Physics {
     /// Something pushes the vessel so from now on, N and Nm ([`DeckCarrier::push`]).
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.carrier.push(by_n_nm);
-    }
-    /// The boat's autopilot steers to a set-point from now on; None: as its course has it.
-    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>) {
-        self.carrier.steer_to(self.t, set_point);
     }
     /// Vessel and contacts move on by one tick; drones with their motors off.
     pub fn advance(&mut self) {

@@ -15,14 +15,11 @@ use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario, SetupError};
 use super::tap::{NoTap, Tap};
 use super::vessel_computer::VesselSide;
-use crate::autopilots::boat::BoatAutopilot;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
 use alight_bridge::{Packet, PacketKind};
 use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::{
-    CommandKind, DeckOrder, Header, HelmStatus, MissionState, OperatorCommand, SetPoint,
-};
+use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_shared::wire;
@@ -49,8 +46,6 @@ pub struct World {
     foresight: Option<Foresight>,
     // The vessel's computer.
     vessel: VesselSide,
-    /// The boat's own autopilot.
-    boat: BoatAutopilot,
     /// Input by its crew, its operators and its former start since the last tick.
     given: ComputerIn,
     operator_sequence: u32,
@@ -89,7 +84,6 @@ impl World {
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselSide::new(scenario, nodes, BOOT),
-            boat: BoatAutopilot::default(),
             given: ComputerIn::default(),
             operator_sequence: 0,
             shares_deck: scenario.drones > 1
@@ -285,11 +279,9 @@ impl World {
         };
         let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
-        input.helm = Some(self.boat.sent(t));
         let output = self
             .vessel
             .tick((t, now), readings, input, |step| tap.step(t, step));
-        self.boat.receive(t, &output.helm);
         self.broadcast_all(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
@@ -304,7 +296,6 @@ impl World {
 
         // Sea, vessel, autopilots, drones, contact.
         self.push_vessel(t);
-        self.physics.steer_to(self.boat.steers_to(t));
         self.physics.advance_with(INNER_PER_OUTER, |k, truth| {
             self.drones[k].linked.as_mut().and_then(|l| l.turn(truth))
         });
@@ -393,20 +384,9 @@ impl World {
             .vessel()
             .is_some_and(|v| v.arbiter().wants_steady(now))
     }
-    /// The boat's own autopilot.
-    pub fn boat(&mut self) -> &mut BoatAutopilot {
-        &mut self.boat
-    }
     /// Whether the vessel keeps its deck for the drone `k` or for nobody.
     pub fn deck_is_free(&self, k: usize) -> bool {
         [0, DRONE_ID + k as u32].contains(&self.deck_owner)
-    }
-    /// State of the handshake about the helm.
-    pub fn helm(&self) -> HelmStatus {
-        self.vessel
-            .vessel()
-            .map(|v| v.helm().status())
-            .unwrap_or_default()
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[SimulatedDroneComputer] {

@@ -13,7 +13,6 @@ mod estimate_jumps;
 mod estimator;
 mod faults;
 mod gaps;
-mod helm;
 mod hulls;
 mod identity;
 mod interrupted_landing;

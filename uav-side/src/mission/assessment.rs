@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 use super::MissionNode;
 use super::charge::Charges;
 use super::outlook::Outlook;
-use super::reservation::{Promise, Reservation, stated_course};
+use super::reservation::{Reservation, stated_course};
 use super::situation::{ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
 use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
@@ -135,7 +135,6 @@ impl MissionNode {
             other_deck: (self.grant.get().and_then(|g| g.dimensions))
                 .and_then(|vessel| self.deck_geometry.dimensions().differs_from(&vessel)),
             course: stated_course(self.grant.get(), now),
-            promise: Promise::of(self.grant.get(), now),
             dark: self
                 .light
                 .fresh(now, topics::CAMERA_LIGHT.stale_after)

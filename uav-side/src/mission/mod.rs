@@ -53,7 +53,6 @@ mod node_tests;
 #[cfg(test)]
 mod orders_tests;
 #[cfg(test)]
-mod promise_tests;
 #[cfg(test)]
 mod random_tests;
 #[cfg(test)]

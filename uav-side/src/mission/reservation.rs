@@ -1,6 +1,6 @@
 //! The vessel's newest grant: who has the deck, and the course that her helm states.
 
-use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, HelmState, Reason, ReasonCode};
+use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::topics;
 
@@ -81,29 +81,5 @@ pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock
     match grant.course {
         Course::Turning if age > topics::DECK.stale_after => Course::Unknown,
         course @ (Course::Unknown | Course::Steady(_) | Course::Turning) => course.after(age.secs()),
-    }
-}
-
-/// A steady course that the vessel's helm turns to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Promise {
-    /// Heading, rad from north.
-    pub heading_rad: f64,
-    /// The vessel is steady on it in so long, s.
-    pub steady_in_s: f64,
-    /// Probability of a landing then, 0 to 1.
-    pub likelihood: f64,
-}
-
-impl Promise {
-    /// The promise of the newest grant at `now`; None when it is not repeated.
-    pub fn of(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Option<Promise> {
-        let grant = grant.filter(|g| now - g.header.at <= topics::DECK.stale_after)?;
-        let (helm, age_s) = (&grant.helm, (now - grant.header.at).secs());
-        (helm.state == HelmState::Agreed).then(|| Promise {
-            heading_rad: helm.heading_rad.into(),
-            steady_in_s: (f64::from(helm.steady_in_s) - age_s).max(0.0),
-            likelihood: helm.likelihood.into(),
-        })
     }
 }

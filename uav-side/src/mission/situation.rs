@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::charge::Charges;
 use super::lift_off::Moments;
 use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
-use super::reservation::{Promise, Reservation};
+use super::reservation::Reservation;
 use crate::contingency::ContactOutcomes;
 use crate::mission_config::MissionConfig;
 use crate::standing::StandingVerdict;
@@ -396,8 +396,6 @@ pub struct Situation {
     pub other_deck: Option<Reason>,
     /// Course of the vessel as its helm states it, from now on.
     pub course: Course,
-    /// The steady course that she turns to.
-    pub promise: Option<Promise>,
     /// Too dark for the camera to detect a tag, or a light blinds it.
     pub dark: Option<Reason>,
     /// Waiting place for the deck; None: it has none, or reserves none.

@@ -4,9 +4,9 @@ mod descent;
 
 use alight_shared::landing::Odds;
 use alight_shared::msg::ReasonCode::{
-    ArmedAgain, Commanded, CourseEnds, HeightReached, HelmTurns, InSight, NoPlace, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered,
-    Steady, Swings, TagsInSight, TooFar, TooFast, VesselTurns, VisionLost,
+    ArmedAgain, Commanded, CourseEnds, HeightReached, InSight, NoPlace, NoPlan, NoVessel, NoVision,
+    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
+    Swings, TagsInSight, TooFar, TooFast, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
@@ -27,7 +27,6 @@ use super::situation::{ControlState, Deck, SilentVessel, Situation};
 use super::station;
 use super::take_off;
 use super::turnaround;
-use super::waiting::promised;
 use crate::mission_config::MissionConfig;
 use descent::{descent, flare};
 
@@ -407,14 +406,8 @@ fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Why no descent begins by what the helm states of the vessel's course. A turn to a course that is promised is worth its
-/// waiting unless the odds of a landing now are better: then the helm keeps what is.
+/// Why no descent begins by what the helm states of the vessel's course.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
-    if let Some(p) = s.promise {
-        let worth = promised(p.likelihood, p.steady_in_s, c.waiting_cost_per_s());
-        let waits = s.odds.is_none_or(|odds| odds.whole() < worth);
-        return waits.then(|| Reason::new(HelmTurns, p.heading_rad, p.steady_in_s));
-    }
     match s.course {
         Course::Unknown => None,
         Course::Steady(left_s) => exceeds(CourseEnds, landing_s(deck, c), f64::from(left_s)),

@@ -8,10 +8,9 @@
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, BatteryUnknown, BetterMoment, ClearOfDeck, Commanded, CountedDown,
-    Counting, DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, HelmTurns, Leaving, MayFly,
-    NoMoment, NoVessel, NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired,
-    SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong,
-    VesselTurns,
+    Counting, DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, Leaving, MayFly, NoMoment,
+    NoVessel, NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired, SpinningUp,
+    StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong, VesselTurns,
 };
 use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
 use alight_shared::time::DroneClock;
@@ -22,7 +21,6 @@ use super::phase::{
     DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, climbing_out, holding,
     moving_place, old_data,
 };
-use super::reservation::Promise;
 use super::situation::{ControlState, Situation};
 use super::turnaround;
 use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
@@ -192,11 +190,9 @@ pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     }
 }
 
-/// Why a vessel that turns is not left: the course that she turns to is waited for, where it is promised.
+/// A vessel that turns is not left.
 fn turns(s: &Situation) -> Option<Reason> {
-    let promised = |p: &Promise| Reason::new(HelmTurns, p.heading_rad, p.steady_in_s);
-    let turns = || (s.course == Course::Turning).then(|| VesselTurns.into());
-    s.promise.as_ref().map(promised).or_else(turns)
+    (s.course == Course::Turning).then(|| VesselTurns.into())
 }
 
 /// Reason against a take-off as long as the drone stands on the deck.

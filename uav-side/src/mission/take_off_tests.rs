@@ -2,15 +2,15 @@
 
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting, DeckGrantStale,
-    DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, HelmTurns, MayFly, NoMoment, NotCleared,
-    NotOnDeck, Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery,
-    TakeOffCommanded, TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
+    DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, MayFly, NoMoment, NotCleared, NotOnDeck,
+    Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery, TakeOffCommanded,
+    TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
 };
 use alight_shared::msg::{AutopilotMode, CommandKind, Course, DeckGrant, LandingMode};
 use nalgebra::Vector3;
 
 use super::lift_off::{LiftOff, Moments};
-use super::reservation::{Promise, Reservation};
+use super::reservation::Reservation;
 use super::tests::{at, config, fair, with};
 use super::*;
 use crate::standing::StandingVerdict;
@@ -115,7 +115,7 @@ fn checks_before_the_countdown() {
     let waits = |change: fn(&mut Situation)| follows(preparing, None, &standing(change));
     assert_eq!(waits(|_| {}), (State::Countdown, Counting));
     type Change = fn(&mut Situation);
-    let gaps: [(ReasonCode, Change); 10] = [
+    let gaps: [(ReasonCode, Change); 9] = [
         (NotCleared, |s| s.not_cleared = Some(NotCleared.into())),
         (NotOnDeck, |s| s.on_ground = false),
         (NotOnDeck, |s| s.deck.iter_mut().for_each(|d| d.distance_m = 5.1)),
@@ -123,14 +123,6 @@ fn checks_before_the_countdown() {
         (TakeOffBattery, |s| s.battery = Some(0.29)),
         (BatteryUnknown, |s| s.battery = None),
         (VesselTurns, |s| s.course = Course::Turning),
-        (HelmTurns, |s| {
-            s.course = Course::Turning;
-            s.promise = Some(Promise {
-                heading_rad: 0.7,
-                steady_in_s: 12.0,
-                likelihood: 0.98,
-            });
-        }),
         (TakeOffTilted, |s| s.leaving.lift_off = moments(STEEP)),
         (ReasonCode::HeadingUnaligned, |s| {
             s.rejection = Some(ReasonCode::HeadingUnaligned.into());

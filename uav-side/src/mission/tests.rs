@@ -107,7 +107,6 @@ pub(super) fn fair() -> Situation {
         reservation: Reservation::NotNeeded,
         other_deck: None,
         course: Course::Unknown,
-        promise: None,
         place: None,
         others: [0; PLACES],
         other_stations_m: [0; PLACES],

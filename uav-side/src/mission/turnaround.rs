@@ -3,8 +3,8 @@
 
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
-    self, BatteryUnknown, ForecastStale, HandOverRefused, HandsOver, HelmTurns, Infeasible, NoVessel,
-    NotReady, SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
+    self, BatteryUnknown, ForecastStale, HandOverRefused, HandsOver, Infeasible, NoVessel, NotReady,
+    SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
 };
 
 use super::limits::ORDER_WAITS_S;
@@ -66,7 +66,6 @@ const fn passes(why: ReasonCode) -> bool {
             | Infeasible
             | TooSteep
             | VesselTurns
-            | HelmTurns
             | NoVessel
             | ForecastStale
             | TakeOffBattery

@@ -5,7 +5,6 @@
 //! minute, the next one is a draw: to go on waiting is worth it while `E[(P - p)+] > c`, so a landing begins at the `p*` with
 //! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
-use alight_shared::landing::MAX_ODDS;
 use alight_shared::time::{DroneClock, Span, Time};
 
 /// Likelihoods that are known, one a second: a minute of them.
@@ -50,12 +49,6 @@ impl Waiting {
     }
 }
 
-/// The probability above which a landing now is better than the promised one: that of a landing in `in_s` seconds, of which
-/// no waiting helps beyond the best odds, less what the waiting costs.
-pub fn promised(likelihood: f64, in_s: f64, cost_per_s: f64) -> f64 {
-    likelihood.min(MAX_ODDS) - cost_per_s * in_s
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -83,15 +76,6 @@ mod tests {
         let calm = of([0.99; 30]);
         assert!(calm.threshold(1e-3) < 0.99);
         assert!(of([]).threshold(1e-3) < 1e-9);
-    }
-
-    #[test]
-    fn waiting_for_a_promised_course() {
-        // A tenth a minute: in 12 s 0.02.
-        let cost = 0.1 / 60.0;
-        assert!((promised(1.0, 12.0, cost) - (MAX_ODDS - 0.02)).abs() < 1e-9);
-        // Worth it against poor odds for as long as it costs what it brings.
-        assert!(promised(0.95, 30.0, cost) > 0.85 && promised(0.95, 90.0, cost) < 0.85);
     }
 
     #[test]

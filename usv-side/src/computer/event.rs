@@ -3,8 +3,7 @@
 use core::fmt;
 
 use alight_shared::msg::{
-    Charge, CommandKind, DeckOrder, DroneStatus, FollowsAnother, HelmAnswer, HelmState, HelmStatus, Reason,
-    Starved, State, still_armed,
+    Charge, CommandKind, DeckOrder, DroneStatus, FollowsAnother, Reason, Starved, State, still_armed,
 };
 use serde::{Deserialize, Serialize};
 
@@ -63,8 +62,6 @@ pub enum VesselEvent {
     DeckStarved(Starved),
     /// A drone listens to another computer with this vessel's identity.
     SecondComputer(FollowsAnother),
-    /// The handshake about the helm has another state.
-    Helm(HelmStatus),
     /// Two drones have one number.
     DoubleNumber {
         /// The number.
@@ -93,7 +90,6 @@ impl VesselEvent {
             | VesselEvent::LateOrder(_)
             | VesselEvent::DeckStarved(_) => true,
             VesselEvent::StuckImu { stuck, .. } => *stuck,
-            VesselEvent::Helm(helm) => helm.state == HelmState::Withdrawn,
             VesselEvent::DroneState { .. }
             | VesselEvent::Command { .. }
             | VesselEvent::DeckOrder(_)
@@ -140,12 +136,6 @@ impl fmt::Display for VesselEvent {
                 write!(f, "crew order: course and speed are kept for {for_s} s")
             }
             VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
-            VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::Yes(course))) => {
-                write!(f, "crew order: the computer may steer {course}")
-            }
-            VesselEvent::DeckOrder(DeckOrder::Helm(HelmAnswer::No)) => {
-                write!(f, "crew order: the computer may not steer")
-            }
             VesselEvent::LateOrder(order) => {
                 let order = VesselEvent::DeckOrder(*order);
                 write!(f, "{order}: it came too late and does not count: give it again")
@@ -154,7 +144,6 @@ impl fmt::Display for VesselEvent {
                 f,
                 "drone {drone} is no longer cleared for a take-off: {why}; see that no one is near it, then clear the deck again"
             ),
-            VesselEvent::Helm(helm) => write!(f, "helm: {helm}"),
             VesselEvent::DeckOwner(Some(drone)) => write!(f, "the deck is reserved for drone {drone}"),
             VesselEvent::DeckOwner(None) => write!(f, "the deck is free"),
             VesselEvent::StillArmed { drone, for_s } => write!(f, "drone {drone}: {}", still_armed(*for_s)),

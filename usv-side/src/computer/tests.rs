@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::fixtures::rtcm_frame;
-use alight_shared::msg::{CommandKind, Header, Reason, ReasonCode, State, TimeRequest};
+use alight_shared::msg::{CommandKind, DeckOrder, Header, Reason, ReasonCode, State, TimeRequest};
 
 fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
     let message = DroneStatus {

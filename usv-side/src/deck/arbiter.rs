@@ -31,8 +31,8 @@ use core::mem::discriminant;
 
 use alight_shared::admission::check_message;
 use alight_shared::msg::{
-    Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, HelmStatus,
-    LandedState, PLACES, STATION_APART_M, Starved, State, Unheard,
+    Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, LandedState,
+    PLACES, STATION_APART_M, Starved, State, Unheard,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -41,7 +41,6 @@ use serde::{Deserialize, Serialize};
 
 mod claim;
 pub(crate) mod clearance;
-mod demand;
 mod drone;
 
 use super::MAX_DRONES;
@@ -72,12 +71,8 @@ pub struct ArbiterIn {
     pub orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub inputs: DeckInputs,
-    /// State of the handshake about the helm.
-    pub helm: HelmStatus,
     /// Dimensions of the deck.
     pub dimensions: Option<DeckDimensions>,
-    /// By its end the vessel turns back to the course of its own autopilot.
-    pub turns_back: bool,
     /// At the first step, that of the former start.
     pub checkpoint: Option<DeckCheckpoint>,
 }
@@ -352,8 +347,6 @@ impl DeckArbiter {
             DeckOrder::TakeOffStanding(drone) => self.cleared.give(Clearance::standing(drone, now)),
             DeckOrder::Open => self.open(now, None),
             DeckOrder::Clear(drone) => self.open(now, Some(drone)),
-            // The helm's.
-            DeckOrder::Helm(_) => {}
         }
     }
 
@@ -497,8 +490,6 @@ impl Node for DeckArbiter {
         self.watch_sensor(self.sensor, input.inputs.occupied);
         self.sensor = reading(input.inputs.occupied).or(self.sensor);
         self.course.switch = reading(input.inputs.turning).or(self.course.switch);
-        self.course.turns_back = input.turns_back;
-        let helm_changed = core::mem::replace(&mut self.course.helm, input.helm).state != input.helm.state;
         let owner = self.assign(now);
         if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
@@ -525,7 +516,7 @@ impl Node for DeckArbiter {
         let stations = self.stations(now);
         let same = (published, take_off, stations) == (self.published, self.take_off, self.stations)
             && discriminant(&course) == discriminant(&self.stated);
-        if now < self.due && same && !helm_changed {
+        if now < self.due && same {
             return ArbiterOut::default();
         }
         (self.published, self.stated, self.take_off) = (published, course, take_off);
@@ -537,7 +528,6 @@ impl Node for DeckArbiter {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
                 owner: published,
                 course,
-                helm: input.helm,
                 take_off,
                 wanted: self.is_wanted(now),
                 dimensions: input.dimensions,

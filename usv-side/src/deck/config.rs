@@ -28,8 +28,7 @@ config! {
         /// So long the helm keeps course and speed from any moment on at which its switch is at 0, s.
         /// Chosen: twice the longest descent.
         pub helm_steady_s: f64 = 60.0, in 1.0..=3600.0;
-        /// Digital output of the helm's lamp, lit (1) while a drone asks for a steady course, blinking while the skipper is asked
-        /// for the helm: a line or a file; empty: none.
+        /// Digital output of the helm's lamp, lit (1) while a drone asks for a steady course: a line or a file; empty: none.
         pub helm_lamp: String = String::new();
     }
 }

@@ -15,8 +15,6 @@ pub struct DeckInputs {
     pub occupied: Option<bool>,
     /// By the helm's switch the vessel turns or may turn.
     pub turning: Option<bool>,
-    /// The skipper's switch lets the vessel's computer steer.
-    pub consent: Option<bool>,
 }
 
 /// A digital input as it was last read.

@@ -1,6 +1,6 @@
 //! Course and speed as stated by the helm: by its switch, and by an order from a terminal on board.
 
-use alight_shared::msg::{Course, HelmState, HelmStatus, MAX_STEADY_S};
+use alight_shared::msg::{Course, MAX_STEADY_S};
 use alight_shared::time::{Span, Time, VesselClock};
 
 use super::config::DeckConfig;
@@ -20,10 +20,6 @@ enum Ordered {
 pub(super) struct StatedCourse {
     /// The helm's switch: the vessel turns or may turn.
     pub(super) switch: Option<Reading>,
-    /// State of the handshake about the helm.
-    pub(super) helm: HelmStatus,
-    /// It turns back to the course of its own autopilot.
-    pub(super) turns_back: bool,
     ordered: Ordered,
 }
 
@@ -37,30 +33,17 @@ impl StatedCourse {
     pub(super) fn order_turning(&mut self) {
         self.ordered = Ordered::Turning;
     }
-    /// Course that counts at `now`: a turn by whichever states it, one that the computer steers or has just left, else the
-    /// longest promise.
+    /// Course that counts at `now`: a turn by whichever states it, else the longest promise.
     pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
-        if self.is_turning(now, config) {
+        let has_switch = !config.helm_switch.is_empty();
+        if self.ordered == Ordered::Turning || Reading::active(self.switch, has_switch, now) {
             return Course::Turning;
         }
-        let helm_s = match self.helm.state {
-            HelmState::Agreed | HelmState::Done => return Course::Turning,
-            HelmState::Steady => config.helm_steady_s,
-            HelmState::Idle | HelmState::Asked | HelmState::Withdrawn if self.turns_back => {
-                return Course::Turning;
-            }
-            HelmState::Idle | HelmState::Asked | HelmState::Withdrawn => 0.0,
-        };
-        let has_switch = !config.helm_switch.is_empty();
         let ordered_s = match self.ordered {
             Ordered::SteadyUntil(end) => (end - now).secs(),
             Ordered::Nothing | Ordered::Turning => 0.0,
         };
         let switch_s = if has_switch { config.helm_steady_s } else { 0.0 };
-        Course::Steady(switch_s.max(ordered_s).max(helm_s) as f32).after(0.0)
-    }
-    /// The helm states by order or switch that the vessel turns.
-    pub(super) fn is_turning(&self, now: Time<VesselClock>, config: &DeckConfig) -> bool {
-        self.ordered == Ordered::Turning || Reading::active(self.switch, !config.helm_switch.is_empty(), now)
+        Course::Steady(switch_s.max(ordered_s) as f32).after(0.0)
     }
 }

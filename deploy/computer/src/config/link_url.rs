@@ -87,17 +87,6 @@ impl LinkUrl {
             | LinkUrl::Serial(..) => Ok(url),
         }
     }
-    /// The Signal K server of a boat's autopilot.
-    pub fn of_signalk(text: &str) -> Result<LinkUrl, String> {
-        let url: LinkUrl = text.parse()?;
-        if matches!(url, LinkUrl::SignalK(..)) {
-            return Ok(url);
-        }
-        Err(format!(
-            "the address {text:?} is no Signal K server: write ws://HOST:3000, or ws://HOST:3000?token=FILE where it asks for a \
-             token"
-        ))
-    }
 }
 
 /// Only this computer reaches it.
@@ -317,13 +306,6 @@ mod tests {
         ] {
             assert!(LinkUrl::of_autopilot(owned).is_ok(), "{owned}");
         }
-    }
-
-    #[test]
-    fn address_of_an_autopilots_server() {
-        assert!(LinkUrl::of_signalk("ws://venus.local?token=/etc/alight/token").is_ok());
-        let why = LinkUrl::of_signalk("serial:///dev/ttyUSB1:4800").unwrap_err();
-        assert!(why.contains("ttyUSB1") && why.contains("ws://HOST:3000"), "{why}");
     }
 
     #[test]

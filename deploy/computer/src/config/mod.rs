@@ -16,7 +16,6 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::camera::motion_blur::longest_exposure_s;
 use alight_uav::computer::{self, DroneNodes};
 use alight_uav::settings::DroneSettings;
-use alight_usv::helm::HelmOutput;
 use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
@@ -48,24 +47,6 @@ config! {
         pub view: ViewConfig;
         /// The node.
         pub vessel: VesselNodeConfig;
-    }
-    check |this, at| {
-        let helm = &this.vessel.helm;
-        let taken = this.sensor.sources.iter().find(|s| s.connect == helm.connect);
-        let vessel = at.table("vessel");
-        let at = vessel.table("helm");
-        let url = match helm.output {
-            HelmOutput::None => None,
-            HelmOutput::Mavlink | HelmOutput::Nmea0183 => Some(LinkUrl::of_autopilot(&helm.connect)),
-            HelmOutput::SignalK => Some(LinkUrl::of_signalk(&helm.connect)),
-        };
-        if let Some(Err(why)) = &url {
-            at.require(false, "connect", &helm.connect, why)?;
-        }
-        // A server has several clients.
-        let is_own = taken.is_none() || url.is_none() || helm.output == HelmOutput::SignalK;
-        let own = "a link of its own: that of a sensor is read by another process (docs/helm.md)";
-        at.require(is_own, "connect", &helm.connect, own)?;
     }
 }
 
@@ -192,24 +173,6 @@ mod tests {
             config::parse::<DroneComputerConfig>(&text, "drone").unwrap(),
             DroneComputerConfig::default()
         );
-    }
-
-    #[test]
-    fn helm_on_the_link_of_a_sensor() {
-        let source = "[[sensor.sources]]\nname = \"pixhawk\"\nconnect = \"serial:///dev/ttyACM0:57600\"\nformat = \"mavlink\"\n";
-        let helm = |connect: &str| {
-            let text = format!("{source}[vessel.helm]\noutput = \"mavlink\"\nconnect = \"{connect}\"\n");
-            config::parse::<VesselComputerConfig>(&text, "vessel")
-                .map(drop)
-                .map_err(|e| e.to_string())
-        };
-        let shared = helm("serial:///dev/ttyACM0:57600").unwrap_err();
-        assert!(
-            shared.contains("`vessel.helm.connect`") && shared.contains("a link of its own"),
-            "{shared}"
-        );
-        assert!(helm("udpin://0.0.0.0:14560").unwrap_err().contains("?from=IP"));
-        assert_eq!(helm("udpin://127.0.0.1:14560"), Ok(()));
     }
 
     #[test]

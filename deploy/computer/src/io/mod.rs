@@ -8,7 +8,6 @@ pub mod link_end;
 pub mod mavlink_key;
 pub mod peer;
 pub mod runtime;
-pub mod signalk_autopilot;
 pub mod store;
 pub mod wakes;
 pub mod wall;

@@ -179,7 +179,7 @@ async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
 }
 
 /// The header of a token, which is one line of a file.
-pub fn authorization(file: &Path) -> io::Result<HeaderValue> {
+fn authorization(file: &Path) -> io::Result<HeaderValue> {
     let doing = |e: io::Error| io::Error::new(e.kind(), format!("reading the token {}: {e}", file.display()));
     let metadata = fs::metadata(file).map_err(doing)?;
     let short = metadata.is_file() && metadata.len() <= MAX_TOKEN;

@@ -22,8 +22,7 @@ use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Name of the supervisor as a process whose steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
-/// Processes that were asked to end have this long: the vessel's gives a boat that it steers back (`vessel/estimator.rs`), and
-/// the services' `TimeoutStopSec` is longer.
+/// Processes that were asked to end have this long; the services' `TimeoutStopSec` is longer.
 const GRACE_NS: i64 = 4_000_000_000;
 
 /// One process under supervision.

@@ -21,7 +21,7 @@ use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
 /// A file of this layout.
-const LAYOUT: u32 = 6;
+const LAYOUT: u32 = 7;
 /// The first file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
 

@@ -1,14 +1,12 @@
-//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, the helm's switch, and
-//! the switch by which the skipper lets the computer steer.
+//! The deck's digital inputs ([`DigitalLine`]): the crew's switch, a sensor of what lies on the deck, and the helm's switch.
 //!
 //! Each is read twice a second in a thread of its own, since a driver may take long. One that cannot be read yields no
-//! level, and the deck arbiter then counts it as active, the helm as a no.
+//! level, and the deck arbiter then counts it as active.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
 use alight_usv::deck::{DeckConfig, DeckInputs};
-use alight_usv::helm::HelmConfig;
 use tracing::{info, warn};
 
 use crate::io::digital_line::DigitalLine;
@@ -21,24 +19,12 @@ const MAX_READING_NS: i64 = 2_000_000_000;
 /// Remedy for an input that cannot be read.
 pub const REMEDY: &str = "it counts as 1: let the user alight read the line or file (docs/operate.md), or empty the key in \
                           vessel.toml";
-/// Remedy for the switch by which the skipper agrees.
-pub const CONSENT_REMEDY: &str = "it counts as 0, and takes the helm back: let the user alight read the line or file \
-                                  (docs/helm.md), or empty the key in vessel.toml";
-/// The key.
-const CONSENT: &str = "vessel.helm.consent_switch";
-
-/// An input, or an error that names one first, is that switch.
-pub fn is_consent(named: &str) -> bool {
-    named.starts_with(CONSENT)
-}
-
 /// The inputs that may be configured: key and path; an empty path is no input.
-pub fn configured<'a>(deck: &'a DeckConfig, helm: &'a HelmConfig) -> [(&'static str, &'a str); 4] {
+pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),
         ("deck.occupancy_sensor", &deck.occupancy_sensor),
         ("deck.helm_switch", &deck.helm_switch),
-        (CONSENT, &helm.consent_switch),
     ]
 }
 
@@ -89,7 +75,6 @@ impl Input {
         let error = error.map(|e| format!("{}: {e}", self.name));
         if error != self.error {
             match &error {
-                Some(e) if is_consent(e) => warn!("{e}: {CONSENT_REMEDY}"),
                 Some(e) => warn!("{e}: {REMEDY}"),
                 None => info!("{}: read again", self.name),
             }
@@ -100,22 +85,20 @@ impl Input {
 }
 
 /// All inputs that are configured.
-pub struct InputFiles([Option<Input>; 4]);
+pub struct InputFiles([Option<Input>; 3]);
 
 impl InputFiles {
     /// Begins to read them.
-    pub fn start(deck: &DeckConfig, helm: &HelmConfig, now_ns: i64) -> InputFiles {
-        InputFiles(configured(deck, helm).map(|input| Input::start(input, now_ns)))
+    pub fn start(deck: &DeckConfig, now_ns: i64) -> InputFiles {
+        InputFiles(configured(deck).map(|input| Input::start(input, now_ns)))
     }
     /// The levels that were read since the last call.
     pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
-        let [closed, occupied, turning, consent] =
-            self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
+        let [closed, occupied, turning] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
         DeckInputs {
             closed,
             occupied,
             turning,
-            consent,
         }
     }
     /// Why inputs cannot be read: key, path and error.
@@ -138,7 +121,7 @@ mod tests {
             occupancy_sensor: "/nowhere/value".into(),
             ..DeckConfig::default()
         };
-        let mut files = InputFiles::start(&deck, &HelmConfig::default(), 0);
+        let mut files = InputFiles::start(&deck, 0);
         let read = DeckInputs {
             closed: Some(true),
             occupied: None,
@@ -152,11 +135,8 @@ mod tests {
             error.starts_with("deck.occupancy_sensor: /nowhere/value: "),
             "{error}"
         );
-        let consents = configured(&deck, &HelmConfig::default()).map(|(key, _)| is_consent(key));
-        assert_eq!(consents, [false, false, false, true]);
-        assert!(!is_consent(error), "it counts as 1");
         fs::remove_file(&path).unwrap();
-        let mut none = InputFiles::start(&DeckConfig::default(), &HelmConfig::default(), 0);
+        let mut none = InputFiles::start(&DeckConfig::default(), 0);
         assert_eq!(none.poll(i64::MAX), DeckInputs::default());
     }
 }

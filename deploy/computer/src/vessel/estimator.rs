@@ -27,16 +27,12 @@ use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
-use crate::vessel::helm::{self, HelmLink};
 use crate::vessel::helm_lamp::HelmLamp;
 use crate::vessel::radio::VesselRadio;
 use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
 /// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// A boat that is steered when the process is asked to end is given back within this, ns: until a report of its autopilot
-/// shows it. A later start knows what was before, for a while.
-const GIVE_BACK_NS: i64 = 3_500_000_000;
 /// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
@@ -47,11 +43,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputerConfig = config::load(&args.config)?;
-    let helm_key = helm::signing_key(&computer)?;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
-        let mut node = computer.node(boot);
-        helm_key.into_iter().for_each(|key| node.sign_helm(key));
-        node
+        computer.node(boot)
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Vessel.name())?;
     let mut ports = <alight_usv::VesselComputer as Wired>::Ports::join(&memory)?;
@@ -60,16 +53,14 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let wakes = Wakes::of::<alight_usv::VesselComputer>(&memory)?;
     let mut radio = VesselRadio::open(&computer)?;
     let (mut deck_file, left) = DeckFile::open(&computer)?;
-    let mut deck_inputs = InputFiles::start(&computer.deck, &computer.vessel.helm, steady_ns());
-    let mut helm = HelmLink::open(&computer).await?;
+    let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
     let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
     let mut status = VesselStatusReport::default();
     let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
 
     let mut checkpoint = Some(left);
     let mut last_ns = steady_ns();
-    let mut asked_ns = None;
-    while !is_over(&process, &mut asked_ns) {
+    while !process.ended() {
         let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
         last_ns = steady_ns();
         if !radio.survives_pause(gap_s) {
@@ -79,9 +70,7 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
         arrival(&wakes, &radio).await?;
         let mut input = ComputerIn {
             deck_inputs: deck_inputs.poll(steady_ns()),
-            helm: helm.received(),
             checkpoint: checkpoint.take(),
-            ends: asked_ns.is_some(),
             ..ports.read(process.now().nanos())
         };
         radio.receive(|at_ns| process.at(at_ns), &mut input);
@@ -91,7 +80,6 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
             radio.publish(out);
             true
         });
-        helm.send(&out.helm);
         helm_lamp.set(out.lamp);
         people.show(&out, process.now(), process.node().node());
         deck_file.keep(process.node().checkpoint());
@@ -107,7 +95,6 @@ async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
                 file: deck_file.error(),
                 inputs: deck_inputs.errors(),
                 lamp: helm_lamp.error(),
-                helm: helm.error(process.node().helm().is_silent(now)),
             };
             let header = Header::new(computer.vessel_id, 0, process.life.boot(), 0, now);
             let message = status.message(
@@ -131,15 +118,6 @@ fn stood_still(gap_s: f64) -> CliError {
         "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
          it ends so that its supervisor starts it again"
     ))
-}
-
-/// The process was asked to end, at `asked_ns`, and gives no boat back any more.
-fn is_over(process: &Process<alight_usv::VesselComputer>, asked_ns: &mut Option<i64>) -> bool {
-    if !process.ended() {
-        return false;
-    }
-    let asked_ns = *asked_ns.get_or_insert_with(steady_ns);
-    process.node().helm().checkpoint().is_none() || steady_ns() - asked_ns > GIVE_BACK_NS
 }
 
 /// Waits for measurements or packets, or for its time.

@@ -1,4 +1,4 @@
-//! The lamp at the helm, on a [`DigitalLine`]: lit it asks for a steady course, blinking whether the computer may steer.
+//! The lamp at the helm, on a [`DigitalLine`]: lit it asks for a steady course.
 //!
 //! It is written twice a second in a thread of its own, since a driver may take long, and put out when the process ends.
 
@@ -7,12 +7,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use alight_usv::Lamp;
 use tracing::{info, warn};
 
 use crate::io::digital_line::DigitalLine;
 
-/// Time between two writings: of the same level, or of a lamp that blinks once a second.
+/// Time between two writings of the same level.
 const PERIOD: Duration = Duration::from_millis(500);
 /// Remedy for a lamp that cannot be written.
 pub const REMEDY: &str = "the helm is not asked by it: let the user alight write the line or file \
@@ -20,9 +19,9 @@ pub const REMEDY: &str = "the helm is not asked by it: let the user alight write
 
 /// The lamp, while its thread drives it.
 pub struct HelmLamp {
-    levels: Option<SyncSender<Lamp>>,
+    levels: Option<SyncSender<bool>>,
     writer: Option<JoinHandle<()>>,
-    shown: Lamp,
+    shown: bool,
     error: Arc<Mutex<Option<String>>>,
 }
 
@@ -33,7 +32,7 @@ impl HelmLamp {
         let mut lamp = HelmLamp {
             levels: None,
             writer: None,
-            shown: Lamp::Out,
+            shown: false,
             error: Arc::clone(&error),
         };
         if !path.is_empty() {
@@ -44,15 +43,15 @@ impl HelmLamp {
         }
         lamp
     }
-    /// It shows this from now on.
-    pub fn set(&mut self, lamp: Lamp) {
-        if lamp == self.shown {
+    /// It is lit, or out, from now on.
+    pub fn set(&mut self, lit: bool) {
+        if lit == self.shown {
             return;
         }
-        let sent = self.levels.as_ref().map(|levels| levels.try_send(lamp));
+        let sent = self.levels.as_ref().map(|levels| levels.try_send(lit));
         // While the thread is busy, the next call tries again.
         if !matches!(sent, Some(Err(TrySendError::Full(_)))) {
-            self.shown = lamp;
+            self.shown = lit;
         }
     }
     /// Why it cannot be written.
@@ -68,21 +67,11 @@ impl Drop for HelmLamp {
     }
 }
 
-/// The level that is written after `before`.
-fn level(lamp: Lamp, before: bool) -> bool {
-    match lamp {
-        Lamp::Out => false,
-        Lamp::Lit => true,
-        Lamp::Blinks => !before,
-    }
-}
-
 /// Shows what was sent last until the sender has ended, then puts the lamp out.
-fn drive(path: &str, levels: &Receiver<Lamp>, error: &Mutex<Option<String>>) {
+fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
     let mut line = DigitalLine::new(path);
-    let (mut lamp, mut lit, mut ended, mut before) = (Lamp::Out, false, false, None);
+    let (mut lit, mut ended, mut before) = (false, false, None);
     while !ended {
-        lit = level(lamp, lit);
         let failed = line.write(lit).err();
         let failed = failed.map(|e| format!("deck.helm_lamp: {path}: {e}"));
         if failed != before {
@@ -94,7 +83,7 @@ fn drive(path: &str, levels: &Receiver<Lamp>, error: &Mutex<Option<String>>) {
             before = failed;
         }
         match levels.recv_timeout(PERIOD) {
-            Ok(newest) => lamp = newest,
+            Ok(newest) => lit = newest,
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => ended = true,
         }
@@ -113,20 +102,12 @@ mod tests {
         let text = path.display().to_string();
         fs::write(&path, "1").unwrap();
         let mut lamp = HelmLamp::start(&text);
-        lamp.set(Lamp::Lit);
+        lamp.set(true);
         drop(lamp);
         assert_eq!(fs::read_to_string(&path).unwrap(), "0\n");
         fs::remove_file(&path).unwrap();
         let mut none = HelmLamp::start("");
-        none.set(Lamp::Lit);
+        none.set(true);
         assert_eq!(none.error(), None);
-    }
-
-    #[test]
-    fn levels_of_a_lamp() {
-        let levels = |lamp| [false, true].map(|before| level(lamp, before));
-        assert_eq!(levels(Lamp::Out), [false, false]);
-        assert_eq!(levels(Lamp::Lit), [true, true]);
-        assert_eq!(levels(Lamp::Blinks), [true, false]);
     }
 }

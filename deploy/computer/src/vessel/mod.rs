@@ -4,7 +4,6 @@ pub mod crew;
 pub mod deck_file;
 pub mod deck_inputs;
 pub mod estimator;
-pub mod helm;
 pub mod helm_lamp;
 pub mod radio;
 pub mod sensors;
@@ -24,13 +23,12 @@ const SILENCE_TIMEOUT_S: f64 = 3.0;
 /// Runs the vessel's processes until it is asked to end.
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<VesselComputerConfig>(&args.process.config)?;
-    // A malformed address and a key that cannot be read are rejected here, not in a process that is started again and again.
+    // A malformed address is rejected here, not in a process that is started again and again.
     for source in &computer.sensor.sources {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
         source.connect.parse::<LinkUrl>().map_err(of)?;
     }
     computer.radio.check_zenoh()?;
-    helm::signing_key(&computer)?;
     sensors::node(&computer, 0)?;
     let nodes = computer.processes().into_iter();
     let service = ComputerService {

@@ -144,7 +144,6 @@ impl VesselRadio {
             rtcm,
             events: _,
             lamp: _,
-            helm: _,
         } = out;
         self.send(ESTIMATE, &vessel.estimate_update);
         self.send(TIME_REPLY, &vessel.time_replies);

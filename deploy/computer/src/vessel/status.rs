@@ -22,8 +22,6 @@ pub struct CrewDeviceErrors {
     pub inputs: Vec<String>,
     /// The lamp at the helm cannot be driven.
     pub lamp: Option<String>,
-    /// The boat's autopilot cannot be steered.
-    pub helm: Option<String>,
 }
 
 /// Collects what the process knows.
@@ -167,7 +165,5 @@ fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &Crew
         lamp_error: errors.lamp.as_ref().map(line),
         course: arbiter.course(now),
         wants_steady: arbiter.wants_steady(now),
-        helm: node.helm().status(),
-        helm_error: errors.helm.as_ref().map(line),
     }
 }

@@ -122,10 +122,6 @@ config! {
         /// Address at which a ground station listens, UDP: the simulated autopilot's other link, between which it forwards.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;
-        /// Address at which the vessel's helm listens for the boat's autopilot, UDP (`vessel.helm.connect`): the simulated boat then has
-        /// one, as ArduPilot Rover.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        pub helm: Option<String> = None;
         /// The plant of a firmware.
         pub firmware: FirmwareConfig;
         /// Connection of the drone's computer; with one it may be started later than the vehicles.

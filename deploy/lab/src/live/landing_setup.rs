@@ -18,12 +18,10 @@ use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::radio::RadioConfig;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::computer;
-use alight_usv::helm::HelmConfig;
-use alight_usv::{DeckConfig, VesselNodeConfig};
+use alight_usv::DeckConfig;
 
 use crate::live::air::RadioPath;
 use crate::live::args::LandArgs;
-use crate::live::boat;
 use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
 use crate::scene::Scene;
 
@@ -71,13 +69,11 @@ impl LandingSetup {
             impairment: air.impairment.clone(),
             baseline: scene.nodes.baseline,
         };
-        let (own_helm, helm) = boat::simulated(&scene.nodes.vessel.helm)?;
-        let vessel = vessel_computer(scene, args, &air, clock(&clocks.vessel), own_helm);
+        let vessel = vessel_computer(scene, args, &air, clock(&clocks.vessel));
         let drone = drone_computer(scene, args, &air, clock(&clocks.drone), &mavlink);
         let world = SimulatedWorld {
             epoch_ns,
             mavlink,
-            helm,
             ..simulated_world(scene, args)?
         };
         Ok(LandingSetup {
@@ -124,7 +120,6 @@ fn vessel_computer(
     args: &LandArgs,
     air: &RadioPath,
     clock: ProcessClock,
-    helm: HelmConfig,
 ) -> VesselComputerConfig {
     let [tls, _] = air.tls.clone();
     VesselComputerConfig {
@@ -133,10 +128,7 @@ fn vessel_computer(
         clock,
         radio: RadioConfig::listening(&air.listen, tls),
         deck: DeckConfig::default(),
-        vessel: VesselNodeConfig {
-            helm,
-            ..scene.nodes.vessel.clone()
-        },
+        vessel: scene.nodes.vessel.clone(),
         ..VesselComputerConfig::default()
     }
 }

@@ -4,7 +4,6 @@
 pub mod air;
 pub mod args;
 pub mod attach;
-pub mod boat;
 pub mod config;
 pub mod detections;
 pub mod emulator;

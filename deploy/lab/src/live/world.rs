@@ -32,7 +32,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::chart;
 use crate::live::args::WorldArgs;
-use crate::live::boat::BoatLink;
 use crate::live::config::{AutopilotKind, SimulatedWorld};
 use crate::live::detections::Detections;
 use crate::live::plant::{self, Plant};
@@ -169,7 +168,6 @@ struct LiveWorld<'a> {
     truth: Option<NodeRecorder>,
     life: Life,
     clock: ProcessClock,
-    boat: Option<BoatLink>,
     sensors: VesselSide,
     /// The camera of a drone with devices of its own.
     camera: Option<RenderThread>,
@@ -199,7 +197,6 @@ impl<'a> LiveWorld<'a> {
             None => None,
         };
         let sensors = VesselSide::of(world)?;
-        let boat = world.helm.as_deref().map(BoatLink::open).transpose()?;
         let life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
         let truth = match &args.flight {
             Some(directory) if world.truth => Some(node_recorder(
@@ -218,7 +215,6 @@ impl<'a> LiveWorld<'a> {
                 epoch_ns: world.epoch_ns,
                 ..ProcessClock::default()
             },
-            boat,
             sensors,
             camera,
             drone,
@@ -284,9 +280,6 @@ impl<'a> LiveWorld<'a> {
     fn measure(&mut self) {
         let measured_at = self.physics.vessel_now();
         self.sensors.send(measured_at, &self.physics.vessel_readings());
-        if let Some(boat) = &mut self.boat {
-            boat.step(&mut self.physics);
-        }
         let Some(readings) = self.physics.drone_readings(0) else {
             return;
         };

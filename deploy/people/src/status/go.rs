@@ -54,7 +54,6 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
             | ReasonCode::HandsOver
             | ReasonCode::TurnsBack
             | ReasonCode::OnStation
-            | ReasonCode::HelmTurns
     );
     if waits_for.is_empty() {
         state.does().into()

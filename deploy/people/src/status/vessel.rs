@@ -2,11 +2,11 @@
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::ObservedSituation;
-use alight_computer::vessel::{deck_inputs, helm, helm_lamp};
+use alight_computer::vessel::{deck_inputs, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
     CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
-    EstimatorStatus, HelmEnd, HelmState, State, VesselReport, VesselStatus, Wind, still_armed,
+    EstimatorStatus, State, VesselReport, VesselStatus, Wind, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -32,7 +32,6 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
-    all.extend(helm_findings(&status.deck));
     all.extend((status.estimator.advice).map(|a| advised_course(&a, s.known.knots)));
     all.extend(drones(status));
     all
@@ -157,10 +156,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(
         deck.input_errors
             .iter()
-            .map(|e| match deck_inputs::is_consent(e.as_str()) {
-                true => DECK.warning(e.as_str(), deck_inputs::CONSENT_REMEDY),
-                false => DECK.warning(e.as_str(), deck_inputs::REMEDY),
-            }),
+            .map(|e| DECK.warning(e.as_str(), deck_inputs::REMEDY)),
     );
     all.extend(deck.file_error.iter().map(|e| {
         DECK.warning(
@@ -191,33 +187,6 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
             .iter()
             .map(|e| TOPIC.warning(e.as_str(), helm_lamp::REMEDY)),
     );
-    all
-}
-
-/// The handshake about the helm, where there is one.
-fn helm_findings(deck: &DeckStatus) -> Vec<Finding> {
-    const TOPIC: FindingTopic = FindingTopic("helm");
-    let helm = &deck.helm;
-    let mut all: Vec<Finding> = deck
-        .helm_error
-        .iter()
-        .map(|e| TOPIC.warning(e.as_str(), helm::REMEDY))
-        .collect();
-    all.extend(match helm.state {
-        HelmState::Idle => None,
-        HelmState::Asked => Some(TOPIC.stopping(
-            format!("{helm}: MAY THE COMPUTER STEER?"),
-            "look for traffic, then: alight command helm yes, or no; without an answer the drone lands as it is",
-        )),
-        HelmState::Agreed | HelmState::Steady | HelmState::Done => {
-            Some(TOPIC.fine(format!("{helm}; a hand on the helm, or alight command helm no, ends it")))
-        }
-        HelmState::Withdrawn if helm.why == HelmEnd::NotGivenBack => Some(TOPIC.stopping(
-            helm.to_string(),
-            "set the mode of the boat's autopilot by hand; the skipper is not asked before (docs/helm.md)",
-        )),
-        HelmState::Withdrawn => Some(TOPIC.warning(helm.to_string(), "the boat steers as its skipper has it")),
-    });
     all
 }
 
@@ -387,8 +356,6 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
     all.extend((status.estimator.advice).map(|a| compass::figure(&a, s.known.knots)));
-    let helm = &status.deck.helm;
-    all.extend((helm.state != HelmState::Idle).then(|| Figure::of("helm", helm.to_string(), "")));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
     let sources = s.sources();

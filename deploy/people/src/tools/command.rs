@@ -19,8 +19,7 @@ use alight_computer::subject::{commanded_drone, commanded_vessel};
 use alight_computer::terminal::{self, WIDTH};
 use alight_computer::vessel::crew::OrderOnItsWay;
 use alight_shared::msg::{
-    AskedCourse, Command, CommandKind, DeckOrder, DroneContact, HelmAnswer, HelmStatus, MissionState,
-    Unheard, VesselStatus,
+    Command, CommandKind, DeckOrder, DroneContact, MissionState, Unheard, VesselStatus,
 };
 use alight_shared::time::{DroneClock, SteadyClock, Time};
 use alight_transport::clock::steady_ns;
@@ -30,9 +29,6 @@ use serde_json::json;
 
 /// Period at which the effect of a command is looked for.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-
-/// A status of the vessel's process comes within this, ns.
-const STATUS_NS: i64 = 3_000_000_000;
 
 /// Without `--for` course and speed are kept for so long, s.
 const STEADY_S: u32 = 60;
@@ -65,11 +61,9 @@ pub enum OrderArg {
     Steady,
     /// On the vessel: she turns or may turn, until `steady` is ordered.
     Turning,
-    /// On the vessel: the skipper's answer, whether the computer may steer.
-    Helm,
 }
 
-/// Order of the crew for the deck, or the skipper's answer about the helm.
+/// Order of the crew for the deck.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CrewOrderArg {
     /// No drone descends; a descent that is still high is broken off.
@@ -84,13 +78,10 @@ impl OrderArg {
     /// Whether a flag or value, by its field, counts with this order.
     fn takes(self, field: &str) -> bool {
         let is_at = self == OrderArg::DeckAt;
-        let is_crews = matches!(
-            self,
-            OrderArg::Deck | OrderArg::Steady | OrderArg::Turning | OrderArg::Helm
-        );
+        let is_crews = matches!(self, OrderArg::Deck | OrderArg::Steady | OrderArg::Turning);
         match field {
             "order" => false,
-            "values" => is_at || matches!(self, OrderArg::Deck | OrderArg::Helm),
+            "values" => is_at || self == OrderArg::Deck,
             "standing" => self == OrderArg::Deck,
             "lasting" => is_at || matches!(self, OrderArg::Steady | OrderArg::Station),
             "course" | "speed" | "error" => is_at,
@@ -130,12 +121,9 @@ impl CommandArgs {
             OrderArg::Takeoff => Some(CommandKind::TakeOff),
             OrderArg::Ready => Some(CommandKind::Ready),
             OrderArg::Station => Some(CommandKind::Station(station::ordered(self)?)),
-            OrderArg::Status
-            | OrderArg::DeckAt
-            | OrderArg::Deck
-            | OrderArg::Steady
-            | OrderArg::Turning
-            | OrderArg::Helm => None,
+            OrderArg::Status | OrderArg::DeckAt | OrderArg::Deck | OrderArg::Steady | OrderArg::Turning => {
+                None
+            }
         })
     }
     /// Time of `--for` in whole multiples of `unit`, which a plain number counts, or `usual`.
@@ -157,10 +145,9 @@ pub struct CommandArgs {
     /// Order; `alight help command` explains each
     #[arg(value_enum)]
     pub order: OrderArg,
-    /// deck: closed, open, takeoff; helm: yes [DEG], no; deck-at: latitude, longitude
+    /// deck: closed, open, takeoff; deck-at: latitude, longitude
     ///
-    /// With `helm` the heading that was read may follow a yes. Places are in deg: alight command deck-at 59.3456 18.1234
-    /// --error 10.
+    /// Places are in deg: alight command deck-at 59.3456 18.1234 --error 10.
     #[arg(value_name = "VALUE", num_args = 0..=2, allow_negative_numbers = true)]
     pub values: Vec<String>,
     /// deck takeoff: each take-off until the deck is closed
@@ -191,7 +178,7 @@ pub struct CommandArgs {
     pub error: f64,
     /// Configuration of the computer that it is for (TOML)
     ///
-    /// The vessel's for `deck`, `steady`, `turning` and `helm`, else the drone's [default: /etc/alight/vessel.toml or
+    /// The vessel's for `deck`, `steady` and `turning`, else the drone's [default: /etc/alight/vessel.toml or
     /// /etc/alight/drone.toml; without the drone's: of a landing that runs here].
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -229,17 +216,15 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
         ));
     }
     station::check(args)?;
-    let has_values = matches!(args.order, OrderArg::Deck | OrderArg::Helm | OrderArg::DeckAt);
+    let has_values = matches!(args.order, OrderArg::Deck | OrderArg::DeckAt);
     if !has_values && !args.values.is_empty() {
         return Err(CliError(format!(
-            "{}: closed, open and takeoff belong to `alight command deck`, yes and no to `alight command helm`, places to \
-             `alight command deck-at`",
+            "{}: closed, open and takeoff belong to `alight command deck`, places to `alight command deck-at`",
             args.values.join(" ")
         )));
     }
     match args.order {
         OrderArg::Deck => return deck(args, crew_order(&args.values)?),
-        OrderArg::Helm => return course(args, DeckOrder::Helm(consent(args)?)),
         OrderArg::DeckAt => return beacon::run(args),
         OrderArg::Steady => {
             return course(
@@ -270,54 +255,6 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// The arguments of `helm`: whether the computer may steer. A yes is to the course that is asked now.
-fn consent(args: &CommandArgs) -> Result<HelmAnswer, CliError> {
-    let named = match args.values.as_slice() {
-        [answer] if answer == "no" => return Ok(HelmAnswer::No),
-        [answer] if answer == "yes" => None,
-        [answer, heading] if answer == "yes" => Some(heading.as_str()),
-        _ => {
-            return Err(CliError(
-                "alight command helm: yes, and the heading that was read, or no has to follow".into(),
-            ));
-        }
-    };
-    let computer = on_board(args, "the helm is answered")?;
-    let memory = join(&computer.instance, "alight-vessel", NAMED)?;
-    let mut statuses: Subscriber<VesselStatus> = memory.subscriber()?;
-    let deadline_ns = steady_ns() + STATUS_NS;
-    loop {
-        if let Some(status) = statuses.newest(steady_ns()) {
-            return Ok(HelmAnswer::Yes(question(&status.deck.helm, named)?));
-        }
-        if steady_ns() > deadline_ns || !memory.wait(POLL_PERIOD) {
-            return Err(CliError(
-                "the vessel's process does not report its question: systemctl status alight-vessel".into(),
-            ));
-        }
-    }
-}
-/// The course that is asked; another heading than the one that the skipper has read is another question.
-fn question(helm: &HelmStatus, named: Option<&str>) -> Result<AskedCourse, CliError> {
-    let Some(asked) = helm.asked() else {
-        return Err(CliError(format!(
-            "the skipper is asked nothing now; helm: {helm}"
-        )));
-    };
-    let is_it = |named: &str| {
-        named
-            .parse::<u16>()
-            .is_ok_and(|deg| deg % 360 == asked.heading_deg)
-    };
-    match named {
-        Some(other) if !is_it(other) => Err(CliError(format!(
-            "{other}: the skipper is asked for {asked}: alight command helm yes {:03}, or no",
-            asked.heading_deg
-        ))),
-        Some(_) | None => Ok(asked),
-    }
-}
-
 /// The computer of the vessel, on which `what` is done.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
@@ -353,37 +290,33 @@ const NAMED: &str = "name its configuration with --config, or a landing's with -
 const NOT_TAKEN: &str =
     "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
 
-/// Gives an order about course or helm.
+/// Gives an order about the course.
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
-            "--drone {drone}: course and helm are the vessel's, for every drone"
+            "--drone {drone}: the course is the vessel's, for every drone"
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "order": order, "deck": newest.map(|s| s.deck) }));
     } else {
-        terminal::line(newest.map_or(NOT_TAKEN.into(), |s| stated(order, &s.deck.helm)));
+        terminal::line(newest.map_or(NOT_TAKEN, |_| stated(order)));
     }
     Ok(Exit::of(newest.is_some()))
 }
 
-/// Effect of an order about course and helm that was taken; the helm stands so since.
-fn stated(order: DeckOrder, helm: &HelmStatus) -> String {
+/// Effect of an order about the course that was taken.
+fn stated(order: DeckOrder) -> &'static str {
     match order {
-        DeckOrder::Steady(0) => "nothing is stated of the course".into(),
-        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more".into(),
-        DeckOrder::Helm(HelmAnswer::Yes(asked)) => {
-            format!("yes: the computer may steer {asked}; helm: {helm}")
-        }
-        DeckOrder::Helm(HelmAnswer::No) => "the computer does not steer for this landing".into(),
+        DeckOrder::Steady(0) => "nothing is stated of the course",
+        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
         DeckOrder::Turning
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
         | DeckOrder::TakeOff(_)
-        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns".into(),
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns",
     }
 }
 
@@ -512,7 +445,6 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::HelmState;
     use alight_shared::msg::{Seq, State};
 
     /// The crew's clearance may be what a take-off that is ordered waits for.
@@ -529,33 +461,6 @@ mod tests {
         };
         assert_eq!(warns(State::Preparing), [true, false]);
         assert_eq!(warns(State::Idle), [false, false]);
-    }
-
-    #[test]
-    fn course_that_a_yes_answers() {
-        let asks = HelmStatus {
-            state: HelmState::Asked,
-            heading_rad: 0.7,
-            speed_mps: 2.0,
-            ..HelmStatus::default()
-        };
-        let asked = question(&asks, None).unwrap();
-        assert_eq!((asked.heading_deg, asked.speed_dmps), (40, 20));
-        assert_eq!(question(&asks, Some("040")).unwrap(), asked);
-        let error = |helm: &HelmStatus, named| question(helm, named).unwrap_err().to_string();
-        for other in ["320", "-40", "north"] {
-            assert!(error(&asks, Some(other)).contains("yes 040"), "{other}");
-        }
-        assert!(error(&HelmStatus::default(), None).contains("not asked"));
-        let agreed = HelmStatus {
-            state: HelmState::Agreed,
-            ..asks
-        };
-        let text = stated(DeckOrder::Helm(HelmAnswer::Yes(asked)), &agreed);
-        assert!(
-            text.contains("040 deg true at 2.0 m/s; helm: turns to 040"),
-            "{text}"
-        );
     }
 
     #[test]

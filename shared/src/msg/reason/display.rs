@@ -5,7 +5,6 @@ use core::fmt;
 use super::{Reason, ReasonCode};
 use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::msg::DECK_CLOSED;
-use crate::msg::helm::compass_deg;
 
 /// Nearer to its station a drone keeps it, m: what it is off in wind and waves.
 const NEAR_STATION_M: f64 = 5.0;
@@ -383,11 +382,6 @@ impl fmt::Display for Reason {
             ReasonCode::TooNear => write!(f, "{v:.2} m above the deck (lowest {l:.2})"),
             ReasonCode::Matched => write!(f, "matched the deck at {v:.1} m for {l:.0} s: climbs"),
             ReasonCode::VesselTurns => write!(f, "the vessel states that she turns"),
-            ReasonCode::HelmTurns => write!(
-                f,
-                "waits for the vessel to be steady on {:03.0} deg, {l:.0} s",
-                compass_deg(v)
-            ),
             ReasonCode::OrderExpired => write!(
                 f,
                 "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give it again"

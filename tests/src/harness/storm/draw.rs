@@ -12,9 +12,6 @@ use crate::sensors::noise::Noise;
 
 /// Percentages of the faults that begin at the first entry of their state, and at the first or second.
 const ENTRIES: [f64; 2] = [85.0, 95.0];
-/// A boat that is steered is under way so fast, m/s, and such a sea makes it worth it: amplitudes, m.
-const STEERED_MPS: f64 = 5.0;
-const STEERED_SEA_M: [f64; 2] = [0.2, 0.3];
 /// Messages of the autopilot that may cease.
 const STREAMS: [u32; 9] = [
     id::ATTITUDE_QUATERNION,
@@ -98,16 +95,10 @@ impl Storm {
     fn fitted(mut self) -> Storm {
         self.drones = self.drones.min(self.flight.most_drones());
         // What stands around the deck is known by the radio alone, and is that of the usual hull.
-        self.mast &= !(self.flight.is_silent() || self.flight == FlightKind::Helm);
+        self.mast &= !self.flight.is_silent();
         match self.flight {
             FlightKind::Landing | FlightKind::Station | FlightKind::Mavlink => {}
             FlightKind::TakeOff | FlightKind::Sortie | FlightKind::Cycles => self.reserved = true,
-            FlightKind::Helm => {
-                self.reserved = true;
-                (self.course, self.speed_mps) = (VesselCourse::Straight, STEERED_MPS);
-                let [min, max] = STEERED_SEA_M;
-                self.sea[0] = self.sea[0].clamp(min, max);
-            }
             FlightKind::Beacon => self.reserved = false,
             FlightKind::TagAlone => {
                 self.reserved = false;

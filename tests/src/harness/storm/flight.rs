@@ -101,7 +101,7 @@ impl Run {
     /// At the start of the flight.
     fn new(storm: &Storm) -> Result<Run, SetupError> {
         let (mut scenario, mut nodes) = storm.scene();
-        storm.flight.set_up(&mut scenario, &mut nodes)?;
+        storm.flight.set_up(&mut scenario, &mut nodes);
         let mut rig = Rig::new(&scenario, &nodes, storm.seed)?;
         set_up(&mut rig);
         rig.world.share_deck();

@@ -3,7 +3,7 @@
 //! They go on once what they ordered has ended as it was meant to; what was stopped by somebody else they leave alone, but for a
 //! take-off that ended on the deck, which is ordered again.
 
-use alight_shared::msg::{CommandKind, DeckOrder, HelmAnswer, ReasonCode, State, Station};
+use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
 use nalgebra::Vector3;
 
@@ -24,8 +24,6 @@ const STANDS_S: f64 = 3.0;
 const ON_DECK_M: f64 = 2.0;
 /// A take-off that ended on the deck, and a station that was rejected, are ordered so often in all.
 const TRIES: u32 = 3;
-/// The skipper looks at a question for so long, s.
-const ANSWERS_S: f64 = 3.0;
 /// A ground station repeats an order that is not taken at this period, s.
 const REPEATS_S: f64 = 1.0;
 /// Distance to which the autopilot's own mission leads, and its height above the place of its beginning, m.
@@ -74,8 +72,6 @@ pub(super) struct People {
     landings: u32,
     /// When the ground station orders next, s.
     calls_s: f64,
-    /// Since when the skipper is asked, s.
-    asked_s: Option<f64>,
 }
 
 impl People {
@@ -114,17 +110,12 @@ impl People {
         if let Some(step) = next {
             (self.step, self.since_s) = (step, rig.t_s());
         }
-        if self.flight == FlightKind::Helm {
-            self.answer(rig);
-        }
     }
     fn begin(&mut self, rig: &mut Rig) -> Option<Step> {
         match self.flight {
-            FlightKind::Landing
-            | FlightKind::Helm
-            | FlightKind::Beacon
-            | FlightKind::TagAlone
-            | FlightKind::Cycles => Some(self.land(rig)),
+            FlightKind::Landing | FlightKind::Beacon | FlightKind::TagAlone | FlightKind::Cycles => {
+                Some(self.land(rig))
+            }
             FlightKind::TakeOff | FlightKind::Sortie => Some(self.clear(rig)),
             FlightKind::Station => (rig.t_s() >= FOUND_S).then(|| self.keep_station(rig)),
             FlightKind::Mavlink => Some(Step::Calls),
@@ -170,7 +161,6 @@ impl People {
                 FlightKind::TakeOff
                 | FlightKind::Landing
                 | FlightKind::Station
-                | FlightKind::Helm
                 | FlightKind::Beacon
                 | FlightKind::TagAlone
                 | FlightKind::Mavlink => None,
@@ -189,15 +179,6 @@ impl People {
     fn after_landing(&mut self, rig: &mut Rig) -> Option<Step> {
         let goes_again = self.flight == FlightKind::Cycles && self.landings == 1 && stands(rig);
         goes_again.then(|| self.clear(rig))
-    }
-    /// The skipper agrees to what he is asked.
-    fn answer(&mut self, rig: &mut Rig) {
-        let (t_s, asked) = (rig.t_s(), rig.world.helm().asked());
-        self.asked_s = asked.map(|_| self.asked_s.unwrap_or(t_s));
-        let ready = self.asked_s.is_some_and(|at| t_s >= at + ANSWERS_S);
-        if let Some(course) = asked.filter(|_| ready) {
-            rig.world.deck_order(DeckOrder::Helm(HelmAnswer::Yes(course)));
-        }
     }
 
     /// Gives the order of a fault of this kind as this flight's orders come; false for other kinds and orders of any flight.

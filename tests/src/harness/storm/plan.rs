@@ -1,11 +1,9 @@
 //! Flight of a storm: where the drone begins, what its nodes permit, and in which states faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
-use alight_usv::helm::HelmOutput;
 use serde::{Deserialize, Serialize};
 
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::physics::sea::SeaConfig;
+use crate::harness::scenario::{NodeConfigs, Scenario};
 use crate::sensors::beacon::BeaconConfig;
 
 /// Kind of a flight.
@@ -21,8 +19,6 @@ pub enum FlightKind {
     Sortie,
     /// A minute on a station next to the vessel, then a landing.
     Station,
-    /// A landing on a boat whose skipper lets her be steered for it.
-    Helm,
     /// A landing on a silent vessel that is known by its beacon.
     Beacon,
     /// A landing on a silent vessel by its tags alone.
@@ -81,17 +77,6 @@ const STATION: [PlannedPhase; 8] = [
     (State::Flare, 3, 1.2),
     (State::Landed, 2, 3.0),
 ];
-/// Steady above the deck the drone waits for the turn that is promised.
-const HELM: [PlannedPhase; 8] = [
-    (State::GetAltitude, 1, 3.0),
-    (State::Approach, 2, 8.0),
-    (State::Tracking, 3, 10.0),
-    (State::TrackingStable, 6, 20.0),
-    (State::Descent, 6, 4.0),
-    (State::Flare, 4, 1.2),
-    (State::Landed, 2, 3.0),
-    (State::Hold, 1, 3.0),
-];
 const BEACON: [PlannedPhase; 9] = [
     (State::GetAltitude, 1, 3.0),
     (State::Approach, 4, 12.0),
@@ -128,19 +113,14 @@ const CYCLES: [PlannedPhase; 12] = [
 
 /// Time for which a drone stands on the deck before a take-off, s: its autopilot has aligned its heading by then.
 const STANDS_S: f64 = 20.0;
-/// The hull that is steered.
-const STEERED: &str = "mono-5m";
-/// Address of the boat's autopilot for the vessel's computer: in lock-step it is never opened.
-const BOAT: &str = "udpin://127.0.0.1:14560";
 
 impl FlightKind {
     /// All of them.
-    pub const ALL: [FlightKind; 9] = [
+    pub const ALL: [FlightKind; 8] = [
         FlightKind::Landing,
         FlightKind::TakeOff,
         FlightKind::Sortie,
         FlightKind::Station,
-        FlightKind::Helm,
         FlightKind::Beacon,
         FlightKind::TagAlone,
         FlightKind::Cycles,
@@ -157,7 +137,6 @@ impl FlightKind {
             FlightKind::TakeOff => &TAKES_OFF,
             FlightKind::Sortie => &SORTIE,
             FlightKind::Station => &STATION,
-            FlightKind::Helm => &HELM,
             FlightKind::Beacon => &BEACON,
             FlightKind::TagAlone => &TAG_ALONE,
             FlightKind::Cycles => &CYCLES,
@@ -189,7 +168,6 @@ impl FlightKind {
             FlightKind::TakeOff
             | FlightKind::Sortie
             | FlightKind::Station
-            | FlightKind::Helm
             | FlightKind::Beacon
             | FlightKind::TagAlone
             | FlightKind::Cycles => 1,
@@ -203,26 +181,18 @@ impl FlightKind {
                 [120.0, 300.0]
             }
             FlightKind::TakeOff => [120.0, 420.0],
-            FlightKind::Helm | FlightKind::Beacon => [180.0, 420.0],
+            FlightKind::Beacon => [180.0, 420.0],
             FlightKind::Sortie | FlightKind::Cycles => [150.0, 480.0],
         }
     }
 
     /// Makes a scene of a landing, and the nodes' configurations, that of this flight.
-    pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) -> Result<(), SetupError> {
+    pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}
             FlightKind::TakeOff | FlightKind::Sortie => {
                 scenario.start.on_deck = true;
                 scenario.start.hover_s = STANDS_S;
-            }
-            FlightKind::Helm => {
-                let (height_m, period_s) = (scenario.sea.significant_height(), scenario.sea.period_s);
-                scenario.sea = SeaConfig::jonswap(height_m, period_s);
-                scenario.install_hull(nodes, STEERED)?;
-                nodes.vessel.helm.output = HelmOutput::Mavlink;
-                nodes.vessel.helm.connect = BOAT.into();
-                nodes.drone.mission.reservation_required = true;
             }
             FlightKind::Beacon => {
                 scenario.start.distance_m = [80.0, 120.0];
@@ -244,6 +214,5 @@ impl FlightKind {
             nodes.drone.mission.takeoff = true;
             nodes.drone.mission.reservation_required = true;
         }
-        Ok(())
     }
 }

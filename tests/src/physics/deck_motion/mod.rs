@@ -37,7 +37,6 @@ use crate::physics::sea::Sea;
 use crate::physics::spline::{Jet, Splines, smooth_step};
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::ResponseVessel;
-use crate::physics::vessel::steering::SteeringSetPoint;
 use crate::physics::vessel::{Vessel, VesselConfig};
 
 /// Longest blend of the end into the beginning, s of the recording.
@@ -175,14 +174,6 @@ impl DeckCarrier {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
             DeckCarrier::Responding(vessel) => vessel.ask_change(t),
-            DeckCarrier::Recorded(_) => {}
-        }
-    }
-    /// The boat's autopilot steers to a set-point from `t` on; None: as its course has it. A recorded vessel is not steered.
-    pub fn steer_to(&mut self, t: Time<TrueTime>, set_point: Option<SteeringSetPoint>) {
-        match self {
-            DeckCarrier::Simulated(vessel) => vessel.steer_to(set_point),
-            DeckCarrier::Responding(vessel) => vessel.steer_to(t, set_point),
             DeckCarrier::Recorded(_) => {}
         }
     }

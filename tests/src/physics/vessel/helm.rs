@@ -7,7 +7,6 @@ use nalgebra::{Vector2, Vector3, Vector6};
 
 use super::config::{VesselConfig, VesselCourse};
 use super::path::{MeanPath, PathPoint};
-use super::steering::{STEP_S, Steered, SteeringSetPoint};
 use crate::physics::streams::Streams;
 
 /// State of the steering.
@@ -31,8 +30,6 @@ pub struct Helm {
     smooth_speed: f64,
     /// Integral part of the speed controller, N.
     integral: f64,
-    /// Under a set-point: heading and speed on their way to it.
-    steered: Option<(SteeringSetPoint, Steered)>,
 }
 
 /// Look-ahead of the line-of-sight guidance, m (ours: three lengths of the default vessel's half) ...
@@ -69,30 +66,7 @@ impl Helm {
             from: Vector2::zeros(),
             leg: heading,
             integral: 0.0,
-            steered: None,
         }
-    }
-
-    /// Steers to a set-point from now on; None: along its course again, from the place `at` (m) where it is. An anchored
-    /// vessel stays where it is, one that keeps its station keeps the place and takes the heading.
-    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>, at: Vector2<f64>, heading: f64) {
-        self.steered = match (set_point, self.steered) {
-            (Some(_), _) if self.course == VesselCourse::Anchored => None,
-            (Some(to), Some((_, steered))) => Some((to, steered)),
-            (Some(to), None) => Some((to, self.begin(at, heading))),
-            (None, None) => None,
-            (None, Some(_)) => {
-                self.from = at;
-                None
-            }
-        };
-    }
-    fn begin(&self, at: Vector2<f64>, heading: f64) -> Steered {
-        Steered::from(&PathPoint {
-            position: at,
-            velocity: Vector2::new(heading.cos(), heading.sin()) * self.smooth_speed,
-            heading,
-        })
     }
 
     /// The course's one turn or change of speed begins a drawn time after `t`, s.
@@ -106,29 +80,6 @@ impl Helm {
         self.t += dt;
         let here = self.path.at(self.t);
         let speed = here.velocity.norm();
-        if let Some((to, steered)) = self.steered {
-            let steps = (dt / STEP_S).round().max(1.0) as u32;
-            let steered = (0..steps).fold(steered, |s, _| s.step(&to));
-            self.steered = Some((to, steered));
-            let (wanted, speed) = (steered.point().heading, steered.speed[0]);
-            return match self.course {
-                VesselCourse::StationKeeping | VesselCourse::Anchored => self.hold(
-                    &PathPoint {
-                        heading: wanted,
-                        ..here
-                    },
-                    at,
-                    heading,
-                    nu,
-                ),
-                VesselCourse::Drift
-                | VesselCourse::Straight
-                | VesselCourse::Square
-                | VesselCourse::Zigzag
-                | VesselCourse::Turn
-                | VesselCourse::SpeedChange => self.engines(wanted, speed, heading, nu, dt),
-            };
-        }
         match self.course {
             VesselCourse::Drift => Vector3::zeros(),
             VesselCourse::StationKeeping | VesselCourse::Anchored => self.hold(&here, at, heading, nu),

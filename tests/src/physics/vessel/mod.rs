@@ -18,7 +18,6 @@ pub mod hull;
 pub mod path;
 pub mod response;
 pub mod rigid;
-pub mod steering;
 
 use core::f64::consts::TAU;
 
@@ -33,7 +32,6 @@ pub use config::{VesselConfig, VesselCourse, VesselLoad};
 use self::helm::Helm;
 use self::hull::{Hull, segment};
 use self::rigid::{coriolis, head, join, rigid_body_mass, tail};
-use self::steering::SteeringSetPoint;
 use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
@@ -231,11 +229,6 @@ impl Vessel {
     /// The course's one turn or change of speed begins a drawn time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
-    }
-    /// Makes its autopilot steer to a set-point from now on; None: as its course has it.
-    pub fn steer_to(&mut self, set_point: Option<SteeringSetPoint>) {
-        let heading = self.motion.attitude.euler_angles().2;
-        self.helm.steer_to(set_point, self.motion.position.xy(), heading);
     }
     /// The hulls.
     pub fn hull(&self) -> &Hull {

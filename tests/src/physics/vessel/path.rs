@@ -8,8 +8,6 @@ use nalgebra::Vector2;
 use rand::RngExt;
 
 use super::config::{VesselConfig, VesselCourse};
-pub use super::steering::PathPoint;
-use super::steering::{SteeredPath, SteeringSetPoint};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
@@ -26,14 +24,23 @@ const FOR_GOOD_S: f64 = 1e9;
 /// Harmonics of a limit cycle: free drift is a parabola, the thruster's pulse its kink, which its lag rounds.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
+/// Point of the mean path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// North and east, m.
+    pub position: Vector2<f64>,
+    /// Their derivative, m/s.
+    pub velocity: Vector2<f64>,
+    /// Heading, rad.
+    pub heading: f64,
+}
+
 /// The mean path.
 #[derive(Clone, Debug)]
 pub struct MeanPath {
     heading: f64,
     speed: f64,
     shape: Shape,
-    /// By set-points, in the place of the shape.
-    steered: Option<SteeredPath>,
 }
 
 #[derive(Clone, Debug)]
@@ -91,7 +98,6 @@ impl MeanPath {
             heading,
             speed,
             shape: Shape::Straight,
-            steered: None,
         };
         path.shape = match config.course {
             VesselCourse::Drift | VesselCourse::Straight => Shape::Straight,
@@ -137,42 +143,12 @@ impl MeanPath {
         }
     }
 
-    /// By a set-point from `t` (s) on; None: back to the heading and the speed that its course would have there, and straight
-    /// on. An anchored vessel is not steered, one that keeps its station keeps it.
-    pub fn steer_to(&mut self, t: f64, set_point: Option<SteeringSetPoint>) {
-        let moored = matches!(self.shape, Shape::Anchored(_) | Shape::LimitCycles(_));
-        let to = match (set_point, &self.steered) {
-            _ if moored => return,
-            (None, None) => return,
-            (Some(to), Some(_)) => to,
-            (Some(to), None) => {
-                self.steered = Some(SteeredPath::begin(t, &self.at(t), to));
-                return;
-            }
-            (None, Some(_)) => {
-                let own = self.by_shape(t);
-                SteeringSetPoint {
-                    heading: own.heading,
-                    speed: own.velocity.norm(),
-                }
-            }
-        };
-        self.steered.iter_mut().for_each(|path| path.set(to));
-    }
     /// Heading before any turn of its course, rad.
     pub fn heading(&self) -> f64 {
         self.heading
     }
-    /// Computes it until `t`, s, where set-points steer it.
-    pub fn extend(&mut self, t: f64) {
-        self.steered.iter_mut().for_each(|path| path.extend(t));
-    }
-
     /// Whether heading or speed change at `t` (s) or within `margin` (s) of it.
     pub fn changes(&self, t: f64, margin: f64) -> bool {
-        if self.steered.is_some() {
-            return true;
-        }
         match &self.shape {
             Shape::Straight => false,
             Shape::Turns(c) => {
@@ -188,11 +164,6 @@ impl MeanPath {
 
     /// The path at `t`, s.
     pub fn at(&self, t: f64) -> PathPoint {
-        self.steered
-            .as_ref()
-            .map_or_else(|| self.by_shape(t), |path| path.at(t))
-    }
-    fn by_shape(&self, t: f64) -> PathPoint {
         match &self.shape {
             Shape::Straight => straight(Vector2::zeros(), self.speed, self.heading, t),
             Shape::Turns(turns) => turns.at(self.heading, self.speed, t),

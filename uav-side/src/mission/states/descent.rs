@@ -14,7 +14,7 @@ use crate::mission_config::MissionConfig;
 
 /// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
 fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
-    let turns = s.course == Course::Turning && s.promise.is_none() && urgency <= 0.0;
+    let turns = s.course == Course::Turning && urgency <= 0.0;
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 

@@ -129,10 +129,7 @@ impl Drone {
     pub(super) fn asks_for_steady(status: &DroneStatus) -> bool {
         let waits = matches!(
             status.waiting.code,
-            ReasonCode::VesselTurns
-                | ReasonCode::CourseEnds
-                | ReasonCode::TurnTooFast
-                | ReasonCode::HelmTurns
+            ReasonCode::VesselTurns | ReasonCode::CourseEnds | ReasonCode::TurnTooFast
         );
         let moves = matches!(
             status.state,

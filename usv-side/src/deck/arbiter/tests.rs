@@ -1,7 +1,6 @@
 //! Tests of the deck arbiter.
 
 use super::*;
-use crate::demand::Demand;
 use alight_shared::msg::Station;
 use alight_shared::time::DroneClock;
 

@@ -15,14 +15,12 @@ use alight_shared::msg::LandingMode;
 use alight_sim::harness::scenario::Scenario;
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::modes::Firmware;
-use alight_usv::helm::{HelmConfig, HelmOutput};
 use alight_usv::sensors::{Format, Mount, SourceConfig};
 use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
 
 use super::args::RehearseArgs;
 use crate::args::AutopilotArg;
-use crate::live::boat;
 use crate::live::config::{AutopilotKind, Devices, SimulatedWorld, free_port};
 use crate::live::land::AT_SEA;
 use crate::live::serial_lines::assigned;
@@ -108,7 +106,6 @@ impl RehearsalPlan {
         let connect = autopilot_link(args)?;
         let directory = Directory::make(args.keep.as_deref())?;
         let names = radio(&directory, (&vessel, &mut vessel_file), (&drone, &mut drone_file))?;
-        let boat = helm(&vessel.vessel.helm, &mut vessel_file)?;
         let sources = sources(&vessel, &directory);
         change_vessel(&mut vessel_file, &vessel, &directory, &sources)?;
         let camera = directory.file("camera");
@@ -125,10 +122,7 @@ impl RehearsalPlan {
         let contradictions = contradictions(&vessel, &drone);
         let vessel = write(&vessel_file, &directory.file("vessel.toml"))?;
         let drone = write(&drone_file, &directory.file("drone.toml"))?;
-        let world = SimulatedWorld {
-            helm: boat,
-            ..world(args, (&vessel, &drone), &sources, camera)?
-        };
+        let world = world(args, (&vessel, &drone), &sources, camera)?;
         let text = toml::to_string(&world).doing("writing the world")?;
         std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
         Ok(RehearsalPlan {
@@ -245,21 +239,6 @@ fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
         at = table;
     }
     at.insert(key.into(), value.into());
-}
-
-/// A configured helm is the simulated boat's; where its link listens.
-fn helm(configured: &HelmConfig, file: &mut Table) -> Result<Option<String>, CliError> {
-    if configured.output == HelmOutput::None {
-        return Ok(None);
-    }
-    let (own, at) = boat::simulated(configured)?;
-    let output = Value::try_from(own.output).doing("writing the helm")?;
-    let within = ["vessel", "helm"];
-    set(file, &within, "output", output);
-    set(file, &within, "connect", own.connect);
-    set(file, &within, "signing_key", own.signing_key);
-    set(file, &within, "consent_switch", own.consent_switch);
-    Ok(at)
 }
 
 /// Endpoint and, where the files ask for them, certificates of both; the names in them.

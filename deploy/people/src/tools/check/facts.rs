@@ -11,7 +11,6 @@ use alight_shared::msg::{Certificate, DeckDimensions, Reason, RelativeState, Sou
 use alight_uav::autopilot::receiver::RelativeReport;
 use alight_uav::camera::metering::Setting;
 use alight_uav::camera::strangers::Stranger;
-use alight_usv::helm::HelmBearings;
 use alight_usv::sensors::Remark;
 
 use crate::tools::check::received::SensorStatistics;
@@ -101,28 +100,6 @@ pub struct DeckInputCheck {
     pub path: String,
     /// Whether it is active, or why that cannot be known.
     pub level: Result<bool, String>,
-}
-
-/// The boat's autopilot that the vessel's computer may steer by.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HelmCheck {
-    /// The path.
-    pub connect: String,
-    /// The report, or why it cannot be steered.
-    pub report: Result<HelmReport, String>,
-}
-
-/// Facts about a boat's autopilot without steering by it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HelmReport {
-    /// Whether its heartbeats come.
-    Answers,
-    /// They come, in the mode in which it takes set-points.
-    SteeredAlready,
-    /// The link is open, and it need not report anything; it is sent these bearings.
-    Open(HelmBearings),
-    /// The process that runs has it.
-    Held,
 }
 
 /// The drone's own GNSS receiver, whose moving base is the vessel's.
@@ -271,8 +248,6 @@ pub struct CheckFacts {
     pub held_sources: Vec<SourceHealth>,
     /// The deck's digital inputs that are configured.
     pub deck_inputs: Vec<DeckInputCheck>,
-    /// The boat's autopilot; None where no helm is configured.
-    pub helm: Option<HelmCheck>,
     /// Frequency governor of each processor; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.

@@ -36,7 +36,7 @@ use crate::tools::check::facts::{
     SigningCheck,
 };
 use crate::tools::check::received::SensorStatistics;
-use crate::tools::check::{autopilot, camera, helm, receiver, sources};
+use crate::tools::check::{autopilot, camera, receiver, sources};
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -71,7 +71,6 @@ pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
         measured: SensorStatistics::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
-        helm: None,
         governors: governors(),
         realtime: scheduling::real_time_permitted(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
@@ -199,7 +198,7 @@ impl CheckFacts {
         let instance = Instance::new(&v.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
         self.radio(&v.radio);
-        let inputs = deck_inputs::configured(&v.deck, &v.vessel.helm).into_iter();
+        let inputs = deck_inputs::configured(&v.deck).into_iter();
         self.deck_inputs = inputs
             .filter(|(_, path)| !path.is_empty())
             .map(|(key, path)| (key, path, DigitalLine::new(path)))
@@ -216,7 +215,6 @@ impl CheckFacts {
         let (held, received) = sources::of(path, v, snapshot.as_ref());
         self.held_sources = held;
         (self.sources, self.measured) = (received.sources, received.measured);
-        self.helm = helm::of(v, snapshot.as_ref());
         self.memory = Some(memory(instance.map_err(|e| e.to_string())));
     }
     /// Facts about the drone's computer.

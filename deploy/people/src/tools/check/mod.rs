@@ -7,7 +7,6 @@ mod camera;
 pub mod equipment;
 pub mod facts;
 pub mod gather;
-mod helm;
 mod received;
 mod receiver;
 pub mod rules;

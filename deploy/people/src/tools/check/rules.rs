@@ -17,7 +17,7 @@ use crate::tools::check::facts::{
     AutopilotReport, CameraCheck, CheckFacts, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
     SigningCheck, SourceCheck,
 };
-use crate::tools::check::{equipment, helm, receiver, view};
+use crate::tools::check::{equipment, receiver, view};
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
 /// who look on, and a start whose predecessor was killed.
@@ -113,7 +113,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     all
 }
 
-/// Sensors, switches and helm of a vessel.
+/// Sensors and switches of a vessel.
 fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> {
     let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
     all.extend(facts.held_sources.iter().flat_map(sources::of));
@@ -130,7 +130,6 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
     let listened = facts.held_sources.is_empty().then_some(&facts.sources);
     all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
     all.extend(facts.deck_inputs.iter().map(deck_input));
-    all.extend(facts.helm.as_ref().map(helm::judge));
     all
 }
 
@@ -563,9 +562,6 @@ fn deck_input(found: &DeckInputCheck) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("deck");
     let input = format!("{}: {}", found.key, found.path);
     match &found.level {
-        Err(why) if deck_inputs::is_consent(&input) => {
-            TOPIC.warning(format!("{input}: {why}"), deck_inputs::CONSENT_REMEDY)
-        }
         Err(why) => TOPIC.warning(format!("{input}: {why}"), deck_inputs::REMEDY),
         Ok(active) => TOPIC.fine(format!("{input} holds {}", u8::from(*active))),
     }

@@ -101,7 +101,6 @@ fn vessel() -> CheckFacts {
         measured: SensorStatistics::default(),
         held_sources: Vec::new(),
         deck_inputs: Vec::new(),
-        helm: None,
         governors: vec!["performance".into(); 4],
         realtime: true,
         processors: 4,

@@ -103,16 +103,12 @@ function droneTiles() {
   ];
 }
 
-// Who asks the helm for what, and whether she agrees.
+// What the drones ask of the helm, and the course that she states.
 function helmTiles(vessel) {
-  const { helm, wants_steady: steady } = vessel.deck;
-  const [course, said] = [figure("course"), figure("helm")];
-  const [asked, idle] = [helm.state === "asked", helm.state === "idle"];
-  const wish = asked ? (said.value || "").replace("asks to ", "") : steady ? "KEEP COURSE AND SPEED" : "nothing";
-  const answer = { idle: "not asked", asked: "not given yet", withdrawn: "withdrawn" }[helm.state] || "given";
+  const course = figure("course");
+  const wish = vessel.deck.wants_steady ? "KEEP COURSE AND SPEED" : "nothing";
   return [
     { ...course, name: "asked of the helm", value: wish, note: vessel.deck_owner ? `by drone ${vessel.deck_owner}` : "", is: "keep" },
-    { ...said, name: "skipper's consent", value: answer, note: idle || asked ? "" : said.value || "", is: "keep" },
     { ...course, is: "more" },
   ];
 }

@@ -28,7 +28,6 @@ use self::places::Places;
 use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
 use super::config::VesselConfig;
 use super::path::{MeanPath, PathPoint};
-use super::steering::SteeringSetPoint;
 use crate::physics::body::{RigidState, body_motion};
 use crate::physics::sea::{Sea, SeaComponent, sin_cos};
 use crate::physics::spline::Jet;
@@ -228,10 +227,6 @@ impl ResponseVessel {
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
-    /// Makes its autopilot steer to a set-point from `t` on; None: as its course has it.
-    pub fn steer_to(&mut self, t: Time<TrueTime>, set_point: Option<SteeringSetPoint>) {
-        self.path.steer_to(t.secs(), set_point);
-    }
     /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {
         self.state
@@ -252,7 +247,6 @@ impl ResponseVessel {
     /// The state at `t`.
     pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
         let s = t.secs();
-        self.path.extend(s + TURN_STEP.secs());
         let [north, east, down, roll, pitch, yaw] = if self.path.changes(s, 2.0 * TURN_STEP.secs()) {
             let h = TURN_STEP.secs();
             let poses = [t - TURN_STEP, t, t + TURN_STEP].map(|t| {

@@ -2,7 +2,6 @@ use super::table::COLUMNS;
 use super::*;
 use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::VesselCourse;
-use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 
 fn at(s: f64) -> Time<TrueTime> {
@@ -358,58 +357,4 @@ fn seed_draws_of_phases_directions_and_heading() {
     }
     let spread = all.iter().map(|a| a.1 * a.1).sum::<f64>() / 40.0;
     assert!(spread > 0.02, "{spread}");
-}
-
-#[test]
-fn steered_hull_in_waves() {
-    let streams = Streams::new(5);
-    let sea = Sea::linear(&"jonswap:1,5".parse::<SeaConfig>().unwrap(), &streams);
-    let mut vessel = vessel_of("mono-5m", VesselCourse::Straight, &sea, 5);
-    let mut free = vessel.clone();
-    // One that has been on the new course from the beginning.
-    let born = VesselConfig {
-        course: VesselCourse::Straight,
-        heading_deg: Some(wrap_angle(vessel.path.heading() + 1.0).to_degrees()),
-        speed_mps: 3.0,
-        ..VesselConfig::default()
-    };
-    let files = HullFiles::load("mono-5m").unwrap();
-    let mut born = ResponseVessel::new(&files, &HullConfig::default(), &born, &sea, &streams);
-    let tick = 0.01;
-    let (mut highest, mut usual) = ([0.0_f64; 2], 0.0_f64);
-    for k in 0..6000 {
-        let t = at(tick * f64::from(k));
-        let turn = SteeringSetPoint {
-            heading: vessel.path.heading() + 1.0,
-            speed: 3.0,
-        };
-        vessel.steer_to(t, (k >= 3000).then_some(turn));
-        vessel.step(t, tick);
-        free.step(t, tick);
-        born.step(t, tick);
-        usual = usual.max(born.state().acceleration.0.norm());
-        // Commands lead to no jump: the deck is accelerated as by its waves alone.
-        let a = vessel.state().acceleration.0.norm();
-        let side = usize::from(k >= 3000);
-        highest[side] = highest[side].max(a);
-        if k < 3000 {
-            assert_eq!(
-                vessel.state().position.0,
-                free.state().position.0,
-                "not steered before {k}"
-            );
-        }
-    }
-    assert!(highest[1] < 1.5 * usual + 1.0, "{highest:?} {usual}");
-    let made = vessel.path.at(60.0);
-    assert!((made.velocity.norm() - 3.0).abs() < 0.05);
-    assert!((made.heading - vessel.path.heading() - 1.0).abs() < 0.02);
-    // Given back: the course that it had.
-    for k in 6000..9000 {
-        let t = at(tick * f64::from(k));
-        vessel.steer_to(t, None);
-        vessel.step(t, tick);
-    }
-    let back = vessel.path.at(90.0);
-    assert!((back.heading - vessel.path.heading()).abs() < 0.02 && (back.velocity.norm() - 2.0).abs() < 0.05);
 }

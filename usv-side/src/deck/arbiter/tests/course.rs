@@ -25,15 +25,6 @@ fn promise_of_a_steady_course_and_a_turn() {
     assert_eq!(stated(&rig), Course::Turning);
     rig.order(DeckOrder::Steady(0));
     assert_eq!(stated(&rig), Course::Unknown);
-    // Given back by its helm, whatever was promised.
-    rig.order(DeckOrder::Steady(60));
-    let input = ArbiterIn {
-        turns_back: true,
-        ..ArbiterIn::default()
-    };
-    rig.arbiter.step(Time::from_secs(rig.t_s), &input);
-    assert_eq!(stated(&rig), Course::Turning);
-    assert!(!rig.arbiter.is_turning(Time::from_secs(rig.t_s)), "by no order");
 }
 
 #[test]

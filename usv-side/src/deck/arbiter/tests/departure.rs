@@ -1,4 +1,4 @@
-//! The clearance for a take-off, and what a take-off and a landing want of the helm.
+//! The crew's clearances for take-offs.
 
 use super::*;
 use crate::deck::ClearanceEnd;
@@ -80,82 +80,6 @@ fn standing_clearance_after_the_end_of_a_take_off() {
     assert!(stands(&[State::Preparing]));
     assert!(!stands(&[State::SpinUp, State::StandDown]));
     assert!(!stands(&[State::Countdown, State::Idle]));
-}
-
-#[test]
-fn demand_of_the_helm_by_states() {
-    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    let mut rig = Rig::new();
-    for (state, wanted) in [
-        (State::Approach, Demand::Comes),
-        (State::TrackingStable, Demand::Comes),
-        (State::Descent, Demand::Descends),
-        (State::Landed, Demand::Stands),
-        (State::Preparing, Demand::Comes),
-        (State::Countdown, Demand::Descends),
-        (State::SpinUp, Demand::Descends),
-        (State::TakeOff, Demand::Descends),
-        (State::StandDown, Demand::Stands),
-    ] {
-        rig.run(&[(1, state)], 1.0);
-        assert_eq!(wants(&rig), wanted, "{state:?}");
-    }
-    // A countdown goes on in silence, a preparation may have ended.
-    for (state, wanted) in [
-        (State::SpinUp, Demand::Descends),
-        (State::Preparing, Demand::Stands),
-    ] {
-        let mut rig = Rig::after(&[(State::Landed, 1.0), (state, 1.0)]);
-        rig.run(&[], 5.0);
-        assert_eq!(wants(&rig), wanted, "{state:?}");
-    }
-}
-
-#[test]
-fn demand_of_the_helm_in_silence_and_after_a_descent() {
-    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    // Above the deck it may begin a descent without being received.
-    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::TrackingStable, 2.0)]);
-    rig.run(&[], 1.5);
-    assert_eq!(wants(&rig), Demand::Comes);
-    rig.run(&[], 2.0);
-    assert_eq!(wants(&rig), Demand::Descends);
-    rig.run(&[], 60.0);
-    assert_eq!(wants(&rig), Demand::Nothing);
-    // One that broke off near the deck keeps its claim to it, and wants no course.
-    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::Descent, 2.0)]);
-    rig.run(&[(1, State::Hold)], 1.0);
-    assert_eq!(wants(&rig), Demand::Nothing);
-    // After a restart nothing else is known of it.
-    let mut rig = Rig::after(&[(State::Approach, 5.0), (State::Descent, 2.0)]);
-    let left = rig.arbiter.checkpoint();
-    rig.restart(Some(left));
-    assert_eq!(wants(&rig), Demand::Descends);
-}
-
-#[test]
-fn demand_of_the_helm_by_the_decks_owner() {
-    let wants = |rig: &Rig| rig.arbiter.demand(Time::from_secs(rig.t_s));
-    // One that waits for a deck on which another stands wants nothing of the helm, so that the vessel goes back.
-    let mut rig = Rig::with_a_landed_drone();
-    rig.run(&[(1, State::Landed), (2, State::TrackingStable)], 2.0);
-    assert_eq!(wants(&rig), Demand::Stands);
-    // Nor does it while another is before it.
-    let mut rig = Rig::after(&[(State::Approach, 5.0)]);
-    rig.run(&[(1, State::Approach), (2, State::Approach)], 2.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Comes));
-    rig.run(&[(2, State::Approach)], 5.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (Some(1), Demand::Nothing));
-    // One that comes while none has the deck yet.
-    let mut rig = Rig::of(
-        &DeckConfig {
-            startup_hold_s: 60.0,
-            ..DeckConfig::default()
-        },
-        DeckInputs::default(),
-    );
-    rig.run(&[(1, State::Approach)], 1.0);
-    assert_eq!((rig.arbiter.owner(), wants(&rig)), (None, Demand::Comes));
 }
 
 /// Clearances that stand for two drones, each for its take-offs, until the deck is closed; and who waits for the deck.
