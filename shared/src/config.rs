@@ -45,6 +45,8 @@ pub enum ConfigError {
 
 /// A configuration table: its values can be checked and its keys described.
 pub trait Check {
+    /// Tables that a former version had, by their dotted names, with what became of them.
+    const FORMER: &'static [(&'static str, &'static str)] = &[];
     /// Checks every value; `at` knows the dotted path of this table.
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError>;
     /// Puts what each key means (unit and source included) under its dotted name.
@@ -125,6 +127,7 @@ macro_rules! config {
                 pub $field:ident: $type:ty $(= $default:expr $(, $kind:ident $($range:expr)?)?)?;
             )*
         }
+        $(former $former:expr;)?
         $(check |$this:ident, $at:ident| $body:block)?
     ) => {
         $(#[$meta])*
@@ -139,6 +142,7 @@ macro_rules! config {
             }
         }
         impl $crate::config::Check for $name {
+            $(const FORMER: &'static [(&'static str, &'static str)] = $former;)?
             #[allow(unused_variables, reason = "a table may have nothing to check")]
             fn check(
                 &self,
@@ -253,13 +257,27 @@ impl<'a> Keys<'a> {
 }
 
 /// Parses and checks a configuration; `origin` names the text in errors. A list that is longer than its type is an error
-/// with what its key means.
+/// with what its key means, and a table of a former version one with what became of it.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let meaning = |key: &str| {
         let mut meanings = BTreeMap::new();
         T::describe(&Keys::ROOT, &mut meanings);
         meanings.remove(key)
     };
+    let former = text.parse::<Table>().ok().and_then(|table| {
+        let has = |name: &str| {
+            name.split('.')
+                .try_fold(&Value::Table(table.clone()), |at, key| at.get(key))
+                .is_some()
+        };
+        T::FORMER.iter().find(|(name, _)| has(name))
+    });
+    if let Some((name, became)) = former {
+        return Err(ConfigError::Parse {
+            origin: origin.into(),
+            message: format!("[{name}]: {became}"),
+        });
+    }
     let config: T = whole::read(text, origin, meaning)?;
     config.check(&Keys::ROOT)?;
     Ok(config)

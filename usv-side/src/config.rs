@@ -5,6 +5,7 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::surroundings::SurroundingsConfig;
 use alight_shared::vessel_model::VesselModelConfig;
 
+use crate::advice::AdviceConfig;
 use crate::rate_control::RateControlConfig;
 
 config! {
@@ -99,6 +100,8 @@ config! {
         pub heading: HeadingConfig;
         /// Rates of its messages.
         pub broadcast: BroadcastConfig;
+        /// The skipper's limits on the advised course.
+        pub advice: AdviceConfig;
     }
     check |this, at| {
         this.surroundings.check_deck(&this.deck, &at.table("surroundings"))?;

@@ -31,7 +31,7 @@ pub mod review;
 pub mod rtcm_relay;
 pub mod sensors;
 
-pub use advice::{Advice, Advisor, CourseOutlook};
+pub use advice::{Advice, AdviceConfig, Advisor, CourseOutlook};
 pub use computer::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer, VesselEvent};
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::DeckConfig;

@@ -181,7 +181,7 @@ impl VesselNode {
             replies: 0,
             apparent_slope: Default::default(),
             rate_control: RateControl::new(&config.broadcast.rate_control),
-            advisor: Advisor::new(&config.model, &config.deck),
+            advisor: Advisor::new(&config.model, &config.deck, &config.advice),
             wind: None,
         }
     }

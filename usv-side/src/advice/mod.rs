@@ -14,6 +14,7 @@
 //! One course is evaluated in each step, so that a step stays short; every [`PERIOD_S`] a round begins.
 
 mod hull;
+mod limits;
 mod waves;
 
 use core::f64::consts::TAU;
@@ -30,6 +31,8 @@ use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
 use serde::Serialize;
+
+pub use limits::AdviceConfig;
 
 use hull::{HullModel, LIFT, PUSH, Powers, SINK, SLOPE, TILT};
 use waves::{EstimatedSea, WaveSpectrum};
@@ -184,6 +187,7 @@ pub struct Advisor {
     hull: HullModel,
     deck: DeckGeometry,
     drone: DroneGeometry,
+    limits: AdviceConfig,
     spectrum: WaveSpectrum,
     newest: Option<Time<VesselClock>>,
     stepped: Option<Time<VesselClock>>,
@@ -194,12 +198,13 @@ pub struct Advisor {
 }
 
 impl Advisor {
-    /// Advice for a hull as the vessel model has it, for a drone of usual size on its deck.
-    pub fn new(model: &VesselModelConfig, deck: &DeckGeometry) -> Advisor {
+    /// Advice for a hull as the vessel model has it, for a drone of usual size on its deck, within the skipper's limits.
+    pub fn new(model: &VesselModelConfig, deck: &DeckGeometry, limits: &AdviceConfig) -> Advisor {
         Advisor {
             hull: HullModel::of(model),
             deck: *deck,
             drone: DroneGeometry::default(),
+            limits: limits.clone(),
             spectrum: WaveSpectrum::new(deck.centre()),
             newest: None,
             stepped: None,
@@ -218,14 +223,14 @@ impl Advisor {
     pub fn waves_to_rad(&self) -> Option<f64> {
         self.sea.as_ref().map(|(_, sea)| sea.towards)
     }
-    /// The best course within half a minute; None while no sea is known.
+    /// The best course within half a minute and the skipper's limits; None while no sea is known.
     pub fn advice(&self) -> Option<Advice> {
-        self.advice_within(|_| true)
-    }
-    /// The best course within half a minute of those that are `permitted`, e.g. by the skipper's limits.
-    pub fn advice_within(&self, permitted: impl Fn(&CourseOutlook) -> bool) -> Option<Advice> {
         let here = *self.outlooks.first()?;
-        let in_time = |c: &&CourseOutlook| c.time_from_s(&here) <= MAX_TURN_S && permitted(c);
+        let permitted = |c: &CourseOutlook| {
+            self.limits
+                .permits([c.heading_rad, c.speed_mps], here.heading_rad)
+        };
+        let in_reach = |c: &&CourseOutlook| c.time_from_s(&here) <= MAX_TURN_S && permitted(c);
         let worth_more = |best: CourseOutlook, c: &CourseOutlook| {
             if c.worth(&here) > best.worth(&here) {
                 *c
@@ -235,7 +240,7 @@ impl Advisor {
         };
         Some(Advice {
             here,
-            best: self.outlooks.iter().filter(in_time).fold(here, worth_more),
+            best: self.outlooks.iter().filter(in_reach).fold(here, worth_more),
             waves_to_rad: self.waves_to_rad()?,
         })
     }

@@ -7,7 +7,11 @@ use super::*;
 /// Motion of a hull that follows waves of these (height m, angular frequency rad/s, direction rad), on this heading at this
 /// speed: the water's own, heave and slope, and its roll is `roll` times the slope.
 fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds: f64) -> Advisor {
-    let mut advisor = Advisor::new(&VesselModelConfig::default(), &DeckGeometry::default());
+    let mut advisor = Advisor::new(
+        &VesselModelConfig::default(),
+        &DeckGeometry::default(),
+        &AdviceConfig::default(),
+    );
     let way = Rotation2::new(heading) * Vector2::new(speed_mps, 0.0);
     for n in 0..(seconds * 10.0) as i64 {
         let t = 0.1 * n as f64;
@@ -99,9 +103,23 @@ fn advice_for_a_hull_that_rolls() {
         "{advice:?}"
     );
     assert!(advice.turn_s() <= MAX_TURN_S && advice.way_lost_m() > 0.0);
-    // A skipper who does not turn by more than 20 deg gets no such advice.
-    let near = advisor.advice_within(|c| wrap_angle(c.heading_rad - heading).abs() < 0.35);
-    assert!(near.unwrap().best.worth(&advice.here) <= advice.best.worth(&advice.here));
+    // A skipper who does not turn by more than 20 deg, and one whose present speed is not among those that he permits.
+    let limited = |limits: AdviceConfig| {
+        let mut advisor = advisor.clone();
+        advisor.limits = limits;
+        advisor.advice().unwrap()
+    };
+    let near = limited(AdviceConfig {
+        heading_change_deg: 20.0,
+        ..AdviceConfig::default()
+    });
+    assert!(wrap_angle(near.best.heading_rad - heading).abs() < 0.36);
+    assert!(near.best.worth(&advice.here) < advice.best.worth(&advice.here));
+    let fast = limited(AdviceConfig {
+        speed_mps: [5.0, 8.0],
+        ..AdviceConfig::default()
+    });
+    assert!(!fast.is_change(), "{fast:?}");
 }
 
 #[test]

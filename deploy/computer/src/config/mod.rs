@@ -48,6 +48,11 @@ config! {
         /// The node.
         pub vessel: VesselNodeConfig;
     }
+    former &[(
+        "vessel.helm",
+        "the computer no longer steers the boat: her skipper steers, by its advice (docs/operate.md); move heading_change_deg, \
+         speed_mps and keep_out_deg to [vessel.advice] and remove the rest",
+    )];
 }
 
 impl VesselComputerConfig {
