@@ -165,6 +165,10 @@ impl VesselComputer {
     pub fn arbiter(&self) -> &DeckArbiter {
         &self.arbiter
     }
+    /// Operators' commands are passed on to these drones.
+    pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
+        self.relay.admit(drones);
+    }
     /// The operator relay.
     pub fn relay(&self) -> &OperatorRelay {
         &self.relay
@@ -281,7 +285,7 @@ impl Node for VesselComputer {
         let relayed = self.relay.step(
             now,
             &OperatorIn {
-                commands: commands.iter().map(|c| c.message).collect(),
+                commands: commands.into_iter().copied().collect(),
                 statuses: current,
                 given: left.map(|c| c.commands.clone()).unwrap_or_default(),
             },

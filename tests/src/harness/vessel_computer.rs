@@ -2,7 +2,7 @@
 
 use super::bus::{LockStep, LockStepSender};
 use super::failing::{Failing, HeldReadings, VesselSensorFaults};
-use super::physics::{TICK, VESSEL_ID};
+use super::physics::{DRONE_ID, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::{Row, Writer as _};
@@ -11,6 +11,7 @@ use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::computer::VesselRows;
+use alight_usv::deck::MAX_DRONES;
 use alight_usv::sensors::{
     Measurement, Readings, SensorNode, SourceConfig, SourceMeasurement, SourcesConfig,
 };
@@ -90,7 +91,8 @@ impl VesselSide {
         side
     }
     fn start_vessel(&mut self, nodes: &NodeConfigs) {
-        let node = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.boot);
+        let mut node = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.boot);
+        node.admit((DRONE_ID..).take(MAX_DRONES));
         let Ok(row) = Row::join(&self.bus, node);
         self.rows.vessel = Some(row);
     }

@@ -112,6 +112,7 @@ fn frames_of_a_base_with_the_computers_boot() {
 fn message_for_another_drone() {
     let config = VesselNodeConfig::default();
     let mut computer = VesselComputer::new(&config, &DeckConfig::default(), 1, 9);
+    computer.admit([3]);
     let abort = OperatorCommand {
         header: Header::new(1, 3, 5, 1, Time::EPOCH),
         kind: CommandKind::Abort,

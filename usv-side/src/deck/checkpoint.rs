@@ -1,6 +1,7 @@
 //! The deck's checkpoint, for a restart of the vessel's process or computer: its owner, whether it is closed, and the
 //! operators' commands.
 
+use alight_shared::admission::Sender;
 use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
@@ -61,6 +62,8 @@ impl DeckCheckpoint {
 /// An operator's command that the vessel knows, with the time at which it was given.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GivenCommand {
+    /// Who gave it.
+    pub operator: Sender,
     /// The command: boot and sequence are those of the operator's message, whose repetitions do not count.
     pub command: OperatorCommand<VesselClock>,
     /// It is repeated to its drone: neither acknowledged nor replaced, given up or made void by an abort.

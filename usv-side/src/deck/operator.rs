@@ -7,13 +7,18 @@
 //! An operator's terminal repeats its command for 12 s. The relay knows the commands that it was given, and when, also
 //! after a new start of the vessel's process ([`GivenCommand`]).
 //!
+//! Commands for drones that the radio does not admit are rejected, so that each admitted drone always has room for one:
+//! whatever other operators send, an abort becomes pending.
+//!
 //! To each of an operator's messages, and whenever it changes, the relay answers how far that command has come
 //! ([`CommandReceipt`]): a state of the drone that fits it by chance is no answer, and silence does not show whether an
 //! abort is pending.
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::{RejectionReason, Rejections, Retransmission, check_identity};
+use alight_shared::admission::{
+    Arrival, RejectionReason, Rejections, Retransmission, Sender, check_identity,
+};
 use alight_shared::msg::{
     CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand,
 };
@@ -25,12 +30,13 @@ use serde::{Deserialize, Serialize};
 use super::MAX_DRONES;
 use super::checkpoint::GivenCommand;
 
-/// Most commands that are known.
+/// Most commands that are known: those that are open, one for each drone at most, and the newest others.
 const MAX_COMMANDS: usize = 4 * MAX_DRONES;
 
 /// A command and its repetitions to the drone.
 #[derive(Clone, Copy, Debug)]
 struct Relayed {
+    operator: Sender,
     /// Boot and sequence are those of the operator's message.
     given: Retransmission<VesselClock, OperatorCommand<VesselClock>>,
     /// Sequence that the first of its repetitions has at least.
@@ -47,9 +53,9 @@ impl Relayed {
         self.progress == CommandProgress::Pending
     }
     /// Whether it is the same command of the same operator.
-    fn is_of(&self, h: &Header<VesselClock>) -> bool {
+    fn is_of(&self, operator: Sender, h: &Header<VesselClock>) -> bool {
         let known = &self.given.message.header;
-        (known.drone, known.boot, known.sequence) == (h.drone, h.boot, h.sequence)
+        (self.operator, known.drone, known.boot, known.sequence) == (operator, h.drone, h.boot, h.sequence)
     }
     /// Whether this abort keeps another command away.
     fn forbids(&self, command: &OperatorCommand<VesselClock>) -> bool {
@@ -65,7 +71,7 @@ impl Relayed {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct OperatorIn {
     /// From operators whose certificates were accepted.
-    pub commands: Vec<OperatorCommand<VesselClock>>,
+    pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
     /// From drones.
     pub statuses: Vec<DroneStatus>,
     /// At the first step, the commands that the former start knew.
@@ -88,6 +94,8 @@ pub struct OperatorOut {
 pub struct OperatorRelay {
     vessel: u32,
     boot: u32,
+    /// Numbers of the drones that may get commands.
+    admitted: Vec<u32>,
     sequence: u32,
     /// In the order in which they came; of a drone's one at most is open.
     commands: VecDeque<Relayed>,
@@ -102,11 +110,16 @@ impl OperatorRelay {
         OperatorRelay {
             vessel,
             boot,
+            admitted: Vec::new(),
             sequence: 0,
             commands: VecDeque::new(),
             rejected: Rejections::default(),
             receipts: 0,
         }
+    }
+    /// Passes commands on to these drones, [`MAX_DRONES`] at most, and to no others.
+    pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
+        self.admitted = drones.into_iter().take(MAX_DRONES).collect();
     }
     /// Commands that were not passed on, by reason.
     pub fn rejected(&self) -> &Rejections {
@@ -120,6 +133,7 @@ impl OperatorRelay {
     /// The commands that it knows, for the next start.
     pub fn given(&self) -> Vec<GivenCommand> {
         let given = |c: &Relayed| GivenCommand {
+            operator: c.operator,
             command: c.given.message,
             open: c.is_open(),
         };
@@ -127,8 +141,14 @@ impl OperatorRelay {
     }
 
     fn restore(&mut self, now: Time<VesselClock>, given: &[GivenCommand]) {
-        for before in given.iter().take(MAX_COMMANDS) {
-            let GivenCommand { mut command, open } = *before;
+        let admitted = |g: &&GivenCommand| self.admitted.contains(&g.command.header.drone);
+        let given: Vec<_> = given.iter().filter(admitted).take(MAX_COMMANDS).collect();
+        for before in given {
+            let GivenCommand {
+                operator,
+                mut command,
+                open,
+            } = *before;
             // A restarted computer counts its time from zero: when it was given is not known any more.
             let is_dated = command.header.at <= now;
             command.header.at = command.header.at.min(now);
@@ -137,10 +157,10 @@ impl OperatorRelay {
             } else {
                 CommandProgress::Unknown
             };
-            self.push(command, progress);
+            self.push(operator, command, progress);
         }
     }
-    fn push(&mut self, command: OperatorCommand<VesselClock>, progress: CommandProgress) {
+    fn push(&mut self, operator: Sender, command: OperatorCommand<VesselClock>, progress: CommandProgress) {
         if self.commands.len() >= MAX_COMMANDS {
             let spare = self.commands.iter().position(|c| !c.is_open());
             self.commands.remove(spare.unwrap_or(0));
@@ -150,6 +170,7 @@ impl OperatorRelay {
             retries.timeout = Span::MAX;
         }
         self.commands.push_back(Relayed {
+            operator,
             given: Retransmission::new(command, command.header.at, retries),
             first: self.sequence.wrapping_add(1),
             progress,
@@ -160,20 +181,16 @@ impl OperatorRelay {
     fn accept(
         &mut self,
         now: Time<VesselClock>,
-        command: &OperatorCommand<VesselClock>,
+        arrival: &Arrival<VesselClock, OperatorCommand<VesselClock>>,
     ) -> Result<(), RejectionReason> {
+        let (operator, command) = (arrival.sender, &arrival.message);
         let h = &command.header;
-        if self.commands.iter().any(|c| c.is_of(h)) {
+        if self.commands.iter().any(|c| c.is_of(operator, h)) {
             return Err(RejectionReason::Duplicate);
         }
         check_identity(h, self.vessel, h.drone)?;
-        if h.drone == 0 {
+        if !self.admitted.contains(&h.drone) {
             return Err(RejectionReason::Drone);
-        }
-        let replaced = |c: &Relayed| c.is_open() && c.drone() == h.drone;
-        let open = self.commands.iter().filter(|c| c.is_open()).count();
-        if open >= MAX_DRONES && !self.commands.iter().any(replaced) {
-            return Err(RejectionReason::Flood);
         }
         let command = OperatorCommand {
             header: Header { at: now, ..*h },
@@ -181,14 +198,15 @@ impl OperatorRelay {
         };
         // Also one that does not count is known: its repetitions do not count later.
         let forbidden = self.commands.iter().any(|c| c.forbids(&command));
-        for c in self.commands.iter_mut().filter(|c| !forbidden && replaced(c)) {
+        let replaced = |c: &&mut Relayed| !forbidden && c.is_open() && c.drone() == h.drone;
+        for c in self.commands.iter_mut().filter(replaced) {
             c.progress = CommandProgress::Replaced;
         }
         if forbidden {
-            self.push(command, CommandProgress::Forbidden);
+            self.push(operator, command, CommandProgress::Forbidden);
             return Err(RejectionReason::Unaware);
         }
-        self.push(command, CommandProgress::Pending);
+        self.push(operator, command, CommandProgress::Pending);
         Ok(())
     }
 
@@ -196,13 +214,13 @@ impl OperatorRelay {
     fn answer(
         &mut self,
         now: Time<VesselClock>,
-        before: &[(Header<VesselClock>, CommandProgress)],
-        sent: &[OperatorCommand<VesselClock>],
+        before: &[(Sender, Header<VesselClock>, CommandProgress)],
+        sent: &[Arrival<VesselClock, OperatorCommand<VesselClock>>],
     ) -> Vec<CommandReceipt> {
         let mut receipts = Vec::new();
         for c in &self.commands {
-            let changed = before.iter().any(|(h, p)| c.is_of(h) && c.progress != *p);
-            if changed || sent.iter().any(|s| c.is_of(&s.header)) {
+            let changed = before.iter().any(|(o, h, p)| c.is_of(*o, h) && c.progress != *p);
+            if changed || sent.iter().any(|s| c.is_of(s.sender, &s.message.header)) {
                 self.receipts = self.receipts.wrapping_add(1);
                 let command = &c.given.message;
                 receipts.push(CommandReceipt {
@@ -236,12 +254,12 @@ impl Node for OperatorRelay {
 
     fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
         self.restore(now, &input.given);
-        let standing = |c: &Relayed| (c.given.message.header, c.progress);
+        let standing = |c: &Relayed| (c.operator, c.given.message.header, c.progress);
         let before: Vec<_> = self.commands.iter().map(standing).collect();
         let mut out = OperatorOut::default();
         for command in &input.commands {
             match self.accept(now, command) {
-                Ok(()) => out.accepted.push(*command),
+                Ok(()) => out.accepted.push(command.message),
                 // A terminal repeats its command as long as it runs.
                 Err(RejectionReason::Duplicate) => {}
                 Err(reason) => self.rejected.count(reason),

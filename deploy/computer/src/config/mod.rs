@@ -8,6 +8,7 @@ pub mod supervision;
 pub mod view;
 
 use alight_bridge::BridgeConfig;
+use alight_shared::admission::Sender;
 use alight_shared::config;
 use alight_shared::process::ProcessKind;
 use alight_transport::clock::ProcessClock;
@@ -64,7 +65,15 @@ impl VesselComputerConfig {
     }
     /// The nodes, for a start with this boot id.
     pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
-        alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
+        let mut node = alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot);
+        let peers = self.radio.tls.peers.iter();
+        node.admit(
+            peers.filter_map(|p| match Sender::of_key(&format!("alight/{p}")) {
+                Sender::Drone(n) => Some(n),
+                Sender::Vessel(_) | Sender::Operator(_) | Sender::Unknown => None,
+            }),
+        );
+        node
     }
     /// The real sensors, each in its place on board.
     pub fn placed_sensors(&self) -> SourcesConfig {

@@ -2,12 +2,26 @@
 
 use super::*;
 use alight_shared::msg::{Reason, ReasonCode, State};
+use proptest::prelude::*;
 
 fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
     OperatorCommand {
         header: Header::new(1, drone, 5, sequence, Time::EPOCH),
         kind,
     }
+}
+fn given(message: OperatorCommand<VesselClock>) -> Arrival<VesselClock, OperatorCommand<VesselClock>> {
+    Arrival {
+        at: Time::EPOCH,
+        sender: Sender::Operator(1),
+        message,
+    }
+}
+/// A relay to drone 3.
+fn relay_of(boot: u32) -> OperatorRelay {
+    let mut relay = OperatorRelay::new(1, boot);
+    relay.admit([3]);
+    relay
 }
 fn status(state: State, waiting: ReasonCode) -> DroneStatus {
     DroneStatus {
@@ -28,7 +42,7 @@ fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
 
 /// The relay of the vessel's next process at `t_s`, with what this one leaves, and what it sends at once.
 fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
-    let mut relay = OperatorRelay::new(1, before.boot + 1);
+    let mut relay = relay_of(before.boot + 1);
     let input = OperatorIn {
         given: before.given(),
         ..OperatorIn::default()
@@ -45,7 +59,7 @@ fn step(
     status: Option<DroneStatus>,
 ) -> (bool, Vec<CommandKind>) {
     let input = OperatorIn {
-        commands: command.into_iter().collect(),
+        commands: command.map(given).into_iter().collect(),
         statuses: status.into_iter().collect(),
         ..OperatorIn::default()
     };
@@ -56,7 +70,7 @@ fn step(
 
 #[test]
 fn relayed_command_until_acknowledged() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let land = Some(command(1, 3, CommandKind::Land));
     let idle = Some(status(State::Idle, ReasonCode::NotCommanded));
     let (accepted, sent) = step(&mut relay, 1.0, land, idle);
@@ -86,7 +100,7 @@ fn receipts(
     status: Option<DroneStatus>,
 ) -> Vec<(u32, u32, CommandProgress)> {
     let input = OperatorIn {
-        commands: command.into_iter().collect(),
+        commands: command.map(given).into_iter().collect(),
         statuses: status.into_iter().collect(),
         ..OperatorIn::default()
     };
@@ -106,7 +120,7 @@ fn receipts(
 #[test]
 fn receipts_of_a_command_in_every_progress() {
     use CommandProgress::{Forbidden, GivenUp, Pending, Replaced, Taken, Unknown};
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let of = |sequence, kind| Some(command(sequence, 3, kind));
     let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
     // A drone that gave up before is no answer to an abort.
@@ -144,7 +158,7 @@ fn receipts_of_a_command_in_every_progress() {
     );
     assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
     // What the drone acknowledges and rejects is not repeated.
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let ready = of(1, CommandKind::Ready);
     assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
     let rejected = DroneStatus {
@@ -155,7 +169,7 @@ fn receipts_of_a_command_in_every_progress() {
     assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
     // So is an abort that the drone receives and does not carry out, unless a newer order is what it rejects.
     for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
-        let mut relay = OperatorRelay::new(1, 9);
+        let mut relay = relay_of(9);
         receipts(&mut relay, 1.0, abort, None);
         let rejected = DroneStatus {
             order,
@@ -171,7 +185,7 @@ fn receipts_of_a_command_in_every_progress() {
 
 #[test]
 fn relayed_commands_behind_an_abort() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let [land, abort, again, last] = [
         (1, CommandKind::Land),
         (2, CommandKind::Abort),
@@ -203,7 +217,7 @@ fn landing_ordered_unaware_of_an_abort() {
         c.header.boot = boot;
         Some(c)
     };
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let before = of(6, 1, CommandKind::Land);
     assert!(step(&mut relay, 1.0, before, None).0);
     assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
@@ -230,7 +244,7 @@ fn landing_ordered_unaware_of_an_abort() {
 
 #[test]
 fn relay_time_limit_and_foreign_commands() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     assert!(!step(&mut relay, 1.0, Some(command(1, 0, CommandKind::Abort)), None).0);
     let mut other = command(2, 3, CommandKind::Abort);
     other.header.vessel = 2;
@@ -248,7 +262,7 @@ fn relay_time_limit_and_foreign_commands() {
 
 #[test]
 fn relayed_abort_after_a_restart() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let abort = Some(command(1, 3, CommandKind::Abort));
     assert!(step(&mut relay, 1.0, abort, None).0);
     let sent: usize = (1..1200)
@@ -273,7 +287,7 @@ fn relayed_abort_after_a_restart() {
 /// A drone that climbs out goes on to a hold in any case: whether it was stopped, its state does not show.
 #[test]
 fn hold_while_the_drone_climbs_out() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let climbs = status(State::ClimbOut, ReasonCode::OffHeight);
     let hold = Some(command(1, 3, CommandKind::Hold));
     assert!(step(&mut relay, 1.0, hold, Some(climbs)).0);
@@ -287,12 +301,12 @@ fn hold_while_the_drone_climbs_out() {
 
 #[test]
 fn relayed_command_time() {
-    let mut relay = OperatorRelay::new(1, 4);
+    let mut relay = relay_of(4);
     let mut given = Vec::new();
     for k in 0..20 {
         let land = (k == 0).then(|| command(1, 3, CommandKind::Land));
         let input = OperatorIn {
-            commands: land.into_iter().collect(),
+            commands: land.map(self::given).into_iter().collect(),
             ..OperatorIn::default()
         };
         let out = relay.step(Time::from_secs(1.0 + 0.1 * f64::from(k)), &input);
@@ -305,7 +319,7 @@ fn relayed_command_time() {
 /// A terminal repeats its landing while the vessel's process is restarted, and the pilot aborts it on the drone.
 #[test]
 fn relayed_command_time_after_a_restart() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let land = Some(command(1, 3, CommandKind::Land));
     assert!(step(&mut relay, 1.0, land, None).0);
     let (mut relay, out) = restarted(&relay, 3.0);
@@ -324,7 +338,7 @@ fn relayed_command_time_after_a_restart() {
 
 #[test]
 fn replaced_command() {
-    let mut relay = OperatorRelay::new(1, 9);
+    let mut relay = relay_of(9);
     let [land, mut hold] = [CommandKind::Land, CommandKind::Hold].map(|kind| command(1, 3, kind));
     hold.header.boot = 6;
     assert!(step(&mut relay, 1.0, Some(land), None).0);
@@ -335,4 +349,46 @@ fn replaced_command() {
     // The first operator's terminal repeats its own.
     assert!(!step(&mut relay, 1.5, Some(land), None).0);
     assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
+}
+
+/// Of another operator: sequence and kind, for drones that fly and for others.
+fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)> {
+    let kind = prop_oneof![3 => Just(CommandKind::Abort), 1 => Just(CommandKind::Land), 1 => Just(CommandKind::Hold)];
+    let drone = prop_oneof![1 => Just(3_u32), 99 => 1_u32..200];
+    (1_u32..600, drone, 1_u32..4, kind)
+        .prop_map(|(wait_ms, drone, sequence, kind)| (wait_ms, command(sequence, drone, kind)))
+}
+
+proptest! {
+    /// Whatever others have sent, also under its own boot and sequence, and with restarts.
+    #[test]
+    fn abort_after_any_orders_of_others(
+        orders in prop::collection::vec(other_command(), 0..400),
+        restarts in prop::collection::vec(0_usize..400, 0..3),
+        sequence in 1_u32..4,
+    ) {
+        let mut relay = relay_of(9);
+        relay.admit(1..=MAX_DRONES as u32);
+        let mut t_ms = 1000;
+        for (k, (wait_ms, message)) in orders.into_iter().enumerate() {
+            t_ms += i64::from(wait_ms);
+            let mut input = OperatorIn { commands: vec![given(message)], ..OperatorIn::default() };
+            if restarts.contains(&k) {
+                input.given = relay.given();
+                relay = OperatorRelay::new(1, relay.boot + 1);
+                relay.admit(1..=MAX_DRONES as u32);
+            }
+            relay.step(Time::from_nanos(t_ms * 1_000_000), &input);
+        }
+        let abort = Arrival {
+            sender: Sender::Operator(2),
+            ..given(command(sequence, 3, CommandKind::Abort))
+        };
+        let input = OperatorIn { commands: vec![abort], ..OperatorIn::default() };
+        let out = relay.step(Time::from_nanos(t_ms * 1_000_000), &input);
+        prop_assert_eq!(out.accepted, vec![abort.message]);
+        prop_assert_eq!(out.commands.iter().filter(|c| c.header.drone == 3).count(), 1);
+        prop_assert!(relay.unacknowledged().any(|drone| drone == 3));
+        prop_assert!(relay.unacknowledged().count() <= MAX_DRONES);
+    }
 }
