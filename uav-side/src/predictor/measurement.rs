@@ -251,6 +251,37 @@ mod tests {
                 prop_assert!(vision || !relative, "{nu:?}");
             }
         }
+
+        /// The filters' innovations are linear in what is measured, and the height's in the mount's rotation.
+        #[test]
+        fn innovation_variance_by_propagation((u, mut o) in case()) {
+            const STEP: f64 = 1e-3;
+            let modes = DeckMotion::default();
+            let (h, _) = predicted(&u, &o, &CENTRE);
+            let r = [1e-4, 2e-4, 3e-4, 4e-4, 9e-4, 6e-4];
+            o.value = core::array::from_fn(|i| Some((h[i], r[i])));
+            let s = state(&u, &modes);
+            let innovations = |s: &[Axis; AXES], o: &DeckObservation| {
+                innovations(s, &modes, &CENTRE, o).map(Option::unwrap)
+            };
+            let all = innovations(&s, &o);
+            let square = |moved: &Innovation, i: usize| ((moved.value - all[i].value) / STEP).powi(2);
+            for i in 0..AXES {
+                let mut expected = 0.0;
+                for j in 0..AXES {
+                    let mut measured = o;
+                    measured.value[j] = Some((h[j] + STEP, r[j]));
+                    expected += square(&innovations(&s, &measured)[i], i) * r[j];
+                }
+                for k in TILT.into_iter().filter(|_| i == 2) {
+                    let mut mounted = s;
+                    mounted[k].x[VISION] += STEP;
+                    expected += square(&innovations(&mounted, &o)[i], i) * s[k].p[VISION][VISION];
+                }
+                let off = all[i].variance / expected - 1.0;
+                prop_assert!(off.abs() < 1e-6, "{i}: {} instead of {expected}", all[i].variance);
+            }
+        }
     }
 
     /// Largest innovation of a tag by geometry: the camera's mount is rotated by `mount`, rad, and the vessel's compass reads more

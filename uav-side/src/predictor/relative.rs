@@ -357,6 +357,28 @@ mod tests {
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
     }
 
+    /// Whether tags `apart` from the fixes of a deck at 8 m/s contradict them, at these times of detections.
+    fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
+        let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
+        let velocity = Vector3::new(8.0, 0.0, 0.0);
+        let at = |t: f64, more: f64| detection(t, [8.0 * t + more, 0.0, 0.0], 2.0);
+        let mut compared = times_s.map(|t| {
+            trust.locate(&at((t * 5.0).floor() / 5.0, 0.0));
+            trust.compare(&at(t, apart), &velocity, &c).is_some()
+        });
+        compared.any(|contradicted| contradicted)
+    }
+
+    #[test]
+    fn tags_between_the_fixes_of_a_moving_deck() {
+        let times_s = || (0..60).map(|k| f64::from(k) / 30.0);
+        assert!(!contradicts(0.0, times_s()));
+        assert!(contradicts(0.5, times_s()));
+        // Before and after a gap fewer detections than it takes.
+        let with_gap = [0, 1, 2, 3, 40, 41, 42, 43].map(|k| f64::from(k) / 30.0);
+        assert!(!contradicts(0.5, with_gap.into_iter()));
+    }
+
     #[test]
     fn measurements_that_are_not_used() {
         let mut trust = RelativeTrust::default();
