@@ -351,7 +351,7 @@ fn replaced_command() {
     assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
 }
 
-/// Of another operator: sequence and kind, for drones that fly and for others.
+/// A wait, ms, and the order that another operator gives after it, for a drone that is admitted or not.
 fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)> {
     let kind = prop_oneof![3 => Just(CommandKind::Abort), 1 => Just(CommandKind::Land), 1 => Just(CommandKind::Hold)];
     let drone = prop_oneof![1 => Just(3_u32), 99 => 1_u32..200];
