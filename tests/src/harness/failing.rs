@@ -308,8 +308,8 @@ pub struct AutopilotFaults {
     pub answer: Option<CommandResult>,
     /// It reports no battery.
     pub no_battery: bool,
-    /// It reports the charge that it had.
-    pub battery_stuck: bool,
+    /// It reports the battery that it had, or toggles by this charge above it.
+    pub battery_stuck: Option<f64>,
     /// Additional drain of its battery, 1/s.
     pub drain_per_s: f64,
     /// It reports this landed state.

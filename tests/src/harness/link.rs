@@ -110,8 +110,8 @@ impl LinkedAutopilot {
         (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
         autopilot.muted.clone_from(&faults.muted);
         autopilot.battery_reported = !faults.no_battery;
-        let charge = autopilot.battery_report.unwrap_or(autopilot.battery);
-        autopilot.battery_report = faults.battery_stuck.then_some(charge);
+        let [charge, _] = autopilot.battery_report.unwrap_or([autopilot.battery, 0.0]);
+        autopilot.battery_report = faults.battery_stuck.map(|by| [charge, by]);
         autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
         autopilot.landed_report = faults.landed_report;
         if faults.drift_mps != 0.0 {

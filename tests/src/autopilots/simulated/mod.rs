@@ -54,6 +54,8 @@ pub const INNER_PER_OUTER: u32 = 5;
 /// Into the first period the outer loops run: what they report arrives at a computer that works at the beginning of each
 /// period just before, as it does at one that the report wakes.
 const PHASE: Span = Span::from_millis(6);
+/// A gauge that toggles stays so long on each side, s.
+const TOGGLES_S: f64 = 20.0;
 /// Commands kept for a test to look at, at most.
 const MAX_COMMANDS: usize = 1000;
 
@@ -79,10 +81,12 @@ pub struct SimulatedAutopilot {
     pub resets: u8,
     /// Charge, 0 to 1.
     pub battery: f64,
+    /// Hover time that a full battery gives, s.
+    pub endurance_s: f64,
     /// It has a gauge.
     pub battery_reported: bool,
-    /// Fault: reports this charge.
-    pub battery_report: Option<f64>,
+    /// Fault: gauge and voltage are those of this charge, or toggle by so much above it.
+    pub battery_report: Option<[f64; 2]>,
     /// Fault: sends nothing.
     pub silent: bool,
     /// Fault: answers every command with this instead of obeying.
@@ -120,7 +124,6 @@ pub struct SimulatedAutopilot {
     unaligned: Option<Unaligned>,
     estimator: SimulatedEstimator,
     flight: SimulatedFlight,
-    endurance_s: f64,
     /// Rate at which it was turned when it started, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
@@ -264,6 +267,12 @@ impl SimulatedAutopilot {
     /// Whether its battery is empty: nothing turns the motors, whatever it commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
+    }
+    /// Charge by its gauge and voltage.
+    fn shown_charge(&self) -> f64 {
+        let [charge, toggles_by] = self.battery_report.unwrap_or([self.battery, 0.0]);
+        let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
+        charge + if above { toggles_by } else { 0.0 }
     }
     /// A step with the bytes of a wire, both ways.
     pub fn step_bytes(

@@ -507,8 +507,10 @@ impl SimulatedAutopilot {
                 number: 0,
                 remaining: self
                     .battery_reported
-                    .then_some(self.battery_report.unwrap_or(self.battery)),
-                voltage_v: Some(EMPTY_V + FULL_V * self.battery),
+                    .then_some(0.01 * (100.0 * self.shown_charge()).round()),
+                voltage_v: self
+                    .battery_reported
+                    .then_some(EMPTY_V + FULL_V * self.shown_charge()),
                 current_a: None,
             },
             // PX4's receiver is not there while its signal is lost; ArduCopter's is not healthy, and its failsafe's channels

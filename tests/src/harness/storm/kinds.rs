@@ -360,11 +360,14 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The drone's battery empties fast.
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
-    /// It reports the charge that it had.
-    BatteryStuck, "battery-stuck", "", NONE, [1.0, 60.0], Nothing,
-        Lasting(|f, _| f.autopilot.battery_stuck = true);
-    /// It reports no battery.
-    BatteryUnknown, "battery-unknown", "", NONE, [1.0, 30.0], Nothing,
+    /// Its gauge and its voltage stay what they were, or toggle between that and more.
+    BatteryStuck, "battery-stuck", "toggles by, charge", [-0.02, 0.02], [1.0, 60.0], Nothing,
+        Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
+    /// It is an old one, or a smaller: full it flies for so long.
+    BatteryAged, "battery-aged", "s", [300.0, 900.0], NONE, Nothing,
+        Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.endurance_s = size.max(10.0)), nothing);
+    /// It reports no battery, neither charge nor voltage.
+    BatteryUnknown, "battery-unknown", "", NONE, [1.0, 60.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
     /// The remote control's signal is lost.
     RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Nothing,
