@@ -8,6 +8,8 @@
 
 use alight_shared::time::{DroneClock, Span, Time};
 
+use crate::range_witness::BELOW_FEET_M;
+
 /// The thrust of a drone that something else carries, as a fraction of hover, and of one that the rotors may carry. A thrust
 /// that hovers is known no better than to a third before the first flight: this much gives less than [`CARRIED_G`] even then.
 const LOW_OF_HOVER: f64 = 0.5;
@@ -47,6 +49,11 @@ pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
         h if h > ABOVE_M => Some(false),
         _ => None,
     }
+}
+
+/// The same by a rangefinder: a reading that ends above the feet is none, a sensor out of its range reports 0.
+pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
+    by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }
 
 /// The witness of what carries the drone, over time.
@@ -142,6 +149,13 @@ mod tests {
     }
 
     /// From its arming on, a rangefinder that sticks at a height lifts no drone.
+    #[test]
+    fn range_of_a_sensor_out_of_its_range() {
+        let feet_m = 0.3;
+        let readings = [0.0, 0.25, 0.31, 0.9].map(|range_m| by_range(Some(range_m - feet_m)));
+        assert_eq!(readings, [None, Some(true), Some(true), Some(false)]);
+    }
+
     #[test]
     fn rangefinder_that_sticks_on_the_deck() {
         let mut m = StandingMonitor::default();

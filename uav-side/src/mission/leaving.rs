@@ -11,7 +11,7 @@ use super::lift_off::LiftOffConditions;
 use super::phase::DroneTime;
 use super::situation::{ControlState, Situation, hover_thrust};
 use crate::lift_off::{LIES_BELOW_M, Rise};
-use crate::standing::{StandingMonitor, StandingVerdict, by_height};
+use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
 
 /// Rotors that give this much of hover's thrust by the autopilot's report turn: a third of what they idle at.
 const TURN_OF_HOVER: f64 = 0.1;
@@ -120,7 +120,7 @@ impl MissionNode {
         let range = (m.range).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
         let rise = (s.leaving.rise_measured).then_some(s.leaving.risen_m);
         let heights = [
-            by_height(range.map(|r| r.range_m - feet_m)),
+            by_range(range.map(|r| r.range_m - feet_m)),
             by_height(rise),
             s.on_ground.then_some(true),
         ];

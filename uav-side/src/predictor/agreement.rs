@@ -9,6 +9,8 @@ use super::axis::AxisNoise;
 
 /// The rangefinder's disagreement is averaged over this time, s: half a period of a swell.
 const MEMORY_S: f64 = 3.0;
+/// One reading stands for no longer than this, s: after a gap a single echo from the water beside the deck proves nothing.
+const READING_S: f64 = 0.2;
 /// A contradiction is forgotten within this time, s: longer than a lull between two groups of waves.
 const RELEASE_S: f64 = 30.0;
 /// One reading counts no more than this, in variances: a gull below the drone is no contradiction.
@@ -41,7 +43,7 @@ impl HeightAgreement {
             let dt = since(n.at);
             (if dt <= MEMORY_S { n.mean } else { 1.0 }, n.peak, dt)
         });
-        let mean = low_pass(mean, squared, dt.min(MEMORY_S), MEMORY_S);
+        let mean = low_pass(mean, squared, dt.min(READING_S), MEMORY_S);
         let peak = mean.max(peak * (-dt / RELEASE_S).exp());
         self.newest = Some(Averaged { at, mean, peak });
     }
@@ -92,6 +94,13 @@ mod tests {
         assert!(gull < 9.0, "{gull}");
         let late = after(6.0, |t| 6.0 * (1.3 * t).sin()).value(at).unwrap();
         assert!(late > 12.0, "{late}");
+        // The first reading after a station without any; a contradiction that lasts is found.
+        let mut station = after(6.0, |_| 1.0);
+        station.take(Time::from_secs(60.0), 40.0);
+        let spot = station.value(Time::from_secs(60.0)).unwrap();
+        assert!(spot < 9.0, "{spot}");
+        (1..20).for_each(|k| station.take(Time::from_secs(60.0 + 0.04 * f64::from(k)), 40.0));
+        assert!(station.value(Time::from_secs(61.0)).unwrap() > 9.0);
         // None there: neither agreed nor contradicted, but for what is remembered.
         assert_eq!(after(6.0, |_| 1.0).value(Time::from_secs(9.1)), None);
         let remembered = after(6.0, |t| 6.0 * (1.3 * t).sin())
