@@ -100,6 +100,11 @@ impl ObservedSituation {
             .chain(ended.map(|p| (p.kind, Some(self.since_s(p.at_ns)))))
             .collect()
     }
+    /// Since the computer's newest report of itself, s, where it has made one and makes none any more.
+    pub fn unreported_s(&self) -> Option<f64> {
+        let age_s = self.since_s(self.snapshot.computer.as_ref()?.header.at.nanos());
+        (age_s > topics::COMPUTER.stale_after.secs()).then_some(age_s)
+    }
     /// Since the landing or the stopped take-off, s, of a drone that is on the deck and armed for longer than its disarm takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
@@ -248,5 +253,8 @@ mod tests {
         let [receiver]: [SourceHealth; 1] = s.sources().try_into().unwrap();
         assert!(receiver.age_s.is_some_and(|age| (age - 1.5).abs() < 1e-9));
         assert_eq!(s.silent(), [(ProcessKind::Vessel, None)]);
+        assert_eq!(s.unreported_s(), None);
+        let later = ObservedSituation::look(&snapshot, &configured, 110_000_000_000);
+        assert_eq!(later.unreported_s(), Some(10.0));
     }
 }

@@ -44,6 +44,15 @@ fn processes(s: &ObservedSituation) -> Vec<Finding> {
             format!("it ended or is frozen: systemctl status {}", unit(s)),
         ));
     }
+    if let Some(for_s) = s.unreported_s() {
+        all.push(FindingTopic("processes").broken(
+            format!("no report of the service for {}", minutes(for_s)),
+            format!(
+                "it ended or is frozen, and starts no process again: systemctl status {}",
+                unit(s)
+            ),
+        ));
+    }
     let late = lateness::finding(s.snapshot.processes.values());
     all.extend(late.map(|late| FindingTopic("computer").warning(late, lateness::REMEDY)));
     for p in s.snapshot.processes.values() {

@@ -167,7 +167,10 @@ impl Board {
     }
     /// Report of the computer about itself.
     pub fn reported(&mut self, report: Option<ComputerReport>) {
-        self.situation.known = report.unwrap_or(self.situation.known);
+        if let Some(report) = report {
+            self.situation.known = report;
+            self.situation.snapshot.computer = report.into();
+        }
     }
     /// Reports of processes.
     pub fn processes(&mut self, reports: Vec<ProcessState>) {

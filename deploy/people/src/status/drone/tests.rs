@@ -36,6 +36,7 @@ fn status(snapshot: &Snapshot, now_ns: i64) -> Status {
 }
 fn reported() -> ComputerReport {
     ComputerReport {
+        header: Header::new(1, 1, 1, 1, Time::from_nanos(NOW_NS)),
         title: "default".into(),
         processes: Seq::filled(PROCESSES.iter().copied()),
         ..ComputerReport::default()

@@ -5,6 +5,7 @@ use alight_shared::msg::{
     Starved, State,
 };
 use alight_shared::process::ProcessState;
+use alight_shared::time::Time;
 
 use super::*;
 use alight_computer::process::snapshot::{Newest, Snapshot};
@@ -30,7 +31,7 @@ fn held(days_left: i64) -> CertificateState {
 }
 fn vessel() -> Vessel {
     let drone = DroneStatus {
-        header: Header::new(1, 1, 7, 1, alight_shared::time::Time::EPOCH),
+        header: Header::new(1, 1, 7, 1, Time::EPOCH),
         state: State::Descent,
         mission_age_s: 0.02,
         battery: Some(0.8),
@@ -69,6 +70,7 @@ fn vessel() -> Vessel {
 }
 fn status(v: &Vessel, now_s: i64) -> Status {
     let reported = VesselReport {
+        clock: Time::from_secs(now_s as f64),
         listen: Names::of(&["tls/0.0.0.0:7447".into()]),
         peers: Names::of(&["drone-1".into()]),
         certificate: v.certificate,
@@ -76,6 +78,7 @@ fn status(v: &Vessel, now_s: i64) -> Status {
         ..VesselReport::default()
     };
     let reported = ComputerReport {
+        header: Header::new(1, 0, 1, 1, Time::from_secs(now_s as f64)),
         title: "vessel 1".into(),
         processes: Seq::filled([ProcessKind::Vessel]),
         edited: v.edited,
