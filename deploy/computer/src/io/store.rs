@@ -55,16 +55,21 @@ pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     }
     fs::rename(&new, path)?;
     if synced {
-        File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()?;
+        sync_directory(path)?;
     }
     Ok(())
 }
 
-/// Removes a file, if there is one.
+/// A name that was given to a file or taken from it is so after a power cut, too.
+fn sync_directory(path: &Path) -> io::Result<()> {
+    File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
+}
+
+/// Removes a file, if there is one: it is gone from the disk before this returns.
 pub fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
-        Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
-        Ok(()) | Err(_) => Ok(()),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
+        removed => removed.and_then(|()| sync_directory(path)),
     }
 }
 
