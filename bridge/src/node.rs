@@ -225,11 +225,7 @@ impl Bridge {
                 }
             }
             PacketKind::Wave => {
-                let m: WaveUpdate<VesselClock> = decode(&packet.bytes)?;
-                let (at, _) = self.admit(arrival, &m, kind, &topics::WAVE, 0.0)?;
-                if let Some(m) = self.updates.waves(&m) {
-                    out.wave = Some(m.restamped(at));
-                }
+                out.wave = self.waves(arrival, &decode(&packet.bytes)?)?.or(out.wave);
             }
             PacketKind::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
@@ -280,6 +276,19 @@ impl Bridge {
             }
         }
         Ok(())
+    }
+
+    fn waves(
+        &mut self,
+        arrival: Time<DroneClock>,
+        m: &WaveUpdate<VesselClock>,
+    ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
+        // The base that it lacks may come behind it, and is not late then: a joiner asks for that.
+        if !self.updates.has_base(m) {
+            return Ok(None);
+        }
+        let (at, _) = self.admit(arrival, m, PacketKind::Wave, &topics::WAVE, 0.0)?;
+        Ok(self.updates.waves(m).map(|m| m.restamped(at)))
     }
 
     /// All checks of a message in order, from the cheapest; its time of validity on the drone's

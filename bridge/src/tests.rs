@@ -6,7 +6,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
     CommandKind, EstimateUpdate, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage,
-    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, WaveUpdate, f16,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{Clock, DroneClock, Span, Stamped, Time, VesselClock};
@@ -14,6 +14,7 @@ use alight_shared::wire;
 use proptest::prelude::*;
 
 mod rtcm;
+mod waves;
 
 const OFFSET: f64 = 0.35;
 
@@ -124,51 +125,6 @@ fn bridge_estimate_on_the_drone_clock() {
     );
     assert_eq!(stated(&e), stated(&m));
     assert_eq!(b.rejections().total(), 0);
-}
-
-fn waves(sequence: u32, at: Time<VesselClock>) -> WaveModel<VesselClock> {
-    WaveModel {
-        header: Header::new(1, 0, 1, sequence, at),
-        significant_height_m: 1.0,
-        confidence: 0.5,
-        modes: Seq::filled([WaveMode {
-            pole: [-0.05, 1.3],
-            shape: core::array::from_fn(|d| [0.2 + d as f32, 0.1 - d as f32].map(f16::from_f32)),
-        }]),
-        slopes: Seq::filled([20, 10]),
-        advice: None,
-    }
-}
-
-#[test]
-fn bridge_wave_model_and_prediction() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
-    let wave = waves(3, vessel(now - 0.1));
-    let prediction = VesselPrediction::<VesselClock> {
-        header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),
-        step_s: 0.2,
-        origin: [1.0, 2.0, 0.0],
-        stages: Seq::filled((0..16).map(|k| PredictedStage {
-            eta: core::array::from_fn(|d| 0.01 * (6 * k + d) as f32),
-            eta_dot: core::array::from_fn(|d| f16::from_f32(-0.01 * (6 * k + d) as f32)),
-            ..PredictedStage::default()
-        })),
-    };
-    let out = step(
-        &mut b,
-        now,
-        vec![
-            packet(now, PacketKind::Wave, &WaveUpdate::whole(&wave)),
-            packet(now, PacketKind::Prediction, &prediction),
-        ],
-    );
-    assert_eq!(out.wave.unwrap().modes, wave.modes);
-    assert_eq!(out.wave.unwrap().slopes, wave.slopes);
-    let received = out.prediction.unwrap();
-    assert_eq!(
-        (received.origin, received.stages),
-        (prediction.origin, prediction.stages)
-    );
 }
 
 #[test]

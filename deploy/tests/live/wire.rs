@@ -103,7 +103,7 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
 fn foreign_program_on_the_radio() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let mut vessel = vessel(&RadioConfig::listening(&endpoint, TlsConfig::default()));
-    vessel.send(0, vec![7; 100]);
+    vessel.hold(0, vec![7; 100]);
     let unauthorised = client(&endpoint);
     assert_until("no schema is answered", || {
         !answers(&unauthorised, "alight/vessel-1/@schema/**").is_empty()
@@ -161,11 +161,12 @@ fn foreign_program_on_the_radio() {
     );
 }
 
-/// A message that was broadcast once, before the drone came.
+/// A message that the vessel holds, whatever it has broadcast since, before the drone came.
 fn late(listen: &RadioConfig, dial: &RadioConfig) {
     let mut vessel = vessel(listen);
     vessel.send(0, vec![1; 100]);
-    vessel.send(0, vec![2; 100]);
+    vessel.hold(0, vec![2; 100]);
+    vessel.send(0, vec![3; 100]);
     let mut drone = drone(dial);
     let answer = asked(&mut drone, TRIES).expect("an answer");
     assert_eq!((answer.bytes, answer.sender), (vec![2; 100], Sender::Vessel(1)));
@@ -255,6 +256,7 @@ fn router_that_comes_late_and_starts_again() {
     let config = through(&endpoint, TlsConfig::default());
     // Neither waits for a router that is not there.
     let (mut vessel, mut drone) = (vessel(&config), drone(&config));
+    vessel.hold(0, vec![0; 10]);
     vessel.send(0, vec![0; 10]);
     assert_eq!(vessel.counts().unsent, 1);
     // What stood still is restored by a watchdog, which a vessel has not.
@@ -304,6 +306,7 @@ fn router_with_certificates() {
         drone(&of("drone-1", "vessel-1")),
     );
     assert_exchange(&mut vessel, &mut drone, 1);
+    vessel.hold(0, vec![2; 10]);
     assert!(asked(&mut drone, TRIES).is_some());
     // A certificate of the authority that the router has no rule for, and one on another's key.
     let mut unauthorised = Radio::open(

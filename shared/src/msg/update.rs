@@ -217,7 +217,8 @@ impl<C: Clock> WaveUpdate<C> {
             ..WaveUpdate::whole(m)
         })
     }
-    fn is_whole(&self) -> bool {
+    /// It stands alone.
+    pub fn is_whole(&self) -> bool {
         self.base == self.header.sequence
     }
     /// The model that continues `base`; None where it continues another.
@@ -308,6 +309,11 @@ impl<C: Clock> UpdateReceiver<C> {
             && m.header.at - of.at <= MAX_REST_AGE
             && rest.datum_sum() == m.datum_sum;
         completes.then(|| m.completed(rest))
+    }
+    /// Whether this message stands alone or continues the newest whole one that was received.
+    pub fn has_base(&self, m: &WaveUpdate<C>) -> bool {
+        let base = self.waves.as_ref();
+        m.is_whole() || base.is_some_and(|base| m.completed(base).is_some())
     }
     /// The wave model of an admitted message; None where it continues one that was not received.
     pub fn waves(&mut self, m: &WaveUpdate<C>) -> Option<WaveModel<C>> {

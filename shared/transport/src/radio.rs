@@ -20,7 +20,6 @@ use std::time::Duration;
 
 use tracing::warn;
 use zenoh::Wait;
-use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Reliability};
@@ -402,16 +401,19 @@ impl Radio {
         self.open.as_ref().map_or(0, |o| o.present.count(of))
     }
 
+    /// Keeps this message of publication `publication` for who asks, where it is declared as held.
+    pub fn hold(&self, publication: usize, bytes: Vec<u8>) {
+        let kept = self.parts.publications.get(publication);
+        if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
+            held.set(bytes.into());
+        }
+    }
     /// Publishes on publication `publication`.
     pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
         let length = bytes.len() as u64;
         let open = self.open.as_ref();
         let publisher = open.and_then(|o| o.publishers.get(publication));
-        let bytes = ZBytes::from(bytes);
         let kept = self.parts.publications.get(publication);
-        if let Some(held) = kept.and_then(|p| p.held.as_ref()) {
-            held.set(&bytes);
-        }
         if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;

@@ -149,8 +149,11 @@ impl VesselRadio {
         self.send(TIME_REPLY, &vessel.time_replies);
         self.send(DECK, grant);
         self.send(OPERATOR, commands);
+        // A joiner can use no wave model that continues another.
+        self.hold(WAVE, vessel.wave_update.as_ref().filter(|m| m.is_whole()));
         self.send(WAVE, &vessel.wave_update);
         self.send(PREDICTION, &vessel.prediction);
+        self.hold(SURROUNDINGS, vessel.surroundings.as_ref());
         self.send(SURROUNDINGS, &vessel.surroundings);
         self.send(RTCM, rtcm);
         if self.operators {
@@ -171,6 +174,11 @@ impl VesselRadio {
             self.send(STATE, [&report]);
         }
         report
+    }
+    fn hold(&mut self, publication: usize, message: Option<&impl Serialize>) {
+        if let Some(bytes) = message.and_then(|m| wire::encode(m).ok()) {
+            self.radio.hold(publication, bytes);
+        }
     }
     fn send<'a, M: Serialize + 'a>(&mut self, publication: usize, messages: impl IntoIterator<Item = &'a M>) {
         // A message that does not encode is a message that is not sent: the receiver sees the gap.

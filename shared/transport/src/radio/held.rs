@@ -39,9 +39,9 @@ struct Newest {
 
 impl NewestMessage {
     /// Another one takes its place.
-    pub(super) fn set(&self, bytes: &ZBytes) {
+    pub(super) fn set(&self, bytes: ZBytes) {
         let mut newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        newest.bytes = Some(bytes.clone());
+        newest.bytes = Some(bytes);
     }
     /// It, for somebody who asked at `now_ns`, as long as not too many do.
     pub(super) fn take(&self, now_ns: i64) -> Option<ZBytes> {
@@ -59,8 +59,8 @@ mod tests {
     fn newest_message_for_many_who_ask() {
         let held = NewestMessage::default();
         assert!(held.take(0).is_none(), "nothing was published yet");
-        held.set(&ZBytes::from(vec![1]));
-        held.set(&ZBytes::from(vec![2]));
+        held.set(ZBytes::from(vec![1]));
+        held.set(ZBytes::from(vec![2]));
         let answered = |at_ns| (0..100).filter_map(|_| held.take(at_ns)).collect::<Vec<_>>();
         let all = answered(1_500_000_000);
         assert_eq!(all.len(), MAX_ANSWERS_PER_S as usize);

@@ -44,7 +44,7 @@ pub struct Publication {
     pub(super) topic: Option<&'static Topic>,
     /// Bytes that each message has in addition to its payload.
     pub(super) overhead: u64,
-    /// The newest message is kept for who asks for it.
+    /// A message is kept for who asks for it.
     pub(super) held: Option<Arc<NewestMessage>>,
 }
 
@@ -68,7 +68,7 @@ impl Publication {
             ..self
         }
     }
-    /// The newest message is kept, and answers who asks on its key.
+    /// The message that [`Radio::hold`](super::Radio::hold) was given last answers who asks on its key.
     pub fn held(self) -> Publication {
         let held = Some(Arc::default());
         Publication { held, ..self }
