@@ -173,7 +173,10 @@ pub struct ReadCounts {
     topic: &'static Topic,
     received: u64,
     missed: u64,
+    /// Boot and sequence of the newest.
     order: Option<(u32, u32)>,
+    /// The newest as the lowest bit and those before it, each that was read or came before the first.
+    read: u64,
     newest_ns: Option<i64>,
 }
 
@@ -185,23 +188,31 @@ impl ReadCounts {
             received: 0,
             missed: 0,
             order: None,
+            read: u64::MAX,
             newest_ns: None,
         }
     }
     /// A message was read.
     pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64) {
         self.received += 1;
-        if let (Some((boot, sequence)), Some((old_boot, old))) = (order, self.order)
-            && boot == old_boot
-        {
-            let step = sequence.wrapping_sub(old);
-            // Backwards is a reordered or repeated message, not a gap of four thousand million.
-            if (2..1 << 31).contains(&step) {
-                self.missed += u64::from(step) - 1;
+        self.newest_ns = Some(at_ns);
+        let of_newest_boot = order.zip(self.order).filter(|(new, old)| new.0 == old.0);
+        let step = of_newest_boot.map(|(new, old)| new.1.wrapping_sub(old.1) as i32);
+        match step {
+            Some(ahead @ 1..) => {
+                self.missed += ahead as u64 - 1;
+                self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
+            // A message that was overtaken and counted as missed, or one that is repeated.
+            Some(behind @ -63..=0) => {
+                let own = 1 << -behind;
+                self.missed -= u64::from(self.read & own == 0);
+                self.read |= own;
+                return;
+            }
+            Some(_) | None => self.read = u64::MAX,
         }
         self.order = order;
-        self.newest_ns = Some(at_ns);
     }
     /// Counts for a report; `now_ns` is the clock of the messages' stamps.
     pub fn state(&self, now_ns: i64) -> InputState {

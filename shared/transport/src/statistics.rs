@@ -74,11 +74,24 @@ mod tests {
     #[test]
     fn input_statistics_gaps_and_restarts() {
         let mut statistics = InputStatistics::new(&topics::PLAN);
-        for (boot, sequence) in [(1, 1), (1, 2), (1, 5), (1, 4), (1, 5), (2, 90), (2, 91)] {
-            statistics.count(Some((boot, sequence)), 0, 3_000_000);
+        // The third is lost, the fourth is overtaken, and one is of before the first.
+        let orders = [
+            (1, 1),
+            (1, 2),
+            (1, 5),
+            (1, 4),
+            (1, 5),
+            (1, 4),
+            (1, 6),
+            (1, 0),
+            (2, 90),
+            (2, 91),
+        ];
+        for order in orders {
+            statistics.count(Some(order), 0, 3_000_000);
         }
         let state = statistics.state(1_000_000_000);
-        assert_eq!((state.received, state.missed), (7, 2));
+        assert_eq!((state.received, state.missed), (10, 1));
         assert_eq!(state.age_s, 1.0);
         assert!(
             (0.00298..0.00306).contains(&state.read_age_p50_s),
