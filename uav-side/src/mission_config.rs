@@ -119,6 +119,10 @@ config! {
         pub battery_lasts_s: f64 = 5.0, in 0.0..=60.0;
         /// Voltage below which for that long the battery is empty whatever its gauge reads, V; 0: the gauge alone counts.
         pub battery_minimum_v: f64 = 0.0, in 0.0..=500.0;
+        /// Hover time from full until the gauge reads 0, loaded, s: after it a drone in the air has no charge left whatever its gauge
+        /// reads, and one whose gauge is silent or stuck empties so fast or faster. 0: not measured; a gauge that falls too slowly is
+        /// believed, and a silent or stuck one empties by current or its own fall before, else in 300 s. On a tether: 1e6.
+        pub battery_endurance_s: f64 = 0.0, in 0.0..=1e6;
         /// Capacity, by which the current gives the power, Ah; 0: the power is the rate at which the gauge falls.
         pub battery_capacity_ah: f64 = 0.0, in 0.0..=1e3;
         /// Time of one attempt above the deck, from the arrival to the ground or back up, s.

@@ -256,12 +256,14 @@ impl LastVessel {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KnownBattery {
-    /// When the gauge's reading changed last, or the flight began ...
+    /// When the flight's last minimum of the gauge was ...
     pub at: Time<DroneClock>,
-    /// ... to this, 0 to 1.
+    /// ... and that, 0 to 1: assumed of a gauge that has never reported.
     pub gauge: f64,
-    /// The voltage then, V, where it is reported.
-    pub volts: Option<f64>,
+    /// When the flight began ...
+    pub start_at: Time<DroneClock>,
+    /// ... and with what charge, 0 to 1; None: the gauge has never reported.
+    pub start: Option<f64>,
     /// The power by the gauge, 1/s, as far as it is measured.
     pub power: Option<f64>,
 }
@@ -269,7 +271,7 @@ pub struct KnownBattery {
 impl KnownBattery {
     fn is_sane(&self) -> bool {
         let power = self.power.is_none_or(|p| (0.0..=1.0).contains(&p));
-        FRACTION.contains(&self.gauge) && self.volts.is_none_or(|v| (0.0..=500.0).contains(&v)) && power
+        FRACTION.contains(&self.gauge) && self.start.is_none_or(|b| FRACTION.contains(&b)) && power
     }
 }
 

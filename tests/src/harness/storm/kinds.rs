@@ -360,7 +360,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The drone's battery empties fast.
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
-    /// Its gauge and its voltage stay what they were, or toggle between that and more.
+    /// Gauge and voltage of the battery stay what they were, or toggle between that and more.
     BatteryStuck, "battery-stuck", "toggles by, charge", [-0.02, 0.02], [1.0, 60.0], Nothing,
         Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
     /// It is an old one, or a smaller: full it flies for so long.
