@@ -158,10 +158,15 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
+/// A gauge that shows so much more than counts is doubted.
+const DOUBTED: f64 = 0.02;
 /// A battery that does not last for the way to the deck and one attempt.
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {
-    let reserve = s.snapshot.mission.as_ref()?.battery_reserve;
-    let charge = s.snapshot.autopilot.as_ref()?.battery.filter(|b| *b < reserve)?;
+    let mission = s.snapshot.mission.as_ref()?;
+    let reserve = mission.battery_reserve;
+    let shown = s.snapshot.autopilot.as_ref()?.battery;
+    let charge = shown.into_iter().chain(mission.battery).reduce(f64::min);
+    let charge = charge.filter(|b| *b < reserve)?;
     let found = format!(
         "battery at {:.0} %, the deck and one attempt need {:.0} %",
         100.0 * charge,
@@ -359,6 +364,9 @@ fn battery(s: &ObservedSituation) -> Figure {
         (s.snapshot.mission.map(|m| m.sorties))
             .filter(|[_, most]| *most > 0)
             .map(|[begun, most]| format!("sortie {begun} of {most}")),
+        (s.snapshot.mission.and_then(|m| m.battery))
+            .filter(|counts| a.battery.is_none_or(|shown| shown > counts + DOUBTED))
+            .map(|counts| format!("counts as {:.0} %", 100.0 * counts)),
         a.battery_v.map(|v| format!("{v:.1} V")),
         a.battery_a.map(|i| format!("{i:.1} A")),
     ]

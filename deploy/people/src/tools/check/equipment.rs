@@ -7,6 +7,7 @@ use alight_shared::msg::DeckDimensions;
 use alight_shared::tags::are_anybodys;
 use alight_uav::camera::layout;
 use alight_uav::camera::strangers::Stranger;
+use alight_uav::mission_config::MissionConfig;
 use alight_uav::settings::DroneSettings;
 
 use crate::explain::advice;
@@ -270,6 +271,22 @@ pub fn tags(drone: &DroneSettings) -> Finding {
             gaps.join(" and ")
         ),
         "add tags of a size and place that are in view there; `alight tag --suggest` prints the list that is suggested for the deck's size",
+    )
+}
+
+/// Time that ends the belief in a battery's gauge.
+pub fn battery(mission: &MissionConfig) -> Finding {
+    const TOPIC: FindingTopic = FindingTopic("battery");
+    let full_s = mission.battery_endurance_s;
+    if full_s > 0.0 {
+        return TOPIC.fine(format!(
+            "full, it flies for {full_s:.0} s whatever its gauge reads"
+        ));
+    }
+    TOPIC.warning(
+        "drone.mission.battery_endurance_s is not set: a gauge that falls too slowly is believed until the drone falls, and one that is \
+         silent or stuck counts as that of a drone which flies for 300 s",
+        "hover with the load from a full battery until the gauge reads 0, or half of that twice as long, and write the seconds",
     )
 }
 

@@ -103,6 +103,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
         ));
         all.extend(d.camera.is_there().then(|| equipment::tags(&d.drone)));
         all.extend(equipment::lenses(d));
+        all.push(equipment::battery(&d.drone.mission));
     }
     all.extend(facts.cameras.iter().map(|c| camera(c, facts.running)));
     all.extend(facts.cameras.iter().filter_map(camera_view));

@@ -107,12 +107,19 @@ fn vessel() -> CheckFacts {
     }
 }
 
-fn drone() -> CheckFacts {
+/// The computer is a drone's, with what `set` changes of a usual configuration.
+fn configure(facts: &mut CheckFacts, set: fn(&mut DroneComputerConfig)) {
     let mut computer = DroneComputerConfig::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
     computer.radio.tls = tls(&["vessel-1"]);
-    let mut facts = vessel();
+    computer.drone.mission.battery_endurance_s = 1200.0;
+    set(&mut computer);
     facts.computer = Ok(Computer::Drone(Box::new(computer)));
+}
+
+fn drone() -> CheckFacts {
+    let mut facts = vessel();
+    configure(&mut facts, |_| {});
     facts.identity.as_mut().unwrap().own = Ok(certificate("drone-1", 800));
     facts.memory = Some(SharedMemory {
         free_bytes: Some(1 << 30),

@@ -143,11 +143,7 @@ const DRONE_WARNINGS: &[Fault] = &[
     (|f| f.signing = signed(Ok(0o644), 0), "others may read or change"),
     (
         |f| {
-            let mut d = DroneComputerConfig::default();
-            d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-            d.radio.tls = tls(&["vessel-1"]);
-            d.autopilot.unsigned_orders = true;
-            f.computer = Ok(Computer::Drone(Box::new(d)));
+            configure(f, |d| d.autopilot.unsigned_orders = true);
             f.signing = signed(Ok(0), 0).map(|s| SigningCheck {
                 path: String::new(),
                 ..s
@@ -169,13 +165,13 @@ const DRONE_WARNINGS: &[Fault] = &[
     (
         |f| {
             f.reported = reported("COM_OF_LOSS_T", 1.0);
-            let mut d = DroneComputerConfig::default();
-            d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-            d.radio.tls = tls(&["vessel-1"]);
-            d.autopilot.check_parameters = false;
-            f.computer = Ok(Computer::Drone(Box::new(d)));
+            configure(f, |d| d.autopilot.check_parameters = false);
         },
         "COM_OF_LOSS_T is 1 s",
+    ),
+    (
+        |f| configure(f, |d| d.drone.mission.battery_endurance_s = 0.0),
+        "battery_endurance_s is not set",
     ),
     (|f| f.realtime = false, "real-time"),
     (|f| f.processors = 1, "one processor"),
@@ -209,12 +205,7 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
     (|f| f.cameras.push(looked(Err("no image came"))), "no image came"),
     (
-        |f| {
-            let mut d = DroneComputerConfig::default();
-            d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
-            d.radio.tls = tls(&["vessel-2"]);
-            f.computer = Ok(Computer::Drone(Box::new(d)));
-        },
+        |f| configure(f, |d| d.radio.tls = tls(&["vessel-2"])),
         "vessel-1 is not among",
     ),
 ];
