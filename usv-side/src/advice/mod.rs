@@ -42,7 +42,7 @@ pub const PERIOD_S: f64 = 5.0;
 /// Headings that are compared, 15 deg apart.
 const HEADINGS: u32 = 24;
 /// They lie so far apart, rad.
-pub const HEADING_STEP_RAD: f64 = TAU / HEADINGS as f64;
+const HEADING_STEP_RAD: f64 = TAU / HEADINGS as f64;
 /// Speeds that are compared, m/s apart, from the slowest at which a boat steers.
 const SPEED_STEP_MPS: f64 = 2.0;
 /// Speeds at most: the present one and the slower ones.

@@ -280,7 +280,7 @@ impl Plant {
 }
 
 /// A socket that sends to `to`, and never waits.
-pub fn dial(to: &str) -> std::io::Result<UdpSocket> {
+fn dial(to: &str) -> std::io::Result<UdpSocket> {
     let socket = UdpSocket::bind("0.0.0.0:0")?;
     socket.connect(to)?;
     socket.set_nonblocking(true)?;
@@ -288,7 +288,7 @@ pub fn dial(to: &str) -> std::io::Result<UdpSocket> {
 }
 
 /// Received data, at most [`MAX_READS`].
-pub fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
+fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
     while received.len() < MAX_READS as usize
         && let Ok(n) = socket.recv(&mut buffer)

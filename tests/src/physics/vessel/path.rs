@@ -143,10 +143,6 @@ impl MeanPath {
         }
     }
 
-    /// Heading before any turn of its course, rad.
-    pub fn heading(&self) -> f64 {
-        self.heading
-    }
     /// Whether heading or speed change at `t` (s) or within `margin` (s) of it.
     pub fn changes(&self, t: f64, margin: f64) -> bool {
         match &self.shape {
