@@ -260,8 +260,16 @@ fn low_battery_above_the_deck() {
 fn low_battery_near_a_closed_deck() {
     let mut fleet = low_battery_in(State::Tracking, &reserving(), 55);
     fleet.world.deck_order(DeckOrder::Closed);
-    fleet.run(25.0);
-    assert_eq!(fleet.mission(0).low_battery, Some(BatteryPlace::Deck));
+    fleet.run(15.0);
+    let m = fleet.mission(0);
+    assert_eq!(
+        m.low_battery,
+        Some(BatteryPlace::Deck),
+        "{:?}, {}, {:?}",
+        fleet.visited(0),
+        m.waiting,
+        m.battery
+    );
     assert_never_descended(&fleet, 0);
     fleet.world.deck_order(DeckOrder::Open);
     assert!(
