@@ -167,7 +167,9 @@ impl HeightWitnesses {
                 self.proven_z = Some(self.proven_z.map_or(z, |p| p.max(z)));
             }
         }
-        if let Some(z) = i.own_z.filter(|_| !i.armed && i.distance_m < ON_DECK_M) {
+        // A heartbeat that is late reports a drone in the air as disarmed.
+        let rests = !i.armed && i.landed == LandedState::OnGround;
+        if let Some(z) = i.own_z.filter(|_| rests && i.distance_m < ON_DECK_M) {
             self.take_off_z = Some(z + i.feet_m);
         }
         if let Some(z) = i.forecast_z.filter(|_| i.observed) {
@@ -480,6 +482,13 @@ mod tests {
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
         assert!((h.deck_z.unwrap()).abs() < 1e-9, "{h:?}");
+        // One that appears above the deck, and is reported armed late.
+        let appears = HeightInput {
+            distance_m: 1.0,
+            armed: false,
+            ..airborne(-8.0)
+        };
+        assert_eq!(after(&[appears]).take_off_z, None);
         let mut moved = w;
         moved.forget();
         assert_eq!(moved, HeightWitnesses::default());
