@@ -107,11 +107,12 @@ config! {
         pub max_attempts: u32 = 10;
         /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.
         pub battery_reserve: f64 = 0.2, in 0.0..=0.9;
-        /// Places to land at then, in this order: "deck" (while the deck is known, open and not another drone's, and half
-        /// of the reserve is left to wait for it; within limits wider by half), "home" (the autopilot's return mode),
-        /// "here" (its land mode). Without a place it climbs and holds. A descent that has begun is ended on the deck.
-        /// After an abort or a hold it announces that first, and acts when a quarter of the reserve is gone; a second one
-        /// declines the deck. An order that comes below the reserve makes the deck the first place.
+        /// Places to land at then, in this order: "deck", "home" (the autopilot's return mode), "here" (its land mode). A deck
+        /// that is closed, another drone's or unknown is awaited until the last charge with which the next place can be
+        /// reached. The limits of a landing give way in the second half of the reserve. Without a place it climbs and holds.
+        /// A descent that has begun is ended on the deck. After an abort or a hold it announces that first, and acts when a
+        /// quarter of the reserve is gone; a second one declines the deck. An order that comes below the reserve makes the
+        /// deck the first place.
         /// Chosen: from above the deck no way home over open water.
         pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
         /// A charge below the reserve counts once no reading of this long was above, s.
