@@ -51,7 +51,7 @@ pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     }
 }
 
-/// The same by a rangefinder: a reading that ends above the feet is none, a sensor out of its range reports 0.
+/// By a rangefinder: a reading that ends above the feet does not count, since a sensor out of its range reports 0.
 pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
     by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }

@@ -277,6 +277,9 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     if !form.print(&flown, &[&flown])? {
         let end = match flown.ending {
             StormEnding::Landed => "landed: every rule held",
+            StormEnding::Waits if flown.came_down == Some(StormEnding::Landed) => {
+                "waited for a stated reason, and landed by its battery: every rule held"
+            }
             StormEnding::Waits => "waits for a stated reason: every rule held",
             StormEnding::Crashed => "crashed under a fault that excuses it: every rule held",
             StormEnding::Violated => "a rule was broken",
@@ -396,6 +399,8 @@ mod tests {
     fn coverage_by_flight() {
         let began = |state| Flown {
             ending: StormEnding::Landed,
+            waits_for: None,
+            came_down: None,
             violation: None,
             began: vec![(FaultKind::Blind, state, 1.0)],
             states: Vec::new(),

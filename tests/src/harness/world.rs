@@ -384,7 +384,7 @@ impl World {
             .vessel()
             .is_some_and(|v| v.arbiter().wants_steady(now))
     }
-    /// Whether the vessel keeps its deck for the drone `k` or for nobody.
+    /// Whether the vessel keeps its deck for the drone `k`, or it is free.
     pub fn deck_is_free(&self, k: usize) -> bool {
         [0, DRONE_ID + k as u32].contains(&self.deck_owner)
     }

@@ -11,10 +11,9 @@ use alight_shared::topics;
 use nalgebra::Vector2;
 
 use super::MissionNode;
-use super::charge::Charges;
 use super::outlook::Outlook;
 use super::reservation::{Reservation, stated_course};
-use super::situation::{ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
+use super::situation::{Charges, ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
 use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
 

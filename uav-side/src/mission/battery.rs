@@ -21,9 +21,9 @@ const FALL: f64 = 0.02;
 /// A gauge that jumps by this faster than any battery empties is another battery, or has corrected itself: no measurement of the power.
 const JUMP: f64 = 0.05;
 /// No drone empties a full battery faster, s.
-const SHORTEST_S: f64 = 120.0;
+const MIN_FLIGHT_S: f64 = 120.0;
 /// None flies longer with one, s: by such a current or gauge nothing is measured.
-const MOST_S: f64 = 7200.0;
+const MAX_FLIGHT_S: f64 = 7200.0;
 /// Share of a new measurement in the power.
 const NEW: f64 = 0.3;
 /// No measurement is lower than this share of the power before.
@@ -184,7 +184,7 @@ impl BatteryMonitor {
         if fall <= 0.0 || self.at_step && fall < FALL {
             return;
         }
-        if self.at_step && lasted > 0.0 && (fall < JUMP || fall * SHORTEST_S < lasted) {
+        if self.at_step && lasted > 0.0 && (fall < JUMP || fall * MIN_FLIGHT_S < lasted) {
             let measured = fall / lasted;
             // One that stuck for a while and moves again has not measured so low a power.
             let next = |p: f64| p + NEW * (measured.max(SLOWER * p) - p);
@@ -224,7 +224,7 @@ impl BatteryMonitor {
         let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
         let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
         let mut measured = by_current.into_iter().chain(self.by_gauge);
-        let measured = measured.find(|p| p * MOST_S > 1.0).unwrap_or(0.0);
+        let measured = measured.find(|p| p * MAX_FLIGHT_S > 1.0).unwrap_or(0.0);
         measured.max(per_s(c.battery_endurance_s))
     }
 

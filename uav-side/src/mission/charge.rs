@@ -8,12 +8,11 @@
 use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
 
-use super::limits::RESUME_DISTANCE_M;
+use super::limits::{FOR_OPERATOR, HYSTERESIS, RESUME_DISTANCE_M};
 use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding};
 use super::reservation::Reservation;
-use super::situation::{ControlState, Deck, Situation};
+use super::situation::{Charges, ControlState, Deck, Situation};
 use super::sortie::ReturnLeg;
-use super::states::{FOR_OPERATOR, HYSTERESIS};
 use crate::mission_config::MissionConfig;
 
 /// Relative error of power, wind and times.
@@ -32,19 +31,8 @@ const LAST_ATTEMPT_S: f64 = 30.0;
 const UNKNOWN_HOME: f64 = 0.5;
 
 /// A deck is given up once it has been missing for so long, s.
-/// Chosen: a person who crosses it, another drone's last metres, or a process that starts again take less.
+/// Chosen: crew that crosses it, another drone's last metres, or a process that starts again take less.
 const MISSING_S: f64 = 20.0;
-
-/// Charge that each place needs from here, 0 to 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Charges {
-    /// Return by the autopilot, and a landing there.
-    pub home: f64,
-    /// Landing in place.
-    pub here: f64,
-    /// Attempt to land on the deck from above it.
-    pub attempt: f64,
-}
 
 impl Charges {
     /// By the `power`, 1/s; `home`: from the drone to its destination, m, None: not reported; `up_m`: height above the water.
@@ -105,7 +93,7 @@ fn without_margin(n: f64) -> f64 {
 enum DeckAccess {
     /// Not wanted by the operator, or not touched in this mode.
     Declined,
-    /// Closed, another drone's, unknown, out of sight, or too rough for any landing: it may be open again.
+    /// Closed, another drone's, unknown, not detected, or too rough for any landing: it may be open again.
     Awaited,
     /// To be had.
     Open,
@@ -182,7 +170,7 @@ fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the mission has a drone in the air that it does not fly yet: nobody lands it if its order does not come.
+/// Whether the mission has a drone in the air that it does not fly yet: without an order no other state lands it.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();

@@ -10,16 +10,17 @@ use proptest::prelude::*;
 
 use BatteryPlace::{Deck, Here, Home};
 
-use super::charge::{Charges, urgency};
+use super::charge::urgency;
 use super::phase::{HoldCause, holding};
 use super::reservation::Reservation;
+use super::situation::Charges;
 use super::tests::*;
 use super::*;
 
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))
 }
-/// What makes the deck a place that is not to be had now.
+/// Each makes the deck a place that is not to be had now.
 const MISSING: [fn(&mut Situation); 5] = [
     |s| s.reservation = Reservation::Others(DECK_CLOSED),
     |s| s.reservation = Reservation::Others(2),

@@ -241,7 +241,7 @@ pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<Last
 }
 
 /// Purpose of the flight, by a checkpoint that is too old to go on from: an order to land and a station go on once the drone is
-/// found in our mode, and end where a person has it; an operator's stop and a declined deck stay; a drone on a sortie comes back
+/// found in our mode, and end where a pilot has it; an operator's stop and a declined deck stay; a drone on a sortie comes back
 /// while its charge lasts, and its cycles end. Of a drone that was disarmed nothing is left.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.armed {

@@ -3,7 +3,7 @@
 //! A row counts in the phases of `in_phase` once its evidence has lasted, and acts; the first row that acts decides. Its evidence
 //! lies in what it reads: a touchdown in the pilot's detector, control in two heartbeats, data in the staleness limit of each topic,
 //! charge in `battery_lasts_s`. A row whose condition clears gives the state back: a hold for data goes on once they are fresh, a
-//! lapse begins the landing again, a charge that is above the reserve again resumes. What a person has ended (control, an abort) is
+//! lapse begins the landing again, a charge that is above the reserve again resumes. A landing that was ended by pilot or operator is
 //! begun again by an order alone.
 //!
 //! | row | action | clears by | overruled by |

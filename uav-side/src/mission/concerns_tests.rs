@@ -170,7 +170,7 @@ fn rows_in_every_state() {
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 
-/// Rows that a person has not caused give the state back once they are over.
+/// Rows that neither pilot nor operator has caused give the state back once they are over.
 #[test]
 fn rows_that_are_over() {
     for (name, counts, _, _) in rows() {

@@ -22,6 +22,10 @@ pub(super) const ORDER_WAITS_S: f64 = 60.0;
 pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
 /// Data must be fresh for this long before Hold is left, s.
 pub(super) const RECOVER_S: f64 = 0.5;
+/// Limits are this much wider for what was steady, or feasible.
+pub(super) const HYSTERESIS: f64 = 1.5;
+/// Share of the reserve in which an operator who has stopped the landing decides.
+pub(super) const FOR_OPERATOR: f64 = 0.25;
 /// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
 pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
 /// A climb out of the way of a vessel takes so long, s: 6 m at 1.5 m/s.

@@ -282,7 +282,7 @@ pub struct MissionProgress {
     pub deck_declined: bool,
     /// The drone was armed since the order: that ends with the flight.
     pub armed: bool,
-    /// The deck is closed, another drone's, unknown or out of sight since.
+    /// The deck is closed, another drone's, unknown or not detected since.
     pub missing: Option<DroneTime>,
     /// It hovers without an order lower than waves reach since.
     pub low_since: Option<DroneTime>,

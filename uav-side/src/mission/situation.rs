@@ -9,7 +9,6 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::charge::Charges;
 use super::lift_off::Moments;
 use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::reservation::Reservation;
@@ -331,6 +330,17 @@ pub struct TakeOffEvidence {
     pub lifts_s: Option<f64>,
     /// Angle between the drone and the deck that it leaves, a reaction from now, rad.
     pub tips_rad: f64,
+}
+
+/// Charge that each place needs from here, 0 to 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Charges {
+    /// Return by the autopilot, and a landing there.
+    pub home: f64,
+    /// Landing in place.
+    pub here: f64,
+    /// Attempt to land on the deck from above it.
+    pub attempt: f64,
 }
 
 /// The situation that a transition judges.

@@ -13,8 +13,8 @@ use nalgebra::Vector3;
 
 use super::charge::urgency;
 use super::limits::{
-    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, HEIGHT_TOLERANCE_M, ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M,
-    STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEIGHT_TOLERANCE_M, HYSTERESIS, ORDER_WAITS_S,
+    RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, held_place, holding,
@@ -100,9 +100,6 @@ fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfi
     let waited_s = (s.now - progress.started).secs();
     (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
 }
-
-/// Share of the reserve in which an operator who has stopped the landing decides.
-pub(super) const FOR_OPERATOR: f64 = 0.25;
 
 /// The battery of a drone whose landing was stopped is below the reserve, and its operator has yet to decide.
 fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
@@ -300,9 +297,6 @@ fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTr
         .or_else(|| deck_lost(s, c))
         .or_else(doubted)
 }
-
-/// What was steady, or feasible, stays so within limits this much wider.
-pub(super) const HYSTERESIS: f64 = 1.5;
 
 /// Factor on the limits of a landing by its [`urgency`].
 fn widening(urgency: f64) -> f64 {

@@ -164,7 +164,7 @@ fn abort_among_many_commands_to_a_successor() {
 }
 
 /// State x who has the drone after a reboot of the computer x charge: the purpose of the flight goes on, comes back, or waits
-/// for a new order; what a person has ended stays ended.
+/// for a new order; a landing that the pilot has ended stays ended.
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};
@@ -211,10 +211,10 @@ fn purpose_that_outlives_a_reboot() {
     let declined = written(|m| (m.stopped, m.deck_declined) = (true, true));
     let nothing = written(|_| ());
     use AutopilotMode::{Hold, Offboard, Other};
-    let (ours, lapsed, taken): (&[_], &[_], &[_]) = (&[Offboard], &[Hold, Offboard], &[Other, Offboard]);
+    let (ours, holds, taken): (&[_], &[_], &[_]) = (&[Offboard], &[Hold, Offboard], &[Other, Offboard]);
     for (k, (kept, modes, battery, state)) in [
         (landing, ours, 0.9, State::Tracking),
-        (landing, lapsed, 0.9, State::Tracking),
+        (landing, holds, 0.9, State::Tracking),
         (landing, taken, 0.9, State::Idle),
         (station, ours, 0.9, State::Hold),
         (station, taken, 0.9, State::Idle),

@@ -16,10 +16,9 @@ use nalgebra::{Vector2, Vector3};
 use Does::{Enter, Stay};
 use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, Tracking, TrackingStable};
 
-use super::charge::Charges;
 use super::phase::DroneTime;
 use super::reservation::{Reservation, stated_course};
-use super::situation::{Deck, OwnState, SortieEvidence, TakeOffEvidence};
+use super::situation::{Charges, Deck, OwnState, SortieEvidence, TakeOffEvidence};
 use super::*;
 use alight_shared::landing::Odds;
 

@@ -9,7 +9,7 @@ use super::axis::AxisNoise;
 
 /// The rangefinder's disagreement is averaged over this time, s: half a period of a swell.
 const MEMORY_S: f64 = 3.0;
-/// One reading stands for no longer than this, s: after a gap a single echo from the water beside the deck proves nothing.
+/// One reading stands for no longer than this, s: after a gap a single echo from the water next to the deck proves nothing.
 const READING_S: f64 = 0.2;
 /// A contradiction is forgotten within this time, s: longer than a lull between two groups of waves.
 const RELEASE_S: f64 = 30.0;

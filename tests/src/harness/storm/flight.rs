@@ -40,7 +40,7 @@ const COMES_DOWN_S: f64 = 330.0;
 pub struct Flown {
     /// Ending of the flight.
     pub ending: StormEnding,
-    /// What it waited for at the end.
+    /// Condition that it waited for at the end.
     pub waits_for: Option<String>,
     /// The end of a wait in our mode, by the battery alone.
     pub came_down: Option<StormEnding>,

@@ -124,7 +124,7 @@ impl fmt::Display for Violation {
             }
             StormRule::NotFinite => write!(f, "a set-point was not finite"),
             StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
-            StormRule::NoLastResort => write!(f, "waited until {:.0} % beside a free deck", 100.0 * figure),
+            StormRule::NoLastResort => write!(f, "waited until {:.0} % next to a free deck", 100.0 * figure),
             StormRule::WaitsUnsaid => write!(
                 f,
                 "waits at {:.0} % of its battery, and reports neither that nor its next step",
@@ -398,9 +398,9 @@ pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let states_reason = mission.waiting.code != ReasonCode::None;
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
-    let lapsed = autopilot.is_some_and(SimulatedAutopilot::holds_by_itself);
+    let failsafe = autopilot.is_some_and(SimulatedAutopilot::holds_by_itself);
     let rests =
-        states_reason && !lapsed && matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
+        states_reason && !failsafe && matches!(mission.state, State::GaveUp | State::Hold | State::Idle);
     let lands = matches!(mission.state, State::Descent | State::Flare | State::Landed);
     let fine = !o.motors_on || rests || (states_reason && !lands);
     (!fine).then(|| Violation {

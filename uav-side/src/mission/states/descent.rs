@@ -6,10 +6,10 @@ use alight_shared::msg::ReasonCode::{
 };
 use alight_shared::msg::{Course, Reason};
 
-use super::super::limits::{DECISION_TIMEOUT_S, LOST_OUTSIDE_M, exceeds, first_beyond};
+use super::super::limits::{DECISION_TIMEOUT_S, HYSTERESIS, LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::super::phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting};
 use super::super::situation::{Deck, Situation};
-use super::{HYSTERESIS, MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
+use super::{MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
 use crate::mission_config::MissionConfig;
 
 /// Why a landing that is not committed is broken off: the deck is another's, or the helm states a turn.
