@@ -366,11 +366,11 @@ fn loss_of_control_authority() {
 
 #[test]
 fn order_after_a_lapse_and_a_takeover() {
-    let lapsed = with(|s| s.flight = ControlState::Lapsed);
-    let d = step(DESCENT, &lapsed);
+    let holds = with(|s| s.flight = ControlState::Lapsed);
+    let d = step(DESCENT, &holds);
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);
-    let d = run(&d, &lapsed, 5.0);
+    let d = run(&d, &holds, 5.0);
     // Set-points are back: it begins again.
     goes(&step(&d, &fair()), State::GetAltitude, Commanded);
     for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {

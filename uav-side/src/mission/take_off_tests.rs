@@ -271,15 +271,15 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
 /// Low over the deck nothing but up is safe, whoever holds the drone for lack of set-points.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
-    let lapsed = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
+    let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
     for phase in [rising(0.8, true), climbing(2.0, false), climbing(60.0, true)] {
-        let d = decided(phase, None, &lapsed);
+        let d = decided(phase, None, &holds);
         assert_eq!(d.phase.state(), State::ClimbOut, "{phase:?}");
         // It has its whole time once they are back.
         let MissionPhase::ClimbOut { since, .. } = d.phase else {
             panic!("{:?}", d.phase)
         };
-        assert_eq!(since, lapsed.now);
+        assert_eq!(since, holds.now);
     }
     let other = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
     let d = decided(climbing(2.0, false), None, &other);
