@@ -126,7 +126,7 @@ fn fault_at_the_second_landing() {
         (vec![FaultKind::Blind], StormEnding::Landed),
         "{f:?}"
     );
-    assert!(f.began[0].2 > 60.0, "{f:?}");
+    assert!(f.began[0].2 > 40.0, "{f:?}");
 }
 
 #[test]
@@ -277,7 +277,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
                 faults,
                 ..faultless(FlightKind::TakeOff, Firmware::Px4)
             };
-            (held, StormRule::HardContact)
+            (held, StormRule::TippedOver)
         }
         Mutant::TwoOwners => (two(Vec::new()), StormRule::TwoAtDeck),
         Mutant::DeckReleased => {

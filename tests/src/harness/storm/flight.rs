@@ -67,12 +67,15 @@ pub fn fly_mutant(
 ) -> Result<Flown, SetupError> {
     let mut run = Run::new(storm)?;
     while run.tick(mutant, show) {}
+    // What the battery ends is no part of the storm.
+    let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
-        lasted_s: run.rig.t_s(),
+        lasted_s,
         states: run
             .rig
             .entered(0)
             .iter()
+            .filter(|(_, t_s)| *t_s <= lasted_s)
             .map(|(state, t_s)| (state.name(), *t_s))
             .collect(),
         ..run.flown
