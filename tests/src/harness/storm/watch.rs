@@ -302,7 +302,9 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        self.spent_s = self.spent_s.or(is_spent(rig, k).then_some(t_s));
+        // Who was aborted leaves a part of the reserve to its operator; a drone that was only given back does not.
+        let share = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
+        self.spent_s = self.spent_s.or(is_spent(rig, k, share).then_some(t_s));
         let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
         // An abort after that declines the deck.
         let called = self.spent_s.zip(scene.last_abort_s);
@@ -350,15 +352,15 @@ fn is_empty(rig: &Rig, k: usize) -> bool {
         .is_some_and(SimulatedAutopilot::is_empty)
 }
 
-/// The drone lands on the deck for its battery, which has no more than an operator who aborts is left to decide by.
-fn is_spent(rig: &Rig, k: usize) -> bool {
+/// The drone lands on the deck for its battery, which has less than this `share` of its reserve.
+fn is_spent(rig: &Rig, k: usize, share: f64) -> bool {
     let charge = rig
         .world
         .drones()
         .get(k)
         .and_then(|d| d.autopilot())
         .map_or(1.0, |a| a.battery);
-    let spent = charge < SPENT_OF_RESERVE * rig.nodes.drone.mission.battery_reserve;
+    let spent = charge < share * rig.nodes.drone.mission.battery_reserve;
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
