@@ -337,6 +337,7 @@ mod tests {
         assert!(keeper().lasting().is_empty());
         let mut k = Keeper::default();
         let away = MissionCheckpoint {
+            armed: true,
             sortie: true,
             landing: true,
             ..mission(7, 900.0)
@@ -352,7 +353,7 @@ mod tests {
         let mut k = Keeper::default();
         assert_eq!(k.restore(at(0.1), "", &file), Ok(()));
         let (kept, link) = (k.newest::<MissionCheckpoint>(), k.newest::<LinkCheckpoint>());
-        assert!(kept.sortie && !kept.landing && link.own_mission && !link.commanding);
+        assert!(kept.sortie && kept.landing && link.own_mission && !link.commanding);
         for now in [0.1, 3.0, 1000.0].map(at) {
             assert_eq!(validate(now, 1, &kept), Err(CheckpointRejection::Age));
         }

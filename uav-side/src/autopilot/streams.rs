@@ -190,7 +190,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = MessageStreams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
-        assert_eq!(first.len(), 8, "{first:?}");
+        assert_eq!(first.len(), 9, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
         asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);

@@ -218,6 +218,7 @@ mod tests {
             let header = Header::new(1, 1, 7, 1, Time::from_secs(at));
             let mut m = MissionCheckpoint {
                 header,
+                armed: sortie,
                 sortie,
                 ..MissionCheckpoint::default()
             };
