@@ -305,10 +305,11 @@ impl StormWatch {
         // Who was aborted leaves a part of the reserve to its operator; a drone that was only given back does not.
         let share = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, share).then_some(t_s));
-        let at = scene.withdrawn_s.filter(|_| o.motors_on)?;
+        // A drone that is left to its battery has the deck as its last resort.
+        let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
         // An abort after that declines the deck.
-        let called = self.spent_s.zip(scene.last_abort_s);
-        if called.is_some_and(|(spent_s, abort_s)| abort_s <= spent_s) {
+        let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
+        if self.spent_s.is_some_and(before) {
             return None;
         }
         let descends = state == State::Descent && rig.entered_s(k) > at + ABORT_S;
