@@ -148,8 +148,8 @@ impl Flight {
 }
 
 /// Amplitude, m, and seed: those of every run, and those of one on request.
-const SEAS: [(f64, u64); 1] = [(0.8, 44)];
-const MORE_SEAS: [(f64, u64); 3] = [(0.5, 41), (0.5, 42), (0.8, 43)];
+const SEAS: [(f64, u64); 1] = [(0.8, 43)];
+const MORE_SEAS: [(f64, u64); 3] = [(0.5, 41), (0.5, 42), (0.8, 44)];
 
 /// The drone of the defaults in these seas, with every fault.
 fn over_seas(seas: &[(f64, u64)], kind: FaultKind, cases: &[When], checkpoints: Checkpoints) -> Vec<Flight> {
@@ -336,7 +336,7 @@ fn motors_off_with_a_restarted_pilot() {
     assert!(rig.until(LIMIT_S, |rig| rig.state(0) == State::Landed));
     rig.end(FaultKind::PilotKilled, 0.0);
     // Until its own thrust is in force (0.2 s) a new pilot presses with less than carries the drone.
-    rig.run(0.45);
+    rig.run(0.4);
     rig.each(5.0, |rig| {
         assert!(!rig.world.observation().motors_on);
         false

@@ -124,7 +124,6 @@ impl AutopilotLink {
                 }
             }
             MavlinkMessage::Home(home) => {
-                peer.streams.received(message::id::HOME_POSITION);
                 peer.home = Some(*home).filter(Datum::is_on_earth);
             }
             MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => {

@@ -40,7 +40,9 @@ impl AutopilotOrigin {
         let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
         let due = self.timer.is_due_spaced(now, period);
         let heights = (due && self.geoid_m.is_none()).then_some(id::GPS_RAW_INT);
-        let all = heights.into_iter().chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
+        // An autopilot sets home when it is armed, or when it is commanded to.
+        let home = (due && self.datum.is_some()).then_some(id::HOME_POSITION);
+        let all = (heights.into_iter().chain(home)).chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
         all.map(move |id| {
             MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
         })

@@ -76,7 +76,6 @@ impl MessageStreams {
             (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
-            (id::HOME_POSITION, 1.0),
         ];
         let switch: &[(u32, f64)] = if c.rc_switch == 0 {
             &[]
@@ -190,7 +189,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = MessageStreams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
-        assert_eq!(first.len(), 9, "{first:?}");
+        assert_eq!(first.len(), 8, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
         asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);

@@ -162,7 +162,7 @@ impl BatteryMonitor {
             (self.minimum, self.start) = (Some((now, charge)), Some((now, charge)));
             return;
         };
-        // What comes back after readings that were too low counts as far as the whole flight leaves it.
+        // A gauge that rises after readings that were too low counts as far as the whole flight leaves it.
         let back = self.by_gauge.map(|p| charge.min(left(start, now, p)));
         let back = back.filter(|b| *b > minimum.1 + WRONG);
         if let Some(lower) = back.or(Some(charge).filter(|b| *b < minimum.1)) {

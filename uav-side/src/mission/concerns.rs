@@ -73,7 +73,7 @@ pub(super) const AFTER_ORDERS: [Concern; 8] = [
     },
     Concern {
         // charge
-        // What ends a climb over the deck waits until the drone is clear of it.
+        // A climb over the deck is not interrupted until the drone is clear of it.
         in_phase: |phase, _, s, c| phase.flies() && !phase.takes_off() || is_unordered(phase, s, c),
         act: charge,
     },

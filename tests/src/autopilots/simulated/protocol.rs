@@ -175,6 +175,10 @@ impl SimulatedAutopilot {
                     self.outbox.push(match c.parameters[0] as u32 {
                         id::GPS_RAW_INT => MavlinkMessage::GnssHeights { sea_m, ellipsoid_m },
                         id::MISSION_CURRENT => self.mission_current(),
+                        id::HOME_POSITION => {
+                            let home = Vector::<DroneNed>::from(self.flight.home);
+                            MavlinkMessage::Home(self.home.unwrap_or(self.origin.at(&home)))
+                        }
                         _ => {
                             let now = self.now;
                             self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
@@ -499,10 +503,6 @@ impl SimulatedAutopilot {
                     LandedState::InAir => 2,
                 },
             },
-            id::HOME_POSITION => {
-                let home = Vector::<DroneNed>::from(self.flight.home);
-                MavlinkMessage::Home(self.home.unwrap_or(self.origin.at(&home)))
-            }
             id::BATTERY_STATUS => MavlinkMessage::Battery {
                 number: 0,
                 remaining: self

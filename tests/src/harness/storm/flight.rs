@@ -67,7 +67,7 @@ pub fn fly_mutant(
 ) -> Result<Flown, SetupError> {
     let mut run = Run::new(storm)?;
     while run.tick(mutant, show) {}
-    // What the battery ends is no part of the storm.
+    // The storm ends where the battery decides.
     let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
         lasted_s,

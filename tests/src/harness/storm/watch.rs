@@ -302,7 +302,7 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // Who was aborted leaves a part of the reserve to its operator; a drone that was only given back does not.
+        // After an abort a part of the reserve is the operator's; a drone that was given back has all of it to land with.
         let share = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, share).then_some(t_s));
         // A drone that is left to its battery has the deck as its last resort.

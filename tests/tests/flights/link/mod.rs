@@ -321,7 +321,7 @@ fn firmware_without_optional_messages() {
     p.run(30.0);
     assert_eq!(p.authority(), ControlAuthority::NoOdometry);
     let rates = p.commands_of(command::MESSAGE_INTERVAL).len();
-    assert!(rates <= 3 * 9, "{rates}");
+    assert!(rates <= 3 * 8, "{rates}");
     // The origin is asked for once a second, with the receiver's heights until they are known.
     let single = p.commands_of(command::REQUEST_MESSAGE).len();
     assert!(single <= 2 * 31 && p.commands.len() == rates + single, "{single}");
