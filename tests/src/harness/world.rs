@@ -327,7 +327,7 @@ impl World {
         self.broadcast(t, PacketKind::Rtcm, &output.rtcm);
         self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);
         if self.shares_deck {
-            self.deck_owner = output.grant.iter().last().map_or(self.deck_owner, |g| g.owner);
+            self.deck_owner = output.grant.iter().next_back().map_or(self.deck_owner, |g| g.owner);
             self.broadcast(t, PacketKind::Deck, &output.grant);
             self.broadcast(t, PacketKind::Command, &output.commands);
         }
