@@ -521,11 +521,3 @@ pub struct EnvelopeArgs {
     #[command(flatten)]
     pub form: Form,
 }
-
-/// The vessel's response amplitude operators.
-#[derive(Args, Debug)]
-pub struct RaoArgs {
-    /// Output format.
-    #[command(flatten)]
-    pub form: Form,
-}

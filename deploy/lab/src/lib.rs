@@ -19,7 +19,7 @@ use clap::{Args, Subcommand};
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::playback::StartViewer;
-use args::{EnvelopeArgs, RaoArgs, SceneArgs, StudyArgs, TrialArgs};
+use args::{EnvelopeArgs, SceneArgs, StudyArgs, TrialArgs};
 use live::args::{LandArgs, WorldArgs};
 use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
@@ -75,8 +75,6 @@ pub enum OtherStudy {
     Envelope(Box<EnvelopeArgs>),
     /// Estimate how often a landing is unsafe, by splitting.
     Rare(Box<RareArgs>),
-    /// Print the simulated vessel's response to waves (RAO).
-    Rao(RaoArgs),
 }
 
 /// A rehearsal, or a part of its equipment.
@@ -110,7 +108,6 @@ impl LabCommand {
                 Some(OtherStudy::Storm(a)) => storm::run(a),
                 Some(OtherStudy::Envelope(a)) => study::envelope::run(a),
                 Some(OtherStudy::Rare(a)) => rare::run(a),
-                Some(OtherStudy::Rao(a)) => study::rao(a),
                 None => study::run(&a.study),
             },
             LabCommand::Land(a) if a.trials.is_some() => Err(CliError(

@@ -2,7 +2,7 @@
 //! outside of the image, behind a leg or touched by the drone's shadow is not.
 //!
 //! Chance of a detection and noise of the corners follow the camera node on rendered images
-//! (`studies::camera`): 4000 of them at random over range, incidence and motion. Two measures of the
+//! (`study camera` at commit 2bb52893): 4000 of them at random over range, incidence and motion. Two measures of the
 //! image predict it: the tag's narrowest width in it `w` (area over longest side) and its motion during the
 //! exposure `b`, both in px. Incidence needs nothing of its own, because an oblique tag is a narrow one.
 //!
@@ -254,7 +254,8 @@ impl SimulatedTagDetector {
         })
     }
     /// The only tag in an image; None when it cannot be decoded at all.
-    pub(crate) fn image_of(
+    #[cfg(test)]
+    pub(super) fn image_of(
         &self,
         view: &CameraMotion,
         deck: &RigidState<Deck>,

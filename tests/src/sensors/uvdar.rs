@@ -2,7 +2,7 @@
 //! than the tag (Walter et al. 2019, "UVDAR system for visual relative localization").
 //!
 //! Share of images with a fix and errors of a fix follow the camera node on rendered markers
-//! (`studies::uvdar`): a camera sees all blinking markers lit in 58 images of 100 whatever the range,
+//! (`study camera` at commit 279526b7): a camera sees all blinking markers lit in 58 images of 100 whatever the range,
 //! what is off across the line of sight is a length rather than an angle, and the distance is off in
 //! proportion to itself, until the markers run together.
 //!

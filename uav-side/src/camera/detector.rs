@@ -257,6 +257,21 @@ mod tests {
     }
 
     #[test]
+    fn tag_half_covered_from_any_side() {
+        let mut detector = TagDetector::new(&TagSettings::default(), &one(0));
+        let whole = front([160, 160], [40, 40], 10, 0);
+        for (k, level) in (0..24).flat_map(|k| [0, 20, 90, 200, 255].map(|level| (k, level))) {
+            let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 24.0).sin_cos();
+            let covered = |at: usize| (at % 160) as f64 * cos + (at / 160) as f64 * sin > 79.5 * (cos + sin);
+            let pixels = whole.pixels().iter().enumerate();
+            let pixels = pixels.map(|(at, p)| if covered(at) { level } else { *p });
+            let image = GreyImage::new(160, 160, pixels.collect()).unwrap();
+            assert_eq!(detector.find(&image), [], "{} deg, {level}", 15 * k);
+        }
+        assert_eq!(detector.find(&whole).len(), 1);
+    }
+
+    #[test]
     fn detector_with_mirrored_and_small_squares() {
         let p = [[0.0, 9.0], [0.0, 0.0], [9.0, 0.0], [9.0, 9.0]].map(Vector2::from);
         assert!(well_shaped(&p, 8.0));

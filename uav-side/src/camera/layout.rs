@@ -37,7 +37,8 @@ const MAX_HEIGHT_M: f64 = 10.0;
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
 /// Width in the image with which nine of ten images of a tag are decoded, px.
-/// Source: rendered images (`alight study camera`), half of them with 13.3 px and a logistic spread of 0.093 of its logarithm.
+/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them with 13.3 px and a logistic spread of 0.093
+/// of its logarithm.
 const DECODED_PX: f64 = 16.3;
 /// Directions of offset, of tilt and of the drone's heading that are tried.
 const DIRECTIONS: u32 = 8;

@@ -34,7 +34,7 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
 /// the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px.
 /// The blur `b` is what a tag of width `w = f side / height` is decoded with, `w = 13.3 px + 0.27 b² / px`, and at
 /// least 3 px: a tag that is too narrow for the detector anyway limits no exposure.
-/// Source: rendered images (`alight study camera`).
+/// Source: rendered images (`alight study camera` at commit 2bb52893).
 pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
     let width_px = focal_px * side_m / height_m;
     let blur_px = ((width_px - 13.3) / 0.27).max(9.0).sqrt();

@@ -218,15 +218,8 @@ impl CameraNode {
             glare: self.newest.image.glare().filter(|_| undetected),
         })
     }
-    /// The corners of the deck's tags in one image.
-    pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
-        self.detector.find(image)
-    }
     /// The deck's pose from the corners of its tags, if one explains them; a tag that no common pose explains, one that
     /// came loose or is another's, is left out.
-    pub fn estimate_pose(&mut self, detections: &[TagDetection]) -> Option<TagPose> {
-        self.common_pose(detections.iter().filter_map(|d| self.placed(d)).collect())
-    }
     fn common_pose(&mut self, mut detected: Vec<SeenTag>) -> Option<TagPose> {
         while !detected.is_empty() {
             if let Some(pose) = self.pose(&detected) {
@@ -365,11 +358,12 @@ mod tests {
                 light: TagLight::default(),
             })
             .collect();
-        let pose = node.estimate_pose(&detected).unwrap();
+        let placed: Vec<SeenTag> = detected.iter().filter_map(|d| node.placed(d)).collect();
+        let pose = node.common_pose(placed.clone()).unwrap();
         assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
         assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
         // Known better than by the best of them alone.
-        let alone = node.estimate_pose(&detected[..1]).unwrap();
+        let alone = node.common_pose(placed[..1].to_vec()).unwrap();
         assert!(pose.variance[5] < 0.5 * alone.variance[5]);
     }
 

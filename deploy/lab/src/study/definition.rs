@@ -130,7 +130,7 @@ pub fn text(name: &str) -> Result<String, CliError> {
     if Path::new(name).extension().is_none_or(|e| e != "toml") {
         let known: Vec<&str> = SHIPPED.iter().map(|(n, _)| *n).collect();
         return Err(CliError(format!(
-            "study {name}: neither a study ({}, camera, merge) nor a file FILE.toml; choose one of them",
+            "study {name}: neither a study ({}, merge) nor a file FILE.toml; choose one of them",
             known.join(", ")
         )));
     }
@@ -167,12 +167,8 @@ pub fn offered() -> Vec<PossibleValue> {
         let title = parse(text, name).map(|d| d.title).unwrap_or_default();
         PossibleValue::new(*name).help(title)
     });
-    let camera = "The camera node on rendered images, and its measurement model";
     let merge = "Join the rows of shards: study merge --out ALL shard-1 shard-2";
-    let others = [("camera", camera), ("merge", merge)];
-    shipped
-        .chain(others.map(|(name, help)| PossibleValue::new(name).help(help)))
-        .collect()
+    shipped.chain([PossibleValue::new("merge").help(merge)]).collect()
 }
 
 #[cfg(test)]

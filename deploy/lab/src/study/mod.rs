@@ -1,6 +1,5 @@
-//! `alight study` and `alight study rao`: one thing measured over many seeds.
+//! `alight study`: one thing measured over many seeds.
 
-mod camera;
 pub mod definition;
 pub mod envelope;
 pub mod pooled;
@@ -10,13 +9,9 @@ mod run;
 mod tasks;
 
 use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::table::{Cell, Table};
 use alight_computer::terminal;
-use alight_sim::physics::vessel::VesselConfig;
-use alight_sim::studies::rao::{WAVELENGTHS_M, rao as simulated_rao};
-use serde_json::json;
 
-use super::args::{RaoArgs, StudyArgs};
+use super::args::StudyArgs;
 
 /// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
@@ -28,7 +23,6 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     }
     match name {
         name if args.tasks.is_some() => print_tasks(args, name)?,
-        "camera" => camera::run(args)?,
         "merge" => merge(args)?,
         name => fly(args, name)?,
     }
@@ -37,8 +31,8 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
 
 /// Prints the commands that fly the study in parts.
 fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
-    if ["camera", "merge"].contains(&name) {
-        return Err(CliError(format!("study {name} flies nothing: it has no --tasks")));
+    if name == "merge" {
+        return Err(CliError("study merge flies nothing: it has no --tasks".into()));
     }
     let definition = definition::parse(&definition::text(name)?, name)?;
     let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
@@ -95,29 +89,4 @@ fn merge(args: &StudyArgs) -> Result<(), CliError> {
         outcomes: &outcomes,
     };
     report::publish(args, &study)
-}
-
-/// The response amplitude operators of the simulated vessel.
-pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
-    let rows = WAVELENGTHS_M.map(|length_m| simulated_rao(&VesselConfig::default(), length_m));
-    if args.form.print(&json!({ "rows": rows }), &rows)? {
-        return Ok(Exit::Success);
-    }
-    let mut table = Table::new(0.., ["wavelength m", "period s", "surge", "heave", "pitch"]);
-    for r in rows {
-        let values = [
-            (r.wavelength_m, 1),
-            (r.period_s, 2),
-            (r.surge, 3),
-            (r.heave, 3),
-            (r.pitch, 3),
-        ];
-        table.row(values.map(|(value, digits)| Cell::number(value, digits)));
-    }
-    terminal::line(format_args!(
-        "{}Waves from astern, drifting vessel. Surge and heave: amplitude over wave\n\
-         amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1\nand 1.",
-        table.text()
-    ));
-    Ok(Exit::Success)
 }

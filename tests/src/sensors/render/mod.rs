@@ -313,14 +313,6 @@ impl Renderer {
         }
         self
     }
-    /// The sun's mirror image on the deck from now on, as a share of white.
-    pub fn set_glare(&mut self, glare: f64) {
-        self.config.glare = glare;
-    }
-    /// The sun's direction from now on, as a unit vector.
-    pub fn lit_from(&mut self, sun: Vector<TrueNed>) {
-        self.sun = sun;
-    }
 
     /// The image. None for a size that the configuration's check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {

@@ -199,7 +199,7 @@ fn rendered_glare_partial_view_and_open_sea() {
     }
     // A mirror that shows the sun to the camera: the sun is behind the drone.
     let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
-    setup.renderer.lit_from(Vector::from(sun));
+    setup.renderer.sun = Vector::from(sun);
     let from_sun = view_along(&sun);
     setup.renderer.config.glare = 40.0;
     setup.renderer.config.glare_sd_deg = 20.0;

@@ -2,6 +2,7 @@
 
 mod drone;
 mod night;
+mod uvdar;
 mod vessel;
 
 use super::*;
