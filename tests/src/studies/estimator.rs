@@ -21,8 +21,8 @@ pub struct VesselTruth {
     pub heave: f64,
 }
 
-/// Per stage of a prediction: standard deviations of what is predicted (m, rad), and of heave about the level, m.
-pub type StageDeviations = Vec<([f64; 6], f64)>;
+/// Per stage of a prediction: standard deviations of heave about the level, m, roll and pitch, rad.
+pub type StageDeviations = Vec<[f64; 3]>;
 
 /// Record of vessel and truth in one run, from the end of the warm-up on.
 #[derive(Clone, Debug)]
@@ -33,8 +33,7 @@ pub struct EstimatorRun {
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Tick (fractional) of the first stage, and prediction.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// With each prediction: where the filter takes the mean water level to be (m down), and per stage the standard
-    /// deviations of what is predicted (m, rad) and of heave about that level, m.
+    /// With each prediction: where the filter takes the mean water level to be (m down), and its stages' deviations.
     pub levels: Vec<(f64, StageDeviations)>,
     /// The last confidence in the wave model.
     pub confidence: f32,
@@ -80,10 +79,10 @@ pub fn run(
             if let Some(p) = predicted.prediction {
                 let age: Span = now - p.header.at;
                 out.predictions.push((k as f64 - age.secs() / TICK.secs(), p));
-                let ahead = |k: usize| k as f64 * f64::from(p.step_s);
-                let at = |k| node.estimator().level_and_sd(ahead(k)).unwrap_or_default();
-                let sds = (0..p.stages.len()).map(|k| (at(k).1, at(k).2)).collect();
-                out.levels.push((at(0).0, sds));
+                let estimator = node.estimator();
+                let at = |k| estimator.deck_sd(k as f64 * f64::from(p.step_s));
+                let sds = (0..p.stages.len()).filter_map(at).collect();
+                out.levels.push((estimator.level().unwrap_or_default(), sds));
             }
             out.confidence = predicted.wave.map_or(out.confidence, |w| w.confidence);
         }

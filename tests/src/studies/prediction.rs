@@ -128,8 +128,7 @@ fn deviations(p: &VesselPrediction<VesselClock>, sds: &StageDeviations) -> Optio
     let (i, f) = (x.floor() as usize, x.fract());
     let j = (i + 1).min(p.stages.len().saturating_sub(1));
     let (a, b) = (sds.get(i)?, sds.get(j)?);
-    let mix = |a: f64, b: f64| a + f * (b - a);
-    Some([mix(a.1, b.1), mix(a.0[3], b.0[3]), mix(a.0[4], b.0[4])])
+    Some(core::array::from_fn(|d| a[d] + f * (b[d] - a[d])))
 }
 
 #[cfg(test)]

@@ -183,10 +183,14 @@ impl Estimator {
     pub fn gated(&self) -> Gated {
         self.gated
     }
-    /// Mean water level in the GNSS frame, m down in the vessel's NED, standard deviation of what is predicted `ahead_s`
-    /// seconds from now (position, m; roll, pitch, heading, rad), and that of heave about the level, m. For studies.
-    pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
-        self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
+    /// Mean water level in the GNSS frame, m down in the vessel's NED.
+    pub fn level(&self) -> Option<f64> {
+        self.filter.as_ref().map(VesselFilter::level)
+    }
+    /// Standard deviation of heave about the level (m), roll and pitch (rad) as predicted `ahead_s` seconds from now. For
+    /// studies: what is broadcast adds heave's to the level's, from which it cannot be taken again.
+    pub fn deck_sd(&self, ahead_s: f64) -> Option<[f64; 3]> {
+        self.filter.as_ref().map(|f| f.deck_sd(ahead_s))
     }
     pub(crate) fn filter(&self) -> Option<&VesselFilter> {
         self.filter.as_ref()

@@ -324,49 +324,37 @@ impl VesselFilter {
         measured.unwrap_or_else(|| [SURGE, SWAY, YAW].map(of_rate))
     }
 
-    /// Standard deviation of what is predicted `ahead` seconds from now, the estimate's own error and what the prediction
-    /// adds to it: position (m), height (m), roll, pitch, heading (rad).
-    fn prediction_sd(&self, ahead: f64) -> [f64; 6] {
-        let b = &self.belief;
-        let mut now: [f64; 6] = core::array::from_fn(|d| b.variance(d, ETA).max(0.0).sqrt());
-        let place = [now[SURGE], now[SWAY]];
-        (now[SURGE], now[SWAY]) = (
-            b.variance(SURGE, NU).max(0.0).sqrt(),
-            b.variance(SWAY, NU).max(0.0).sqrt(),
-        );
-        let grown = self.motion.spread(ahead);
-        let mut out: [f64; 6] = core::array::from_fn(|d| grown[d].hypot(now[d]));
-        if let Some(omega) = self.motion.modes().and_then(|m| m.frequency()) {
-            // What a rate is off by adds up over a radian of the waves.
-            let within = |d: usize, s: f64| (b.variance(d, NU).max(0.0) * s * s).min(now[d] * now[d]);
-            // Measured against later estimates: their slow error is in both and comes on top, what has changed until
-            // then is in what is measured.
-            for d in [ROLL, PITCH] {
-                let changed = within(d, ahead.min(1.0 / omega));
-                out[d] = (grown[d] * grown[d])
-                    .max(changed)
-                    .sqrt()
-                    .hypot((now[d] * now[d] - changed).sqrt());
-            }
-            // The slow error of heave is one of the level.
-            out[HEAVE] = grown[HEAVE].max(within(HEAVE, 1.0 / omega).sqrt());
-        }
-        out[HEAVE] = out[HEAVE].hypot(self.motion.slow_heave_variance().sqrt());
-        // A velocity that is wrong by so much for so long.
-        out[SURGE] = place[0].hypot(ahead * out[SURGE]);
-        out[SWAY] = place[1].hypot(ahead * out[SWAY]);
-        out[HEAVE] = out[HEAVE].hypot(self.level_variance().sqrt());
-        out
+    /// Mean water level in the GNSS frame, m down.
+    pub(crate) fn level(&self) -> f64 {
+        self.belief.get(HEAVE, GNSS_BIAS)
     }
 
-    /// Mean water level in the GNSS frame, m down, standard deviation of what is predicted `ahead` seconds from now, and
-    /// that of heave about the level, m.
-    pub(crate) fn level_and_sd(&self, ahead: f64) -> (f64, [f64; 6], f64) {
+    /// Standard deviation of heave about that level (m), roll and pitch (rad) as predicted `ahead` seconds from now: the
+    /// estimate's own error and what the prediction adds to it.
+    pub(crate) fn deck_sd(&self, ahead: f64) -> [f64; 3] {
         let b = &self.belief;
-        let level = self.level_variance();
-        let sd = self.prediction_sd(ahead);
-        let heave = (sd[HEAVE] * sd[HEAVE] - level).max(0.0).sqrt();
-        (b.get(HEAVE, GNSS_BIAS), sd, heave)
+        let grown = self.motion.spread(ahead);
+        let omega = self.motion.modes().and_then(|m| m.frequency());
+        let [heave, roll, pitch] = [HEAVE, ROLL, PITCH].map(|d| {
+            let now = b.variance(d, ETA).max(0.0);
+            let Some(omega) = omega else {
+                return grown[d].hypot(now.sqrt());
+            };
+            // What a rate is off by adds up over a radian of the waves.
+            let within = |s: f64| (b.variance(d, NU).max(0.0) * s * s).min(now);
+            if d == HEAVE {
+                // Its slow error is one of the level.
+                return grown[d].max(within(1.0 / omega).sqrt());
+            }
+            // Measured against later estimates: their slow error is in both and comes on top, what has changed until
+            // then is in what is measured.
+            let changed = within(ahead.min(1.0 / omega));
+            (grown[d] * grown[d])
+                .max(changed)
+                .sqrt()
+                .hypot((now - changed).sqrt())
+        });
+        [heave.hypot(self.motion.slow_heave_variance().sqrt()), roll, pitch]
     }
 
     /// The state is recent, finite, and of an accelerometer that measures.

@@ -331,7 +331,7 @@ impl Evaluation {
     fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, readings: Readings) {
         let out = node.step(now, &readings.into());
         let counted = now >= self.from;
-        let level = node.estimator().level_and_sd(0.0).map_or(0.0, |l| l.0);
+        let level = node.estimator().level().unwrap_or_default();
         if counted && self.before.is_none() {
             self.before = Some(node.estimator().consistency());
         }
