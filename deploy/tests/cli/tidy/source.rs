@@ -6,94 +6,6 @@ use std::path::{Path, PathBuf};
 /// Top folders of the sources.
 pub(super) const ROOMS: [&str; 6] = ["shared", "bridge", "usv-side", "uav-side", "tests", "deploy"];
 
-/// Kind of a character in a source.
-#[derive(Clone, Copy)]
-enum Part {
-    Code,
-    Text,
-    Comment,
-}
-
-/// State of the lexer.
-#[derive(Clone, Copy)]
-enum State {
-    Code,
-    Comment,
-    /// A comment in a block, and its depth.
-    Block(usize),
-    Text,
-    /// A raw string, and the number of its `#`.
-    Raw(usize),
-}
-
-impl State {
-    /// The state after the first bytes of `rest`, their number and their kind.
-    fn advance(self, before: char, rest: &str) -> (Self, usize, Part) {
-        let one = rest.chars().next().map_or(0, char::len_utf8);
-        match self {
-            Self::Code => Self::begin(before, rest, one),
-            Self::Comment if rest.starts_with('\n') => (Self::Code, 1, Part::Comment),
-            Self::Block(depth) if rest.starts_with("/*") => (Self::Block(depth + 1), 2, Part::Comment),
-            Self::Block(1) if rest.starts_with("*/") => (Self::Code, 2, Part::Comment),
-            Self::Block(depth) if rest.starts_with("*/") => (Self::Block(depth - 1), 2, Part::Comment),
-            Self::Comment | Self::Block(_) => (self, one, Part::Comment),
-            Self::Text if rest.starts_with('\\') => {
-                let two = rest.chars().take(2).map(char::len_utf8).sum();
-                (self, two, Part::Text)
-            }
-            Self::Text if rest.starts_with('"') => (Self::Code, 1, Part::Text),
-            Self::Raw(hashes) if is_raw_end(rest, hashes) => (Self::Code, hashes + 1, Part::Text),
-            Self::Text | Self::Raw(_) => (self, one, Part::Text),
-        }
-    }
-
-    /// [`Self::advance`] from the state of code.
-    fn begin(before: char, rest: &str, one: usize) -> (Self, usize, Part) {
-        if rest.starts_with("//") {
-            return (Self::Comment, 2, Part::Comment);
-        }
-        if rest.starts_with("/*") {
-            return (Self::Block(1), 2, Part::Comment);
-        }
-        if rest.starts_with('"') {
-            return (Self::Text, 1, Part::Text);
-        }
-        if let Some((hashes, length)) = raw_start(rest).filter(|_| !is_name(before)) {
-            return (Self::Raw(hashes), length, Part::Text);
-        }
-        match character(rest) {
-            Some(length) => (Self::Code, length, Part::Text),
-            None => (Self::Code, one, Part::Code),
-        }
-    }
-}
-
-/// Number of `#` and length of the beginning of a raw string.
-fn raw_start(rest: &str) -> Option<(usize, usize)> {
-    let after = rest.strip_prefix(['b', 'c']).unwrap_or(rest).strip_prefix('r')?;
-    let string = after.trim_start_matches('#');
-    let hashes = after.len() - string.len();
-    string
-        .starts_with('"')
-        .then(|| (hashes, rest.len() - string.len() + 1))
-}
-
-fn is_raw_end(rest: &str, hashes: usize) -> bool {
-    rest.strip_prefix('"')
-        .is_some_and(|r| r.bytes().take_while(|b| *b == b'#').count() >= hashes)
-}
-
-/// Length of a character literal; none for a lifetime.
-fn character(rest: &str) -> Option<usize> {
-    let inner = rest.strip_prefix('\'')?;
-    if inner.starts_with('\\') {
-        return Some(rest.get(3..)?.find('\'')? + 4);
-    }
-    let mut chars = inner.chars();
-    let length = chars.next()?.len_utf8();
-    (chars.next() == Some('\'')).then_some(length + 2)
-}
-
 /// A line, its characters by kind.
 #[derive(Default)]
 pub(super) struct SourceLine {
@@ -102,27 +14,35 @@ pub(super) struct SourceLine {
     pub(super) comment: String,
 }
 
+/// The lines of a source. A text goes on in the next line only behind a backslash; the lines of a raw one are code.
 fn lex(source: &str) -> Vec<SourceLine> {
-    let (mut lines, mut line) = (Vec::new(), SourceLine::default());
-    let (mut state, mut before, mut rest) = (State::Code, '\n', source);
-    while !rest.is_empty() {
-        let (next, length, part) = state.advance(before, rest);
-        let (taken, remaining) = rest.split_at(length);
-        for c in taken.chars() {
-            match part {
-                _ if c == '\n' => lines.push(std::mem::take(&mut line)),
-                Part::Code => line.code.push(c),
-                Part::Text => line.text.push(c),
-                Part::Comment => line.comment.push(c),
+    let mut is_text = false;
+    let line = |line: &str| {
+        let mut found = SourceLine::default();
+        // Without quotes that neither begin nor end a text.
+        let line = ["\\\\", "\\\"", "'\"'"]
+            .iter()
+            .fold(line.to_owned(), |line, quote| line.replace(quote, " "));
+        let mut rest = line.as_str();
+        loop {
+            if is_text {
+                let end = rest.find('"').unwrap_or(rest.len());
+                found.text += &rest[..end];
+                is_text = end == rest.len() && rest.ends_with('\\');
+                rest = rest.get(end + 1..).unwrap_or_default();
             }
-            before = c;
+            let (quote, comment) = (rest.find('"'), rest.find("//").unwrap_or(rest.len()));
+            let Some(quote) = quote.filter(|quote| *quote < comment) else {
+                found.code += &rest[..comment];
+                found.comment += &rest[comment..];
+                return found;
+            };
+            found.code += &rest[..quote];
+            rest = &rest[quote + 1..];
+            is_text = true;
         }
-        (state, rest) = (next, remaining);
-    }
-    if !source.ends_with('\n') {
-        lines.push(line);
-    }
-    lines
+    };
+    source.lines().map(line).collect()
 }
 
 /// A source or a document; each line of a document is a comment.
@@ -204,77 +124,20 @@ fn name(code: &str) -> &str {
     &code[..code.find(|c: char| !is_name(c)).unwrap_or(code.len())]
 }
 
-/// Index of the line that closes the first brace from a place on; none where `;` comes first.
-fn closing(lines: &[SourceLine], row: usize, column: usize) -> Option<usize> {
-    let (mut braces, mut inner) = (0, 0);
-    for (k, line) in lines.iter().enumerate().skip(row) {
-        let start = if k == row { column } else { 0 };
-        for c in line.code[start..].chars() {
-            match c {
-                '(' | '[' => inner += 1,
-                ')' | ']' => inner -= 1,
-                ';' if braces == 0 && inner == 0 => return None,
-                '{' => braces += 1,
-                '}' => braces -= 1,
-                _ => {}
-            }
-            if c == '}' && braces == 0 && inner == 0 {
-                return Some(k);
-            }
-        }
-    }
-    None
-}
-
-/// Index of the first line, name and number of lines of each function with a body.
-pub(super) fn functions(lines: &[SourceLine]) -> Vec<(usize, &str, usize)> {
-    let mut found = Vec::new();
-    for (row, line) in lines.iter().enumerate() {
-        let named = |(k, keyword): (usize, &str)| {
-            let is_whole = !line.code[..k].chars().next_back().is_some_and(is_name);
-            let name = name(&line.code[k + keyword.len()..]);
-            (is_whole && !name.is_empty()).then_some((k, name))
-        };
-        let Some((column, name)) = line.code.match_indices("fn ").find_map(named) else {
-            continue;
-        };
-        if let Some(end) = closing(lines, row, column) {
-            found.push((row, name, end + 1 - row));
-        }
-    }
-    found
-}
-
-/// Name of the type that a line declares for other modules.
-pub(super) fn public_type(code: &str) -> Option<&str> {
-    let rest = code.trim_start().strip_prefix("pub")?;
-    let rest = match rest.strip_prefix('(') {
-        Some(inner) => inner.split_once(')')?.1,
-        None => rest,
-    };
-    let (kind, rest) = rest.strip_prefix(' ')?.split_once(' ')?;
-    let is_type = ["struct", "enum", "trait", "union", "type"].contains(&kind);
-    is_type.then(|| name(rest)).filter(|n| !n.is_empty())
-}
-
 /// Keys of a file's configuration tables, each with the index of its line; fields that code outside the tables reads.
 pub(super) fn keys(lines: &[SourceLine]) -> (Vec<(usize, &str)>, BTreeSet<&str>) {
     let (mut declared, mut read) = (Vec::new(), BTreeSet::new());
-    let mut table_end = None;
+    let mut is_table = false;
     for (row, line) in lines.iter().enumerate() {
-        if line.code.trim_end() == "config! {" {
-            table_end = closing(lines, row, 0);
-        }
+        is_table = (is_table && line.code != "}") || line.code.trim_end() == "config! {";
         let code = line.code.trim();
-        if table_end.is_some_and(|end| row <= end) {
-            let field = code.strip_prefix("pub ").map(name).unwrap_or_default();
-            if code
-                .strip_prefix("pub ")
-                .and_then(|c| c.strip_prefix(field))
-                .is_some_and(|c| c.starts_with(':'))
-            {
-                declared.push((row, field));
-            }
+        if is_table {
+            let field = code.strip_prefix("pub ").and_then(|c| c.split_once(':'));
+            declared.extend(
+                field
+                    .map(|(key, _)| (row, key))
+                    .filter(|(_, key)| key.chars().all(is_name)),
+            );
             continue;
         }
         // A field after a point, or alone in a line of a pattern.
@@ -286,11 +149,16 @@ pub(super) fn keys(lines: &[SourceLine]) -> (Vec<(usize, &str)>, BTreeSet<&str>)
 
 #[test]
 fn lines_of_a_source_by_kind() {
-    let source = "/// A doc.\nfn f<'a>() {\n    g('{', \"// }\\\"\", r#\"\"{\"#); // rest\n}\n\n/* one\n/* two */ */ x\n";
+    let source = "/// A doc.\nfn f<'a>() {\n    g('\"', \"// \\\"a \\\n    b\", c); // rest\n}\n\nconfig! {\n    pub key: f64 = 1.0;\n}\n";
     let lines = lex(source);
     let code: Vec<&str> = lines.iter().map(|l| l.code.trim()).collect();
-    assert_eq!(code, ["", "fn f<'a>() {", "g(, , );", "}", "", "", "x"]);
-    assert_eq!(lines[2].text, "'{'\"// }\\\"\"r#\"\"{\"#");
-    assert_eq!(functions(&lines), [(1, "f", 3)]);
-    assert_eq!(SourceFile::new("shared/a.rs".into(), source).code_lines(), 4);
+    let table = ["config! {", "pub key: f64 = 1.0;", "}"];
+    assert_eq!(code[..6], ["", "fn f<'a>() {", "g( ,", ", c);", "}", ""]);
+    assert_eq!(code[6..], table);
+    assert_eq!(
+        (lines[2].text.as_str(), lines[3].comment.as_str()),
+        ("//  a \\", "// rest")
+    );
+    assert_eq!(SourceFile::new("shared/a.rs".into(), source).code_lines(), 7);
+    assert_eq!(keys(&lines).0, [(7, "key")]);
 }

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use super::source::SourceFile;
-use super::{Places, add};
+
+/// Places by term.
+pub(super) type Places = BTreeMap<String, Vec<String>>;
 
 /// Scope in which a term counts.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
@@ -21,7 +23,7 @@ enum Scope {
 /// Terms with one replacement.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Ban {
+struct Ban {
     terms: Vec<String>,
     write: String,
     #[serde(rename = "where")]
@@ -35,7 +37,7 @@ pub(super) struct Ban {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Bans {
-    pub(super) ban: Vec<Ban>,
+    ban: Vec<Ban>,
 }
 
 /// A piece of a text and the index of its line; an empty one where the text is interrupted.
@@ -130,9 +132,9 @@ impl Rule<'_> {
 }
 
 /// Rules by scope and first token.
-fn rules(bans: &[Ban]) -> BTreeMap<(Scope, String), Vec<Rule<'_>>> {
+fn rules(bans: &Bans) -> BTreeMap<(Scope, String), Vec<Rule<'_>>> {
     let mut rules: BTreeMap<(Scope, String), Vec<Rule<'_>>> = BTreeMap::new();
-    for ban in bans {
+    for ban in &bans.ban {
         let scopes: &[Scope] = match ban.scope {
             Scope::Both => &[Scope::Code, Scope::Docs],
             Scope::Code | Scope::Docs | Scope::Name | Scope::Opening => std::slice::from_ref(&ban.scope),
@@ -154,24 +156,26 @@ fn rules(bans: &[Ban]) -> BTreeMap<(Scope, String), Vec<Rule<'_>>> {
     rules
 }
 
-pub(super) fn add_terms(sources: &[SourceFile], bans: &[Ban], places: &mut Places) {
-    let rules = rules(bans);
+pub(super) fn places(sources: &[SourceFile], bans: &Bans) -> Places {
+    let (rules, mut places) = (rules(bans), Places::new());
     for source in sources {
         for (scope, tokens) in tokens(source) {
             for (at, (token, row)) in tokens.iter().enumerate() {
                 let candidates = rules.get(&(scope, token.clone()));
                 for rule in candidates.into_iter().flatten() {
                     if rule.matches(&source.path, &tokens, at) {
-                        add(places, "terms", rule.term, source.place(*row));
+                        let places = places.entry(rule.term.to_owned()).or_default();
+                        places.push(source.place(*row));
                     }
                 }
             }
         }
     }
+    places
 }
 
-pub(super) fn replacement<'a>(bans: &'a [Ban], term: &str) -> &'a str {
-    let own = bans.iter().find(|b| b.terms.iter().any(|t| t == term));
+pub(super) fn replacement<'a>(bans: &'a Bans, term: &str) -> &'a str {
+    let own = bans.ban.iter().find(|b| b.terms.iter().any(|t| t == term));
     own.map_or("a term of words.toml", |b| b.write.as_str())
 }
 
@@ -179,15 +183,10 @@ pub(super) fn replacement<'a>(bans: &'a [Ban], term: &str) -> &'a str {
 fn terms_in_names_and_phrases() {
     let text =
         "ban = [{ terms = [\"old thing\"], write = \"new\", where = \"both\", allow = [\"an old thing\"] }]";
-    let Bans { ban: bans } = toml::from_str(text).unwrap();
+    let bans = toml::from_str(text).unwrap();
     let count = |content: &str| {
-        let mut places = Places::new();
-        add_terms(
-            &[SourceFile::new("shared/a.rs".into(), content)],
-            &bans,
-            &mut places,
-        );
-        places.get("terms").map_or(0, |terms| terms["old thing"].len())
+        let places = places(&[SourceFile::new("shared/a.rs".into(), content)], &bans);
+        places.get("old thing").map_or(0, Vec::len)
     };
     assert_eq!(count("fn set_old_thing(a: OldThing) {} // an old\n// thing\n"), 2);
     assert_eq!(count("// old\n\n// thing, olds things\n"), 0);
