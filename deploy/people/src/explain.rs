@@ -6,11 +6,9 @@ use std::sync::LazyLock;
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal::{self, WIDTH, wrap};
-use alight_shared::msg::{DECK_CLOSED, Reason, ReasonCode};
+use alight_shared::msg::{Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
-use serde::de::IntoDeserializer;
-use serde::de::value::Error;
 
 /// Messages that are shown where several match equally well.
 const MAX_SHOWN: usize = 5;
@@ -69,17 +67,12 @@ pub fn run(args: &ExplainArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The reason's code with this number; none beyond the last.
-fn code(number: u32) -> Option<ReasonCode> {
-    ReasonCode::deserialize(IntoDeserializer::<Error>::into_deserializer(number)).ok()
-}
-
 fn all() -> Vec<Explained> {
-    let reasons = (0..).map_while(code).flat_map(|code| {
-        texts(code).into_iter().map(move |text| Explained {
+    let reasons = ReasonCode::ALL.iter().flat_map(|code| {
+        texts(*code).into_iter().map(move |text| Explained {
             code: format!("{code:?}"),
             text,
-            advice: advice(code),
+            advice: advice(*code),
         })
     });
     let messages = EXPLANATIONS.message.iter().map(|(text, advice)| Explained {
@@ -90,26 +83,30 @@ fn all() -> Vec<Explained> {
     reasons.chain(messages).collect()
 }
 
-/// Texts of a reason: they depend on its figures.
+/// Texts of a reason; those on a parameter of the autopilot name it.
 fn texts(code: ReasonCode) -> Vec<String> {
-    let mut all: Vec<String> = Vec::new();
-    let values = [0.0, 1.0, 99.0, f64::from(DECK_CLOSED), f64::INFINITY];
-    let limits = (0..60).map(f64::from);
-    for limit in limits {
-        for value in values {
-            let text = Reason::new(code, value, limit).to_string();
-            let is_finite = !tokens(&text).contains("inf") && !tokens(&text).contains("nan");
-            let text = pattern(&text);
-            if !text.is_empty() && is_finite && !all.contains(&text) {
-                all.push(text);
-            }
+    use ReasonCode::{AutopilotParameter, AutopilotParameterUnknown};
+    if !matches!(code, AutopilotParameter | AutopilotParameterUnknown) {
+        let texts = code.texts().iter().map(|text| pattern(text));
+        return texts.filter(|text| !text.is_empty()).collect();
+    }
+    let mut all = Vec::new();
+    for (number, value) in (0..60).flat_map(|n| [0, 1, 99, u32::MAX].map(|value| (n, value))) {
+        let text = pattern(&Reason::new(code, f64::from(value), f64::from(number)).to_string());
+        if !all.contains(&text) {
+            all.push(text);
         }
     }
     all
 }
 
-/// A text with `…` for each figure that is not part of a name.
+/// A text with `…` for each figure that is not part of a name; what stands in braces is one.
 fn pattern(text: &str) -> String {
+    let figures = |part: &str| {
+        part.split_once('}')
+            .map_or(part.into(), |(_, rest)| format!("0{rest}"))
+    };
+    let text: String = text.split('{').map(figures).collect();
     let mut out = String::new();
     for c in text.chars() {
         let in_name = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');
@@ -177,7 +174,7 @@ mod tests {
 
     #[test]
     fn advice_on_every_reason() {
-        let codes: BTreeSet<String> = (0..).map_while(code).map(|c| format!("{c:?}")).collect();
+        let codes: BTreeSet<String> = ReasonCode::ALL.iter().map(|c| format!("{c:?}")).collect();
         let explained: BTreeSet<String> = EXPLANATIONS.reason.keys().cloned().collect();
         assert!(codes.len() > 40, "{}", codes.len());
         assert_eq!(codes, explained, "explain.toml has to list each reason once");

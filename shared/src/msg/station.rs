@@ -5,7 +5,6 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::reason::display::on_station;
 use super::{MissionState, ReasonCode};
 use crate::time::{DroneClock, Span, Time};
 
@@ -93,7 +92,8 @@ impl MissionState {
         }
         match self.station {
             Some(kept) if self.waiting.code == ReasonCode::OnStation => {
-                on_station(&self.waiting, &format!(" {}", kept.station))
+                let named = format!("its station {}", kept.station);
+                self.waiting.to_string().replacen("its station", &named, 1)
             }
             Some(_) | None => self.waiting.to_string(),
         }
