@@ -3,6 +3,9 @@
 //! Read in this order: [`time`], [`frames`], [`geodesy`], [`geoid`], [`msg`], [`schema`], [`topics`], [`plain`], [`node`], [`config`],
 //! [`admission`], then what both computers estimate with: [`vessel_model`], [`motion_model`], [`apparent_slope`] and [`estimation`].
 
+// Schemas of the messages show other programs these comments.
+#![warn(missing_docs)]
+
 pub mod admission;
 pub mod apparent_slope;
 pub mod autopilot_parameters;

@@ -1,6 +1,5 @@
 //! `cargo bench -p alight-uav --bench planner`: the planner's step (references, solve, message) over recorded landings,
 //! then criterion on a free and a limited instance of its solve, of both planners.
-#![allow(missing_docs)]
 
 // What only the planner's tests use of them.
 #[allow(dead_code)]

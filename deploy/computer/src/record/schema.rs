@@ -3,8 +3,6 @@
 
 // The derived schemas list files by a hash set, whose order is not visible.
 #![allow(clippy::disallowed_types)]
-// A field's name is what a plot is called, with its unit; viewers show no comment.
-#![allow(missing_docs)]
 
 use foxglove::Encode;
 
@@ -64,7 +62,6 @@ pub struct Uvdar {
     pub variance_m2: [f64; 3],
 }
 
-/// The rangefinder.
 #[derive(Encode)]
 pub struct Range {
     pub range_m: f64,
@@ -127,7 +124,6 @@ pub struct Solver {
     pub stages: u32,
 }
 
-/// The autopilot.
 #[derive(Encode)]
 pub struct Autopilot {
     pub mode: String,

@@ -38,7 +38,6 @@ pub struct TagArgs {
 
 /// A paper of ISO 216, upright.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[allow(missing_docs, reason = "the names state it")]
 pub enum Paper {
     A0,
     A1,
@@ -215,7 +214,6 @@ impl Page {
     }
 }
 
-/// The pages.
 struct Sheets {
     /// Vessel and numbers, which every sheet has.
     whose: String,
