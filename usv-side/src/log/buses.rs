@@ -7,9 +7,7 @@ use alight_shared::time::Time;
 
 use super::wrapping::Peeled;
 use super::{Gather, LogError, SensorRecording};
-use crate::sensors::{
-    MavlinkDecoder, Mount, Mounting, N2kDecoder, SensorDecoder, SignalKDecoder, SourceMeasurement, UbxDecoder,
-};
+use crate::sensors::{Format, Mount, Mounting, SensorDecoder, SourceMeasurement};
 
 /// Lines that are looked at, and how many of their messages have to be such.
 const LOOKED_AT: usize = 40;
@@ -21,116 +19,103 @@ const STAMP_BYTES: usize = 8;
 /// Such times from 2001 to 2286, us.
 const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_000;
 
-/// A format of lines or a stream.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LogFormat {
-    N2k,
-    SignalK,
-    Ubx,
-    Mavlink,
+/// Formats with a message a line, and streams of bytes; sentences are known by more ([`super::sentences`]).
+pub(super) const LINES: [Format; 2] = [Format::N2k, Format::SignalK];
+pub(super) const STREAMS: [Format; 2] = [Format::Ubx, Format::Mavlink];
+
+/// Which of these the beginning is.
+pub(super) fn format(these: &[Format], head: &[u8]) -> Option<Format> {
+    these.iter().copied().find(|format| begins(*format, head))
+}
+fn begins(format: Format, head: &[u8]) -> bool {
+    let mut decoder = format.decoder(&Mounting::default(), 0);
+    let most = if has_lines(format) { LOOKED_AT } else { usize::MAX };
+    for piece in pieces(format, head).take(most) {
+        decoder.push(&piece.content, &mut Vec::new());
+    }
+    let found = decoder.decoded();
+    // A MAVLink decoder leaves out what is not the vessel's.
+    let others = if format == Format::Mavlink {
+        found.left_out
+    } else {
+        0
+    };
+    let messages = found.good + found.ignored + others;
+    messages >= ENOUGH && messages > found.corrupted
+}
+fn has_lines(format: Format) -> bool {
+    format == Format::Nmea || LINES.contains(&format)
+}
+/// The bytes in parts: lines without what their logger wrote around them, packets or chunks.
+fn pieces(format: Format, bytes: &[u8]) -> Box<dyn Iterator<Item = Peeled<'_>> + '_> {
+    let whole = |content| Peeled {
+        arrival_ns: None,
+        content: Cow::Borrowed(content),
+    };
+    if has_lines(format) {
+        Box::new(bytes.split_inclusive(|b| *b == b'\n').map(Peeled::of))
+    } else if format == Format::Mavlink && stamped(bytes).is_some() {
+        Box::new(packets(bytes).map(whole))
+    } else {
+        Box::new(bytes.chunks(CHUNK).map(whole))
+    }
 }
 
-impl LogFormat {
-    /// Formats with a message a line.
-    pub(super) const LINES: [Self; 2] = [Self::N2k, Self::SignalK];
-    /// Streams of bytes.
-    pub(super) const STREAMS: [Self; 2] = [Self::Ubx, Self::Mavlink];
-
-    /// Which of these the beginning is.
-    pub(super) fn of(these: &[Self], head: &[u8]) -> Option<Self> {
-        these.iter().copied().find(|bus| bus.begins(head))
-    }
-    fn has_lines(self) -> bool {
-        Self::LINES.contains(&self)
-    }
-    fn begins(self, head: &[u8]) -> bool {
-        let mut decoder = self.decoder(&Mounting::default());
-        let most = if self.has_lines() { LOOKED_AT } else { usize::MAX };
-        for piece in self.pieces(head).take(most) {
-            decoder.push(&self.peeled(piece).content, &mut Vec::new());
+/// Plays the bytes to a decoder of the sensors' node, and gathers what it makes of them; `each` looks on.
+pub(super) fn play<D: SensorDecoder + ?Sized>(
+    format: Format,
+    bytes: &[u8],
+    decoder: &mut D,
+    mut each: impl FnMut(&[u8], &D),
+) -> Gather {
+    let (mut gather, mut decoded) = (Gather::default(), Vec::new());
+    // A MAVLink decoder numbers the sensors of one autopilot.
+    let source = |m: &SourceMeasurement| match format == Format::Mavlink {
+        true => m.measurement.source(),
+        false => 0,
+    };
+    for piece in pieces(format, bytes) {
+        // A delta has the time of its update, and a sentence that of its epoch.
+        let arrival_ns = piece.arrival_ns.filter(|_| format == Format::N2k);
+        if let Some(at_ns) = arrival_ns {
+            decoder.arrive(Time::from_nanos(at_ns));
         }
-        let found = decoder.decoded();
-        // A MAVLink decoder leaves out what is not the vessel's.
-        let others = if self == Self::Mavlink { found.left_out } else { 0 };
-        let messages = found.good + found.ignored + others;
-        messages >= ENOUGH && messages > found.corrupted
-    }
-    /// The bytes in parts: lines, packets or chunks.
-    fn pieces(self, bytes: &[u8]) -> Box<dyn Iterator<Item = &[u8]> + '_> {
-        match self {
-            Self::N2k | Self::SignalK => Box::new(bytes.split_inclusive(|b| *b == b'\n')),
-            Self::Mavlink if stamped(bytes).is_some() => Box::new(packets(bytes)),
-            Self::Mavlink | Self::Ubx => Box::new(bytes.chunks(CHUNK)),
-        }
-    }
-    fn peeled(self, piece: &[u8]) -> Peeled<'_> {
-        match self.has_lines() {
-            true => Peeled::of(piece),
-            false => Peeled {
-                arrival_ns: None,
-                content: Cow::Borrowed(piece),
-            },
-        }
-    }
-    fn decoder(self, mounting: &Mounting) -> Box<dyn SensorDecoder> {
-        match self {
-            Self::N2k => Box::new(N2kDecoder::new(mounting)),
-            Self::SignalK => Box::new(SignalKDecoder::new(mounting)),
-            Self::Ubx => Box::new(UbxDecoder::new(mounting)),
-            Self::Mavlink => Box::new(MavlinkDecoder::new(mounting)),
-        }
-    }
-    /// Reads the messages.
-    pub(super) fn read(self, bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
-        let mut decoder = self.decoder(&Mounting::new(mount));
-        let (mut gather, mut decoded) = (Gather::default(), Vec::new());
-        // A MAVLink decoder numbers the sensors of one autopilot.
-        let source = |m: &SourceMeasurement| match self {
-            Self::Mavlink => m.measurement.source(),
-            Self::N2k | Self::SignalK | Self::Ubx => 0,
-        };
-        for piece in self.pieces(bytes) {
-            let peeled = self.peeled(piece);
-            // A delta has the time of its update.
-            let arrival_ns = peeled.arrival_ns.filter(|_| matches!(self, Self::N2k));
-            if let Some(at_ns) = arrival_ns {
-                decoder.arrive(Time::from_nanos(at_ns));
-            }
-            decoder.push(&peeled.content, &mut decoded);
-            let own = decoder.timeless().into_iter().zip(arrival_ns.into_iter().cycle());
-            decoded.extend(own.map(|(m, at_ns)| SourceMeasurement::new(at_ns, m)));
-            decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
-        }
-        decoder.finish(&mut decoded);
+        decoder.push(&piece.content, &mut decoded);
+        each(&piece.content, decoder);
+        let own = decoder.timeless().into_iter().zip(arrival_ns.into_iter().cycle());
+        decoded.extend(own.map(|(m, at_ns)| SourceMeasurement::new(at_ns, m)));
         decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
-        let count = decoder.decoded();
-        let (format, messages, others) = match self {
-            Self::N2k => ("NMEA 2000", "messages", "groups"),
-            Self::SignalK => ("Signal K", "values", "paths or vessels"),
-            Self::Ubx => ("UBX", "messages", "kinds"),
-            Self::Mavlink => ("MAVLink", "messages", "kinds"),
-        };
-        let damaged = if self.has_lines() { "lines" } else { "messages" };
-        let mut found = format!(
-            "{} {messages} that are used, {} of other {others}, {} damaged {damaged}",
-            count.good, count.ignored, count.corrupted
-        );
-        let missing = gather.missing();
-        if self == Self::Mavlink && missing.contains("no roll and pitch") {
-            found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";
-        }
-        let mut notes = vec![match missing.is_empty() {
-            true => found.clone(),
-            false => format!("{found}; of all that came {missing}"),
-        }];
-        notes.extend(decoder.remarks().into_iter().map(|r| r.text));
-        Ok(SensorRecording {
-            format,
-            measurements: gather.finish(origin, &found)?,
-            decoded: count,
-            notes,
-        })
     }
+    decoder.finish(&mut decoded);
+    decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
+    gather
+}
+
+/// Reads the messages.
+pub(super) fn read(
+    format: Format,
+    bytes: &[u8],
+    origin: &str,
+    mount: &Mount,
+) -> Result<SensorRecording, LogError> {
+    let mut decoder = format.decoder(&Mounting::new(mount), 0);
+    let gather = play(format, bytes, &mut *decoder, |_, _| {});
+    let count = decoder.decoded();
+    let (name, messages, others) = match format {
+        Format::N2k => ("NMEA 2000", "messages", "groups"),
+        Format::SignalK => ("Signal K", "values", "paths or vessels"),
+        Format::Ubx => ("UBX", "messages", "kinds"),
+        Format::Nmea | Format::Mavlink | Format::Rtcm => ("MAVLink", "messages", "kinds"),
+    };
+    let damaged = if has_lines(format) { "lines" } else { "messages" };
+    let mut found = format!(
+        "{} {messages} that are used, {} of other {others}, {} damaged {damaged}",
+        count.good, count.ignored, count.corrupted
+    );
+    if format == Format::Mavlink && gather.missing().contains("no roll and pitch") {
+        found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";
+    }
+    gather.recording(origin, name, &found, count, decoder.remarks())
 }
 
 /// Length of the MAVLink packet that begins here (mavlink.io, "Packet Serialization"), bytes.

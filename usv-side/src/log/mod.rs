@@ -11,7 +11,7 @@ use alight_shared::msg::{Decoded, Header, ImuSample, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Measurement, Mount, SourceMeasurement, plausible};
+use crate::sensors::{Average, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
 /// The formats that are read, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
@@ -124,6 +124,28 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
+    /// The recording of a decoder that counted `decoded`; `found` is what the file holds, for people.
+    fn recording(
+        self,
+        origin: &str,
+        format: &'static str,
+        found: &str,
+        decoded: Decoded,
+        remarks: Vec<Remark>,
+    ) -> Result<SensorRecording, LogError> {
+        let missing = self.missing();
+        let mut notes = vec![match missing.is_empty() {
+            true => found.to_owned(),
+            false => format!("{found}; of all that came {missing}"),
+        }];
+        notes.extend(remarks.into_iter().map(|r| r.text));
+        Ok(SensorRecording {
+            format,
+            measurements: self.finish(origin, found)?,
+            decoded,
+            notes,
+        })
+    }
     /// All measurements, or why they are unusable; `found` is what the file holds, for people.
     fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
         let first = self.first_ns.unwrap_or_default();
@@ -194,8 +216,8 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
         let message = format!("the file is {name}: {}", table::CONVERT);
         return Err(LogError::new(origin, message));
     }
-    if let Some(bus) = buses::LogFormat::of(&buses::LogFormat::LINES, head) {
-        return bus.read(bytes, origin, mount);
+    if let Some(format) = buses::format(&buses::LINES, head) {
+        return buses::read(format, bytes, origin, mount);
     }
     if table::is_table(head) {
         return csv::read(bytes, origin, mount);
@@ -212,8 +234,8 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
         };
         return sentences::read(bytes, origin, mount).map_err(error);
     }
-    if let Some(bus) = buses::LogFormat::of(&buses::LogFormat::STREAMS, head) {
-        return bus.read(bytes, origin, mount);
+    if let Some(format) = buses::format(&buses::STREAMS, head) {
+        return buses::read(format, bytes, origin, mount);
     }
     match table::has_columns(head) {
         true => Err(kind("column `t_s` is missing in the first line")),
@@ -252,6 +274,22 @@ mod tests {
             (r.format, r.decoded.good, r.decoded.corrupted),
             ("NMEA 0183", 200, 0)
         );
+    }
+
+    #[test]
+    fn recorded_heave_that_cannot_be_true() {
+        let [table, _] = good();
+        let table = String::from_utf8(table).unwrap().replace(",0.25,", ",30,");
+        let r = read(table.as_bytes(), "log", &Mount::default()).unwrap();
+        let heaves = r.measurements.iter().map(|m| match m {
+            Measurement::Attitude(a) => Some(a.heave),
+            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+        });
+        assert_eq!(heaves.flatten().collect::<Vec<_>>(), [None; 200]);
+        let notes = r.notes.join("\n");
+        for part in ["heave is beyond", "roll and pitch are used", "mount.heave"] {
+            assert!(notes.contains(part), "{part}: {notes}");
+        }
     }
 
     #[test]

@@ -4,8 +4,8 @@ use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
 use super::wrapping::Peeled;
-use super::{Gather, LogError, SensorRecording};
-use crate::sensors::{Mount, Mounting, NmeaDecoder, SensorDecoder};
+use super::{Gather, LogError, SensorRecording, buses};
+use crate::sensors::{Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
 
 /// Most kinds of sentences that are distinguished, and that are named.
 const MAX_KINDS: usize = 200;
@@ -109,57 +109,31 @@ fn has_sentence(head: &[u8]) -> bool {
     })
 }
 
-/// A file as a decoder reads it.
-struct Pass {
-    gather: Gather,
-    kinds: Kinds,
-    decoder: NmeaDecoder,
-}
-
-impl Pass {
-    fn of(bytes: &[u8], mut decoder: NmeaDecoder) -> Self {
-        let (mut gather, mut decoded, mut kinds) = (Gather::default(), Vec::new(), Kinds::default());
-        for line in bytes.split_inclusive(|b| *b == b'\n') {
-            let line = Peeled::of(line).content;
-            let before = decoder.sentences();
-            decoder.push(&line, &mut decoded);
-            kinds.count(&line, &before, &decoder.sentences());
-            decoded.drain(..).for_each(|m| gather.push(m, 0));
-        }
-        decoder.finish(&mut decoded);
-        decoded.drain(..).for_each(|m| gather.push(m, 0));
-        Pass {
-            gather,
-            kinds,
-            decoder,
-        }
-    }
-    fn is_empty(&self) -> bool {
-        self.gather.first_ns.is_none()
-    }
+/// What a decoder makes of a file, and of each kind of its sentences.
+fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
+    let (mut kinds, mut before) = (Kinds::default(), decoder.sentences());
+    let gather = buses::play(Format::Nmea, bytes, decoder, |line, decoder| {
+        let after = decoder.sentences();
+        kinds.count(line, &before, &after);
+        before = after;
+    });
+    (gather, kinds)
 }
 
 /// Reads the sentences.
 pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
-    let decoder = || NmeaDecoder::new(&Mounting::new(mount));
-    let mut pass = Pass::of(bytes, decoder());
-    if pass.is_empty() {
-        let by_counter = Pass::of(bytes, decoder().by_counter());
-        pass = if by_counter.is_empty() { pass } else { by_counter };
+    let mounting = Mounting::new(mount);
+    let mut decoder = NmeaDecoder::new(&mounting);
+    let (mut gather, mut kinds) = pass(bytes, &mut decoder);
+    if gather.first_ns.is_none() {
+        let mut by_counter = NmeaDecoder::new(&mounting).by_counter();
+        let dated = pass(bytes, &mut by_counter);
+        if dated.0.first_ns.is_some() {
+            ((gather, kinds), decoder) = (dated, by_counter);
+        }
     }
-    let found = pass.kinds.text();
-    let missing = pass.gather.missing();
-    let mut notes = vec![match missing.is_empty() {
-        true => found.clone(),
-        false => format!("{found}; of all that came {missing}"),
-    }];
-    notes.extend(pass.decoder.carried_remarks().into_iter().map(|r| r.text));
-    Ok(SensorRecording {
-        format: "NMEA 0183",
-        measurements: pass.gather.finish(origin, &found)?,
-        decoded: pass.decoder.decoded(),
-        notes,
-    })
+    let remarks = decoder.carried_remarks();
+    gather.recording(origin, "NMEA 0183", &kinds.text(), decoder.decoded(), remarks)
 }
 
 #[cfg(test)]
@@ -189,19 +163,11 @@ mod tests {
         }
     }
 
-    /// A minute of attitude and heading at 10 Hz in PCDIN or MXPGN, and of GGA at 1 Hz.
-    fn carriers(kind: &str, tag: &str, with_gga: bool) -> String {
+    /// A minute of attitude and heading at 10 Hz in PCDIN or MXPGN.
+    fn carriers(kind: &str) -> String {
         let mut text = String::new();
         for k in 0..600_u32 {
-            if with_gga && k % 10 == 0 {
-                let time = format!("12{:02}{:02}.00", k / 600, k / 10 % 60);
-                text += tag;
-                text += &sentence(&format!(
-                    "GPGGA,{time},1000.00000,N,02000.00000,E,1,12,0.8,1.0,M,20.0,M,,"
-                ));
-            }
             for (pgn, data) in [("01F119", "00FF7FAA00DC00FF"), ("01F112", "001027FF7FFF7FFC")] {
-                text += tag;
                 text += &match kind {
                     "PCDIN" => sentence(&format!("PCDIN,{pgn},{:08X},23,{data}", 5000 + 100 * k)),
                     _ => sentence(&format!("MXPGN,{pgn},3823,{data}")),
@@ -212,38 +178,8 @@ mod tests {
     }
 
     #[test]
-    fn n2k_inside_of_sentences() {
-        for (kind, tag) in [
-            ("PCDIN", ""),
-            ("MXPGN", ""),
-            ("MXPGN", "\\s:serial,c:1779278400*00\\"),
-        ] {
-            let r = read(
-                carriers(kind, tag, true).as_bytes(),
-                "boat.nmea",
-                &Mount::default(),
-            )
-            .unwrap();
-            let notes = r.notes.join("\n");
-            assert!(notes.contains(&format!("{kind} 1200 read")), "{notes}");
-            assert!(!notes.contains("of all that came"), "{notes}");
-            // The last second has no time after it.
-            assert_eq!(
-                (r.measurements.len(), r.decoded.corrupted),
-                (2 * 590 + 60, 0),
-                "{kind}"
-            );
-        }
-    }
-
-    #[test]
     fn n2k_inside_of_sentences_by_the_gateways_counter() {
-        let r = read(
-            carriers("PCDIN", "", false).as_bytes(),
-            "boat.nmea",
-            &Mount::default(),
-        )
-        .unwrap();
+        let r = read(carriers("PCDIN").as_bytes(), "boat.nmea", &Mount::default()).unwrap();
         let last = r.measurements.last().map(|m| m.at().secs()).unwrap_or_default();
         assert_eq!(
             (r.measurements.len(), (last - 59.9).abs() < 1e-6),
@@ -261,28 +197,9 @@ mod tests {
             (300, 300, 0)
         );
         // No time, and no counter.
-        let e = read(
-            carriers("MXPGN", "", false).as_bytes(),
-            "boat.nmea",
-            &Mount::default(),
-        );
+        let e = read(carriers("MXPGN").as_bytes(), "boat.nmea", &Mount::default());
         let e = e.unwrap_err().to_string();
         assert!(e.contains("MXPGN 1200 read"), "{e}");
-    }
-
-    #[test]
-    fn sentences_in_quoted_cells() {
-        let mut text = String::new();
-        for k in 0..200 {
-            let body = format!(
-                "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
-                k / 10,
-                k % 10
-            );
-            text += &format!("{k},\"{}\"\r\n", sentence(&body).trim_end());
-        }
-        let r = read(text.as_bytes(), "boat.csv", &Mount::default()).unwrap();
-        assert_eq!((r.decoded.good, r.decoded.corrupted), (200, 0));
     }
 
     #[test]

@@ -8,7 +8,8 @@ use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCE
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{NmeaDecoder, SensorDecoder};
+use super::rtcm::NoMeasurements;
+use super::{MavlinkDecoder, N2kDecoder, NmeaDecoder, SensorDecoder, SignalKDecoder, UbxDecoder};
 use crate::config::{GnssConfig, ImuConfig};
 
 /// Sign of a source's heave.
@@ -156,6 +157,17 @@ pub enum Format {
 }
 
 impl Format {
+    /// A decoder of this format; of MAVLink that of the system with this number, or of the first boat's (0).
+    pub fn decoder(self, mounting: &Mounting, system: u8) -> Box<dyn SensorDecoder> {
+        match self {
+            Format::Nmea => Box::new(NmeaDecoder::new(mounting)),
+            Format::Ubx => Box::new(UbxDecoder::new(mounting)),
+            Format::N2k => Box::new(N2kDecoder::new(mounting)),
+            Format::SignalK => Box::new(SignalKDecoder::new(mounting)),
+            Format::Mavlink => Box::new(MavlinkDecoder::new(mounting).of_system(system)),
+            Format::Rtcm => Box::new(NoMeasurements),
+        }
+    }
     /// Whether a datagram may be of such a source: all but whole NMEA sentences of kinds that are not read (a wind
     /// sensor's, AIS).
     pub fn speaks(self) -> impl Fn(&[u8]) -> bool + Send + Sync {

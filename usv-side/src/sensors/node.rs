@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 
 use super::age_counts::AgeCounts;
 use super::plausible::Plausibility;
-use super::rtcm::{NoMeasurements, RtcmTraffic};
+use super::rtcm::RtcmTraffic;
 use super::{
-    Average, Format, MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, Readings, Remark,
-    SensorDecoder, SignalKDecoder, SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
+    Average, Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
+    SourcesConfig,
 };
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
@@ -85,19 +85,12 @@ const HEADING: usize = 2;
 
 impl Source {
     fn new(config: &SourceConfig) -> Self {
-        let mounting = Mounting::new(&config.mount);
-        let decoder: Box<dyn SensorDecoder> = match config.format {
-            Format::Nmea => Box::new(NmeaDecoder::new(&mounting)),
-            Format::Ubx => Box::new(UbxDecoder::new(&mounting)),
-            Format::N2k => Box::new(N2kDecoder::new(&mounting)),
-            Format::SignalK => Box::new(SignalKDecoder::new(&mounting)),
-            Format::Mavlink => Box::new(MavlinkDecoder::new(&mounting).of_system(config.system)),
-            Format::Rtcm => Box::new(NoMeasurements),
-        };
         let antenna_m = config.mount.antenna_m.unwrap_or_default();
         Source {
             format: config.format,
-            decoder,
+            decoder: config
+                .format
+                .decoder(&Mounting::new(&config.mount), config.system),
             rtcm: config.is_base().then(|| RtcmTraffic::new(antenna_m)),
             latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),

@@ -1,10 +1,7 @@
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::Header;
 use alight_shared::time::{Time, VesselClock};
-use alight_usv::sensors::{
-    MavlinkDecoder, Measurement, Mounting, N2kDecoder, NmeaDecoder, SensorDecoder, SignalKDecoder,
-    SourceMeasurement, UbxDecoder,
-};
+use alight_usv::sensors::{Measurement, Mounting, SourceMeasurement};
 use proptest::prelude::*;
 
 use super::*;
@@ -94,23 +91,12 @@ fn kinds_of_measurements_of_each_source() {
 fn header(at_ns: i64) -> Header<VesselClock> {
     Header::new(1, 0, 1, 0, Time::from_nanos(at_ns))
 }
-fn decoded(mut decoder: impl SensorDecoder, bytes: &[u8]) -> Vec<SourceMeasurement> {
-    let mut out = Vec::new();
+fn read(format: Format, mount: &Mount, bytes: &[u8]) -> Vec<SourceMeasurement> {
+    let (mut decoder, mut out) = (format.decoder(&Mounting::new(mount), 0), Vec::new());
     decoder.push(bytes, &mut out);
     let counts = decoder.decoded();
     assert_eq!((counts.corrupted, counts.undated), (0, 0), "{counts:?}");
     out
-}
-fn read(format: Format, mount: &Mount, bytes: &[u8]) -> Vec<SourceMeasurement> {
-    let mounting = Mounting::new(mount);
-    match format {
-        Format::Nmea => decoded(NmeaDecoder::new(&mounting), bytes),
-        Format::Ubx => decoded(UbxDecoder::new(&mounting), bytes),
-        Format::N2k => decoded(N2kDecoder::new(&mounting), bytes),
-        Format::SignalK => decoded(SignalKDecoder::new(&mounting), bytes),
-        Format::Mavlink => decoded(MavlinkDecoder::new(&mounting), bytes),
-        Format::Rtcm => Vec::new(),
-    }
 }
 
 proptest! {

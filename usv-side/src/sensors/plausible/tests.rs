@@ -1,5 +1,4 @@
 use super::*;
-use crate::sensors::Mount;
 use alight_shared::msg::Header;
 use core::f64::consts::TAU;
 
@@ -319,72 +318,4 @@ fn times_that_jump_and_numbers_that_are_not_finite() {
     };
     let kept = attitudes(&sift(series(10, broken)).0);
     assert!(kept.len() == 100 && kept.iter().all(|a| a.heave.is_none() && a.rates.is_none()));
-}
-
-/// A line of a gateway's text at step `k` of 100 ms.
-fn raw(k: u32, id: &str, data: &[u8]) -> String {
-    let bytes: Vec<String> = data.iter().map(|b| format!("{b:02X}")).collect();
-    let (minute, second, tenth) = (k / 600, k / 10 % 60, k % 10);
-    format!(
-        "12:{minute:02}:{second:02}.{tenth}00 R {id} {}\r\n",
-        bytes.join(" ")
-    )
-}
-/// 90 s of a compass with attitude, heading and heave (m), and of a receiver's positions.
-fn boat(heave: impl Fn(f64) -> Option<f64>) -> String {
-    let mut text = String::new();
-    for k in 0..900_u32 {
-        let (t, sid) = (0.1 * f64::from(k), (k % 250) as u8);
-        let [p, r] = rocking(t).tilt.map(|a| ((a * 1e4).round() as i16).to_le_bytes());
-        text += &raw(k, "0DF11923", &[sid, 0xFF, 0x7F, p[0], p[1], r[0], r[1], 0xFF]);
-        let h = 6981_u16.to_le_bytes();
-        text += &raw(k, "09F11223", &[sid, h[0], h[1], 0xFF, 0x7F, 0xFF, 0x7F, 0xFC]);
-        if let Some(heave) = heave(t) {
-            let h = ((heave * 100.0).round() as i16).to_le_bytes();
-            text += &raw(k, "0DF11423", &[sid, h[0], h[1], 0xFF, 0xFF, 0xFF, 0xFF, 0xFF]);
-        }
-        let [a, b] = [100_000_000_i32, 200_000_000_i32].map(i32::to_le_bytes);
-        text += &raw(k, "09F80116", &[a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]]);
-    }
-    text
-}
-
-#[test]
-fn recorded_compass_whose_heave_runs_away() {
-    let read = |heave: &dyn Fn(f64) -> Option<f64>| {
-        crate::log::read(boat(heave).as_bytes(), "boat.txt", &Mount::default()).unwrap()
-    };
-    let kinds = |r: &crate::log::SensorRecording| {
-        [1, 2, 3].map(|kind| r.measurements.iter().filter(|m| m.kind() == kind).count())
-    };
-    let without = kinds(&read(&|_| None));
-    assert!(without.iter().all(|n| *n >= 890), "{without:?}");
-    let good = read(&|t| Some(0.4 * wave(t, 4.2)));
-    let heaves = |r: &crate::log::SensorRecording| {
-        let all = attitudes(&r.measurements);
-        all.iter().filter(|a| a.heave.is_some()).count()
-    };
-    assert!(
-        heaves(&good) >= 890 && !good.notes.join("\n").contains("heave "),
-        "{:?}",
-        good.notes
-    );
-    type HeaveOf = fn(f64) -> f64;
-    let wrong: [(&str, HeaveOf); 3] = [
-        ("is beyond", |_| 300.0),
-        ("is beyond", |t| (4.7 * t + 327.67) % 655.34 - 327.67),
-        ("drifts by 3.0 m a minute", |t| 0.05 * t),
-    ];
-    for (why, of) in wrong {
-        let r = read(&|t| Some(of(t)));
-        assert_eq!((kinds(&r), heaves(&r)), (without, 0), "{why}");
-        let notes = r.notes.join("\n");
-        let named = format!("heave {why}");
-        assert!(
-            notes.contains(&named)
-                && notes.contains("roll and pitch are used")
-                && notes.contains("mount.heave"),
-            "{why}: {notes}"
-        );
-    }
 }
