@@ -1,6 +1,6 @@
 //! Parts that the tests of several modules share.
 
-use alight_shared::msg::GnssFix;
+use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
 use proptest::sample::Index;
 
@@ -30,6 +30,20 @@ pub(crate) fn decode<D: SensorDecoder>(
     (out, decoder)
 }
 
+/// How many of this kind, of [`crate::KINDS`], are among all measurements.
+pub(crate) fn count(all: &[SourceMeasurement], kind: usize) -> usize {
+    all.iter().filter(|m| m.measurement.kind() == kind).count()
+}
+
+/// The attitudes among all measurements, with their times.
+pub(crate) fn attitudes(all: &[SourceMeasurement]) -> Vec<(i64, AttitudeFix)> {
+    let attitude = |m: &SourceMeasurement| match m.measurement {
+        Measurement::Attitude(a) => Some((m.at_ns, a)),
+        _ => None,
+    };
+    all.iter().filter_map(attitude).collect()
+}
+
 /// The fixes among all measurements.
 pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
     let fix = |m: &SourceMeasurement| match m.measurement {
@@ -39,13 +53,18 @@ pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
     all.iter().filter_map(fix).collect()
 }
 
-/// The headings among all measurements, in whole radians.
+/// The headings among all measurements, rad.
 pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
     let heading = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Heading(h) => Some(h.heading.round()),
-        Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
+        Measurement::Heading(h) => Some(h.heading),
+        _ => None,
     };
     all.iter().filter_map(heading).collect()
+}
+
+/// Rounded to whole numbers.
+pub(crate) fn whole(all: Vec<f64>) -> Vec<f64> {
+    all.into_iter().map(f64::round).collect()
 }
 
 /// Up to `most` changed bytes, and where the bytes are cut off.

@@ -86,8 +86,10 @@ fn mavlink_kinds_of_measurement() {
     };
     let (all, d) = decode(&second(5000), 37, mount);
     assert_eq!((d.decoded().good, d.decoded().corrupted), (50 + 25 + 5, 0));
-    let count = |kind| all.iter().filter(|h| h.measurement.kind() == kind).count();
-    assert_eq!([count(0), count(1), count(2), count(3)], [50, 5, 5, 25]);
+    assert_eq!(
+        [0, 1, 2, 3].map(|kind| fixtures::count(&all, kind)),
+        [50, 5, 5, 25]
+    );
     let first = |kind| all.iter().find(|h| h.measurement.kind() == kind).unwrap();
     assert_eq!((first(0).at_ns, first(3).at_ns), (5_000_000_000, 5_000_000_000));
     let (Measurement::Imu(i), Measurement::Gnss(g), Measurement::Attitude(a), Measurement::Heading(h)) = (
@@ -138,16 +140,14 @@ fn mavlink_odometry_with_and_without_origin() {
         50,
         Mount::default(),
     );
-    let fixes: Vec<_> = all.iter().filter(|h| h.measurement.kind() == 1).collect();
-    let [fix] = fixes[..] else { panic!("{all:?}") };
-    let Measurement::Gnss(g) = fix.measurement else {
-        panic!("{fix:?}")
+    let [g] = fixtures::fixes(&all)[..] else {
+        panic!("{all:?}")
     };
     assert_eq!(
         (g.position[0], g.velocity[0], g.datum.latitude_deg),
         (3.0, 1.5, 50.0)
     );
-    assert_eq!(all.iter().filter(|h| h.measurement.kind() == 3).count(), 2);
+    assert_eq!(fixtures::count(&all, 3), 2);
 }
 
 #[test]
@@ -168,8 +168,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
     };
     let of = |bytes: &[u8]| {
         let (all, d) = decode(&[&frame(0, &boat())[..], bytes].concat(), 91, Mount::default());
-        let tilts = all.iter().filter(|m| m.measurement.kind() == 3).count();
-        (tilts, d.decoded().left_out, d)
+        (fixtures::count(&all, 3), d.decoded().left_out, d)
     };
     // Before it is aligned, and then.
     let (used, left_out, d) = of(&[status(2), tilts(0, 10), status(0x3f), tilts(400, 5)].concat());
@@ -343,19 +342,10 @@ fn mavlink_heights_above_the_ellipsoid() {
     };
     // Given; and then a zero, which is one where the receiver gives them.
     let bytes = [frame(0, &boat()), with(1, 254_000), with(2, 0)].concat();
-    let heights: Vec<(f64, f64)> = decode(&bytes, 91, Mount::default())
-        .0
-        .iter()
-        .filter_map(|m| match m.measurement {
-            Measurement::Gnss(g) => Some((g.datum.height_m, g.height_spread)),
-            Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => None,
-        })
-        .collect();
-    assert_eq!(heights.len(), 2);
-    assert!(
-        heights.iter().all(|(h, s)| (h - 254.0).abs() < 1e-6 && *s == 0.0),
-        "{heights:?}"
-    );
+    let fixes = fixtures::fixes(&decode(&bytes, 91, Mount::default()).0);
+    assert_eq!(fixes.len(), 2);
+    let is_given = |g: &GnssFix| (g.datum.height_m - 254.0).abs() < 1e-6 && g.height_spread == 0.0;
+    assert!(fixes.iter().all(is_given), "{fixes:?}");
 }
 
 proptest! {

@@ -132,10 +132,7 @@ fn n2k_attitude_with_heave() {
     ]
     .concat();
     let (all, _) = decode(&text);
-    let of = |k: usize| match all[k].measurement {
-        Measurement::Attitude(a) => a,
-        _ => panic!("{all:?}"),
-    };
+    let of = |k: usize| fixtures::attitudes(&all)[k].1;
     assert!(
         (of(0).tilt[0] + 0.1).abs() < 1e-9 && (of(0).tilt[1] - 0.1).abs() < 1e-9,
         "{all:?}"
@@ -202,10 +199,7 @@ fn n2k_attitude_with_rates() {
     rates[15..19].copy_from_slice(&2000_i32.to_le_bytes());
     let tilt = |at_s| raw(at_s, 127_257, 3, &[0, 0xff, 0x7f, 0xe8, 0x03, 0x18, 0xfc, 0xff]);
     let (all, _) = decode(&[raw(1.0, 130_842, 3, &rates), tilt(1.02), tilt(2.0)].concat());
-    let rates = |k: usize| match all[k].measurement {
-        Measurement::Attitude(a) => a.rates,
-        _ => panic!("{all:?}"),
-    };
+    let rates = |k: usize| fixtures::attitudes(&all)[k].1.rates;
     assert_eq!(
         (rates(0), rates(1)),
         (Some([2.0_f64.to_radians(), 0.0, 0.0]), None)
@@ -228,7 +222,7 @@ fn n2k_device_chosen_by_the_name_that_it_claimed() {
     ]
     .concat();
     let (all, d) = fixtures::decode(N2kDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
-    assert_eq!(fixtures::headings(&all), [1.0, 2.0]);
+    assert_eq!(fixtures::whole(fixtures::headings(&all)), [1.0, 2.0]);
     assert_eq!(
         (d.decoded().left_out, d.decoded().ignored),
         (3, 0),

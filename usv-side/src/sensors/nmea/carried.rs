@@ -304,7 +304,7 @@ fn base64(text: &str) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::sentence;
+    use crate::fixtures::{count, sentence};
     use crate::sensors::Measurement;
     use crate::sensors::nmea::NmeaDecoder;
     use alight_shared::time::Time;
@@ -327,9 +327,6 @@ mod tests {
     }
     fn decoder() -> NmeaDecoder {
         NmeaDecoder::new(&Mounting::default())
-    }
-    fn count(all: &[SourceMeasurement], kind: usize) -> usize {
-        all.iter().filter(|m| m.measurement.kind() == kind).count()
     }
 
     #[test]

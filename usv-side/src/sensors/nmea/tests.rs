@@ -1,5 +1,5 @@
 use super::*;
-use crate::fixtures::{fixes, sentence};
+use crate::fixtures::{attitudes, count, fixes, headings, sentence};
 use crate::sensors::{HeaveSign, Measurement, Mount};
 use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
@@ -50,7 +50,7 @@ fn nmea_epoch() {
         }
     );
     let last = |kind| *all.iter().rfind(|h| h.measurement.kind() == kind).unwrap();
-    assert_eq!(all.iter().filter(|h| h.measurement.kind() == 1).count(), 10);
+    assert_eq!(count(&all, 1), 10);
     let at_ns = (12 * 3600 + 1) * 1_000_000_000_i64 + 800_000_000;
     let (fix, heading, attitude) = (last(1), last(2), last(3));
     assert!([fix, heading, attitude].iter().all(|h| h.at_ns == at_ns));
@@ -160,7 +160,7 @@ fn nmea_sentences_after_damage() {
     .concat();
     let (all, counts) = decode(&(bad + &good), Mount::default());
     assert_eq!((counts.good, counts.corrupted), (6, 5));
-    assert_eq!(all.iter().filter(|h| h.measurement.kind() == 3).count(), 1);
+    assert_eq!(count(&all, 3), 1);
 }
 
 /// Ten epochs at 1 Hz of these sentences, `T` being the time, and the decoder then.
@@ -347,15 +347,9 @@ fn nmea_attitudes_of_each_sentence() {
         "GNHPR,T,210.00,-1.00,2.00,4,30,0.0,0999",
     ] {
         let (all, d) = epochs(&[zda, body]);
-        let tilts: Vec<AttitudeFix> = all
-            .iter()
-            .filter_map(|m| match m.measurement {
-                Measurement::Attitude(a) => Some(a),
-                Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
-            })
-            .collect();
+        let tilts = attitudes(&all);
         assert_eq!((tilts.len(), d.decoded().undated), (10, 0), "{body}");
-        for a in tilts {
+        for (_, a) in tilts {
             let [roll, pitch] = a.tilt.map(f64::to_degrees);
             assert!(
                 (roll - 2.0).abs() < 1e-4 && (pitch + 1.0).abs() < 1e-4,
@@ -382,16 +376,10 @@ fn nmea_recorded_attitudes_between_two_times() {
     }
     text += &zda(4);
     let (all, counts) = decode(&text, Mount::default());
-    let tilts: Vec<(i64, f64)> = all
-        .iter()
-        .filter_map(|m| match m.measurement {
-            Measurement::Attitude(a) => Some((m.at_ns, a.tilt[0].to_degrees())),
-            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
-        })
-        .collect();
+    let tilts = attitudes(&all);
     assert_eq!((tilts.len(), counts.spread, counts.undated), (20, 16, 0));
-    for (k, (at, roll)) in tilts.iter().enumerate() {
-        let since_ms = (at - tilts[0].0) / 1_000_000;
+    for (k, (at, a)) in tilts.iter().enumerate() {
+        let (since_ms, roll) = ((at - tilts[0].0) / 1_000_000, a.tilt[0].to_degrees());
         assert!(
             (since_ms - 200 * k as i64).abs() <= 1 && (roll - k as f64).abs() < 1e-4,
             "{k}: {since_ms} {roll}"
@@ -401,24 +389,20 @@ fn nmea_recorded_attitudes_between_two_times() {
 
 #[test]
 fn nmea_heading_from_magnetic_north() {
-    let headings = |sentences: &[&str]| {
+    let of = |sentences: &[&str]| {
         let (all, d) = epochs(sentences);
-        let found: Vec<f64> = all
-            .iter()
-            .filter_map(|m| match m.measurement {
-                Measurement::Heading(h) => Some(h.heading.to_degrees()),
-                Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Attitude(_) => None,
-            })
-            .collect();
-        (found, d)
+        (
+            headings(&all).iter().map(|h| h.to_degrees()).collect::<Vec<_>>(),
+            d,
+        )
     };
     let zda = "GPZDA,T,01,01,2026,00,00";
-    let (all, _) = headings(&[zda, "HCHDG,100.0,1.0,E,4.0,W"]);
+    let (all, _) = of(&[zda, "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.0).abs() < 1e-4),
         "{all:?}"
     );
-    let (all, _) = headings(&[
+    let (all, _) = of(&[
         &format!("GPRMC,T,A,{PLACE},5.0,0.0,010126,4.0,E,A"),
         "HCHDM,100.0,M",
     ]);
@@ -426,10 +410,10 @@ fn nmea_heading_from_magnetic_north() {
         all.len() == 10 && all.iter().all(|h| (h - 104.0).abs() < 1e-4),
         "{all:?}"
     );
-    let (all, d) = headings(&[zda, "HCHDG,100.0,,,,"]);
+    let (all, d) = of(&[zda, "HCHDG,100.0,,,,"]);
     assert!(all.is_empty() && remark(&d, "10 HCHDG (magnetic").remedy.is_some());
     // Next to one from true north it is a spare.
-    let (all, _) = headings(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
+    let (all, _) = of(&[zda, "HEHDT,97.5,T", "HCHDG,100.0,1.0,E,4.0,W"]);
     assert!(
         all.len() == 10 && all.iter().all(|h| (h - 97.5).abs() < 1e-4),
         "{all:?}"

@@ -252,7 +252,7 @@ fn signalk_chosen_source_and_what_it_marks_itself() {
     ]
     .concat();
     let (all, d) = fixtures::decode(SignalKDecoder::new(&Mounting::new(&mount)), text.as_bytes(), 7);
-    assert_eq!(fixtures::headings(&all), [1.0, 2.0, 1.0]);
+    assert_eq!(fixtures::whole(fixtures::headings(&all)), [1.0, 2.0, 1.0]);
     assert!((fixes(&all)[0].position_sd[0] - 1.5).abs() < 1e-9);
     let remarks: String = d.remarks().into_iter().map(|r| r.text + "\n").collect();
     for expected in [

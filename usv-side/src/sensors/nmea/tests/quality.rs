@@ -2,10 +2,6 @@
 
 use super::*;
 
-fn of_kind(all: &[SourceMeasurement], kind: usize) -> usize {
-    all.iter().filter(|m| m.measurement.kind() == kind).count()
-}
-
 #[test]
 fn nmea_fix_that_is_none() {
     for (gga, rmc, why) in [
@@ -31,7 +27,7 @@ fn nmea_fix_that_is_none() {
 #[test]
 fn nmea_modes_of_each_sentence() {
     let zda = "GPZDA,T,01,01,2026,00,00";
-    for (body, kind, count, why) in [
+    for (body, kind, number, why) in [
         (format!("GNGNS,T,{PLACE},NN,14,0.8,3.0,45.0,,"), 1, 0, "no fix"),
         (format!("GNGNS,T,{PLACE},AS,14,0.8,3.0,45.0,,"), 1, 0, "simulated"),
         (format!("IIGLL,{PLACE},T,V,N"), 1, 0, "no fix"),
@@ -46,8 +42,8 @@ fn nmea_modes_of_each_sentence() {
         ("PTNTHPR,85.9,N,-1.0,L,2.0,N".into(), 3, 0, "marked as invalid"),
     ] {
         let (all, d) = epochs(&[zda, &body]);
-        assert_eq!(of_kind(&all, kind), count, "{body}");
-        if count == 0 {
+        assert_eq!(count(&all, kind), number, "{body}");
+        if number == 0 {
             assert!(remark(&d, why).remedy.is_some(), "{body}");
             assert_eq!(d.decoded().left_out, 10, "{body}");
         }
@@ -81,7 +77,7 @@ fn nmea_position_that_its_receiver_calls_unsafe() {
 fn nmea_heading_of_two_antennas_by_its_quality() {
     let hpr = |quality: u8| format!("GNHPR,T,210.00,-1.00,000.00,{quality},30,0.0,0999");
     let avr = |quality: u8| format!("PTNL,AVR,T,+210.0000,Yaw,-0.0806,Tilt,,,12.575,{quality},1.4,16");
-    for (body, count, is_float) in [
+    for (body, number, is_float) in [
         (hpr(4), 10, false),
         (hpr(5), 0, true),
         (hpr(1), 0, false),
@@ -92,8 +88,8 @@ fn nmea_heading_of_two_antennas_by_its_quality() {
         (avr(4), 0, false),
     ] {
         let (all, d) = epochs(&[&body]);
-        assert_eq!(of_kind(&all, 2), count, "{body}");
-        assert_eq!(d.decoded().left_out, if count == 0 { 10 } else { 0 }, "{body}");
+        assert_eq!(count(&all, 2), number, "{body}");
+        assert_eq!(d.decoded().left_out, if number == 0 { 10 } else { 0 }, "{body}");
         if is_float {
             let float = remark(&d, "moving base: float in 10 of 10 headings: left out");
             assert!(float.remedy.is_some(), "{body}");
@@ -103,10 +99,10 @@ fn nmea_heading_of_two_antennas_by_its_quality() {
 
 #[test]
 fn nmea_attitude_of_a_sensor_that_is_not_aligned() {
-    for (tail, count) in [("2,1", 10), ("0,1", 10), ("2", 10), ("2,0", 0), ("0,0", 0)] {
+    for (tail, number) in [("2,1", 10), ("0,1", 10), ("2", 10), ("2,0", 0), ("0,0", 0)] {
         let (all, d) = epochs(&[&format!("PASHR,T,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,{tail}")]);
-        assert_eq!([2, 3].map(|kind| of_kind(&all, kind)), [count; 2], "{tail}");
-        if count == 0 {
+        assert_eq!([2, 3].map(|kind| count(&all, kind)), [number; 2], "{tail}");
+        if number == 0 {
             assert!(remark(&d, "10 PASHR (marked as invalid)").remedy.is_some());
         }
     }
@@ -124,7 +120,7 @@ fn nmea_seatex_quality() {
     ] {
         let (all, d) = epochs(&[zda, quality, psxn]);
         assert_eq!(
-            [2, 3].map(|kind| of_kind(&all, kind)),
+            [2, 3].map(|kind| count(&all, kind)),
             [headings, tilts],
             "{quality}"
         );
