@@ -179,31 +179,26 @@ fn helm_in_a_file_of_a_former_version() {
     }
 }
 
+/// The method as it is printed is the method as it flies; in a flight's file it is rejected.
 #[test]
-fn keys_of_the_method_in_a_flight_and_in_a_lab_file() {
-    let key = "drone.planner.rendezvous.touchdown_time.window_s";
-    let flight = file(
+fn method_in_a_file_of_its_own() {
+    let both = ["vessel", "drone"].map(|side| printed(&format!("config {side} --tuning")));
+    let tuning = file("tuning.toml", both.concat());
+    let changed = file(
         "method.toml",
         "[drone.planner.rendezvous.touchdown_time]\nwindow_s = 0\n",
     );
-    let rejected = format!("line 2: {key} belongs to the method and is not set in a flight");
-    for flag in ["drone --config", "trial --drone-config"] {
-        assert_rejected(&[(format!("{flag} {flight}"), rejected.as_str())]);
-    }
-    let check = alight(format!("check --config {flight}"));
-    assert_eq!(check.status.code(), Some(2));
-    let shown = stdout(&check);
-    let shown: Vec<&str> = shown.split_whitespace().collect();
-    assert!(shown.join(" ").contains(&rejected), "{shown:?}");
-    let known = file("lab.toml", "[drone.mission]\nmode = \"land\"\n");
-    assert_rejected(&[(format!("trial --tuning {known}"), "does not belong to the method")]);
-    // The method as it is printed is the method as it flies.
-    let both = ["vessel", "drone"].map(|side| printed(&format!("config {side} --tuning")));
-    let tuning = file("tuning.toml", both.concat());
     let flown = |more: &str| json(&alight(format!("trial --seed 6 --json {more}")))["digest"].clone();
     let plain = flown("");
     assert_eq!(plain, flown(&format!("--tuning {tuning}")));
-    assert_ne!(plain, flown(&format!("--tuning {flight}")));
+    assert_ne!(plain, flown(&format!("--tuning {changed}")));
+    let rejected = "window_s belongs to the method and is not set in a flight";
+    assert_rejected(&[(format!("drone --config {changed}"), rejected)]);
+    let check = alight(format!("check --config {changed}"));
+    assert_eq!(check.status.code(), Some(2));
+    let check = stdout(&check);
+    let words: Vec<&str> = check.split_whitespace().collect();
+    assert!(words.join(" ").contains(rejected), "{check}");
 }
 
 /// The shipped unit of one side, with the program under test in the place of the installed one.

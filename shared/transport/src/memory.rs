@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn subscriber_queues_and_leftover_files() {
+    fn services_and_leftover_files() {
         let instance = Instance::new(&format!("memory-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
@@ -387,37 +387,12 @@ mod tests {
             .filter(|t| t.medium == Medium::Memory);
         assert_eq!(services.held.len(), topics.count() + 1);
 
-        let mut set_points = memory.publisher::<SetPoint>().unwrap();
-        let mut newest = memory.subscriber::<SetPoint>().unwrap();
         let mut ranges = memory.publisher::<RangeSample>().unwrap();
-        let mut all = memory.subscriber::<RangeSample>().unwrap();
         let wake = memory.listener::<RangeSample>().unwrap();
-        for k in 1..=20 {
-            set_points.send(&SetPoint {
-                header: at(k),
-                thrust: f64::from(k),
-                ..SetPoint::default()
-            });
-            ranges.send(&RangeSample {
-                header: at(k),
-                range_m: f64::from(k),
-                variance: 1.0,
-            });
-        }
-        assert_eq!((set_points.unsent(), ranges.unsent()), (0, 0));
-        assert_eq!(newest.newest(0).map(|s| s.thrust), Some(20.0));
-        assert_eq!(newest.newest(0), None);
-        let read: Vec<f64> = all.all(0).iter().map(|r| r.range_m).collect();
-        assert_eq!(read, (5..=20).map(f64::from).collect::<Vec<_>>());
-        // Only gaps between messages that were read can be seen; the first four came before them.
-        assert_eq!(all.statistics().state(0).missed, 0);
         ranges.send(&RangeSample {
-            header: at(24),
-            range_m: 24.0,
-            variance: 1.0,
+            header: at(1),
+            ..RangeSample::default()
         });
-        assert_eq!(all.all(0).len(), 1);
-        assert_eq!(all.statistics().state(0).missed, 3);
 
         let mut steps = 0;
         crate::wake::run(&[&wake], Duration::from_millis(1), || {
@@ -428,7 +403,7 @@ mod tests {
         assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");
 
         // The middleware leaves its own small segment behind; an instance's end wipes that too.
-        drop((set_points, newest, ranges, all, wake, services, memory));
+        drop((ranges, wake, services, memory));
         instance.wipe().unwrap();
         let prefix = instance.prefix();
         let left = std::fs::read_dir("/dev/shm").unwrap().flatten();

@@ -184,33 +184,6 @@ fn receipts_of_a_command_in_every_progress() {
 }
 
 #[test]
-fn relayed_commands_behind_an_abort() {
-    let mut relay = relay_of(9);
-    let [land, abort, again, last] = [
-        (1, CommandKind::Land),
-        (2, CommandKind::Abort),
-        (3, CommandKind::Land),
-        (4, CommandKind::Land),
-    ]
-    .map(|(sequence, kind)| Some(command(sequence, 3, kind)));
-    assert_eq!(step(&mut relay, 1.0, land, None), (true, vec![CommandKind::Land]));
-    assert_eq!(
-        step(&mut relay, 1.2, abort, None),
-        (true, vec![CommandKind::Abort])
-    );
-    assert!(!step(&mut relay, 1.3, again, None).0);
-    let descent = Some(status(State::Descent, ReasonCode::TooFar));
-    assert_eq!(step(&mut relay, 1.8, None, descent).1, [CommandKind::Abort]);
-    // It gave up before, as a status shows that was under way.
-    let before = Some(status(State::GaveUp, ReasonCode::NotCommanded));
-    assert_eq!(step(&mut relay, 2.3, None, before).1, [CommandKind::Abort]);
-    let over = echo(&relay);
-    assert!(step(&mut relay, 2.4, None, over).1.is_empty());
-    assert!(step(&mut relay, 2.5, last, None).0);
-    assert_eq!(relay.rejected().total(), 1);
-}
-
-#[test]
 fn landing_ordered_unaware_of_an_abort() {
     let of = |boot: u32, sequence: u32, kind: CommandKind| {
         let mut c = command(sequence, 3, kind);
