@@ -89,6 +89,44 @@ fn wrong_input_with_the_remedy() {
 }
 
 #[test]
+fn processes_with_files_that_cannot_be() {
+    let of = |verb: &str, flag: &str, cases: &[(&str, &'static str)]| {
+        for (k, (text, part)) in cases.iter().enumerate() {
+            let name = file(&format!("{verb}-{k}.toml"), text);
+            assert_rejected(&[(format!("{verb} {flag} {name}"), part)]);
+        }
+    };
+    let sources = [
+        ("", "[[sensor.sources]]"),
+        ("[[sensor.sources]]\nconnect = \"nmea://mast\"\n", "nmea://mast"),
+        ("[[sensor.sources]]\nformat = \"seatalk\"\n", "seatalk"),
+        ("[[sensor.sources]]\nlatency_s = 9.0\n", "latency_s"),
+        (
+            "[[sensor.sources]]\n[sensor.sources.mount]\nantenna_m = [0, 0, -900]\n",
+            "antenna_m",
+        ),
+    ];
+    of("sensors", "--config", &sources);
+    let autopilot = [("", "serial:///dev/ttyACM0:921600")];
+    for url in ["udp://:14540", "serial:ttyACM0"] {
+        of("autopilot", &format!("--connect {url} --config"), &autopilot);
+    }
+    of("camera", "--print --config", &[("", "set source in [camera]")]);
+    let cameras = [
+        ("", "set source in [uvdar]"),
+        ("[uvdar]\nsource = \"simulation\"\n", "uvdar.source"),
+        ("[uvdar]\nformat = \"MJPG\"\n", "uvdar.format"),
+        ("[uvdar]\nsource = \"/nowhere\"\n", "/nowhere"),
+    ];
+    of("uvdar", "--print --config", &cameras);
+    let rehearsed = [
+        ("nonsense = 1\n", "nonsense"),
+        ("[[sensor.sources]]\nformat = \"nmea\"\n", "format = \"mavlink\""),
+    ];
+    of("rehearse", "--vessel-config", &rehearsed);
+}
+
+#[test]
 fn flags_of_a_scene_shown_once() {
     let scene = stdout(&alight("help scene"));
     for flag in ["--sea-state", "--hull", "--motion-stride"] {

@@ -65,11 +65,73 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     ]
 }
 
-/// A vessel and its drone over TLS; both receive each other while `intruders` try the vessel: true when
-/// a message of one of them was accepted.
-fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> bool {
+/// Signs a certificate that has expired, of an admitted name, with the authority in `keys`; its directory.
+fn expired(keys: &Path) -> PathBuf {
+    let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
+    let key = KeyPair::from_pem(&key).expect("a key");
+    let named = |name: &str| {
+        let mut params = CertificateParams::default();
+        params.distinguished_name = rcgen::DistinguishedName::new();
+        params.distinguished_name.push(DnType::CommonName, name);
+        params
+    };
+    let authority = named("Alight private authority");
+    let mut params = named("drone-1");
+    params.not_before = rcgen::date_time_ymd(2020, 1, 1);
+    params.not_after = rcgen::date_time_ymd(2020, 1, 2);
+    params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
+    let own = KeyPair::generate().expect("a key");
+    let signed = params
+        .signed_by(&own, &Issuer::from_params(&authority, &key))
+        .expect("signed");
+    let directory = keys.join("expired");
+    std::fs::create_dir_all(&directory).expect("a directory");
+    std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
+    std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
+    std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
+    directory
+}
+
+const STATUS: &str = "alight/drone-1/status";
+
+/// The rejection was noticed, and for what it was: the operator reads it in `alight status`.
+#[track_caller]
+fn assert_counted(why: AccessRejection) {
+    let counted = rejections::counted();
+    assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
+}
+
+/// Peers that the vessel has to reject, which try it at `address`: no certificate, one of another authority, an expired one, a
+/// name that is not admitted, and an admitted one on the keys of others.
+fn intruders(address: &str, keys: &Path) -> Vec<Intruder> {
+    common::keys(keys, "drone 9");
+    let other = keys.join("other");
+    common::keys(&other, "init");
+    common::keys(&other, "drone 1");
+    // It trusts the vessel; the vessel does not trust it.
+    let mut of_another = files(&other.join("drone-1"));
+    of_another[0].1 = keys.join("authority.pem");
+    let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
+    let named = |name: &str| files(&keys.join(name));
+    let over_quic = [
+        (trust, STATUS),
+        (of_another, STATUS),
+        (files(&expired(keys)), STATUS),
+        (named("drone-9"), STATUS),
+        (named("drone-9"), "alight/drone-9/status"),
+        (named("drone-2"), STATUS),
+        (named("drone-2"), "alight/vessel-1/estimate"),
+    ];
+    let over_quic = over_quic.map(|(files, key)| Intruder::dial(&format!("quic/{address}"), &files, key));
+    let in_plain_text = Intruder::dial(&format!("tcp/{address}"), &[], STATUS);
+    over_quic.into_iter().chain([in_plain_text]).collect()
+}
+
+#[test]
+fn intruders_among_admitted_peers() {
     rejections::listen();
-    let directory = common::certificates(name);
+    let directory = common::certificates("intruders");
+    common::keys(&directory, "drone 2");
     let address = free_udp();
     let listen = RadioConfig::listening(
         format!("quic/{address}"),
@@ -82,110 +144,44 @@ fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> boo
     let all = vec!["alight/**".to_owned()];
     let mut vessel =
         Radio::open(&listen, publication("alight/vessel-1/estimate"), all.clone()).expect("opens");
-    let mut drone = Radio::open(&dial, publication("alight/drone-1/status"), all).expect("opens");
+    let mut drone = Radio::open(&dial, publication(STATUS), all).expect("opens");
+    // A client as they are, with an admitted certificate on its own key.
+    let admitted = Intruder::dial(
+        &format!("quic/{address}"),
+        &files(&directory.join("drone-2")),
+        "alight/drone-2/status",
+    );
     let intruders = intruders(&address, &directory);
-    let (mut friend, mut back, mut intruder_accepted) = (0, 0, false);
+    let [mut friend, mut second, mut back] = [0; 3];
     // Two hundred exchanges of the peers give the intruders as much time.
-    for _ in 0..2000 {
+    for _ in 0..4000 {
         vessel.send(0, b"estimate".to_vec());
         drone.send(0, b"friend".to_vec());
+        admitted.publish(b"second");
         for s in &intruders {
             s.publish(b"intruder");
         }
         while let Some(message) = vessel.receive(Duration::from_millis(5)) {
+            assert_ne!(message.bytes, b"intruder");
             friend += u32::from(message.bytes == b"friend");
-            intruder_accepted |= message.bytes == b"intruder";
+            second += u32::from(message.bytes == b"second");
         }
         while let Some(message) = drone.receive(Duration::from_millis(5)) {
+            assert_ne!(message.bytes, b"intruder");
             back += u32::from(message.bytes == b"estimate");
-            intruder_accepted |= message.bytes == b"intruder";
         }
-        if friend >= 200 && back >= 200 {
+        if [friend, second, back].iter().all(|n| *n >= 200) {
             break;
         }
     }
     assert!(
-        friend >= 200 && back >= 200,
-        "received from the drone {friend} times, from the vessel {back} times"
+        [friend, second, back].iter().all(|n| *n >= 200),
+        "received from the drones {friend} and {second} times, from the vessel {back} times"
     );
+    let none_of = AccessRejection::Handshake;
+    let expected = AccessRejection::ALL.into_iter().filter(|why| *why != none_of);
+    expected.for_each(assert_counted);
     std::fs::remove_dir_all(&directory).expect("removed");
-    intruder_accepted
-}
-
-const STATUS: &str = "alight/drone-1/status";
-
-/// The rejection was noticed, and for what it was: the operator reads it in `alight status`.
-#[track_caller]
-fn assert_counted(why: AccessRejection) {
-    let counted = rejections::counted();
-    assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
-}
-
-#[test]
-fn admitted_certificate_on_its_own_key() {
-    assert!(accepted("right", |at, keys| {
-        common::keys(keys, "drone 2");
-        vec![Intruder::dial(
-            &format!("quic/{at}"),
-            &files(&keys.join("drone-2")),
-            "alight/drone-2/status",
-        )]
-    }));
-}
-
-#[test]
-fn peer_without_certificate() {
-    assert!(!accepted("none", |at, keys| {
-        let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
-        vec![
-            Intruder::dial(&format!("tcp/{at}"), &[], STATUS),
-            Intruder::dial(&format!("quic/{at}"), &trust, STATUS),
-        ]
-    }));
-    assert_counted(AccessRejection::NotTls);
-    assert_counted(AccessRejection::NoCertificate);
-}
-
-#[test]
-fn certificate_of_another_authority() {
-    assert!(!accepted("other", |at, keys| {
-        let other = keys.join("other");
-        common::keys(&other, "init");
-        common::keys(&other, "drone 1");
-        let mut files = files(&other.join("drone-1"));
-        // It trusts the vessel; the vessel does not trust it.
-        files[0].1 = keys.join("authority.pem");
-        vec![Intruder::dial(&format!("quic/{at}"), &files, STATUS)]
-    }));
-    assert_counted(AccessRejection::OtherAuthority);
-}
-
-#[test]
-fn certificate_with_a_name_not_admitted() {
-    assert!(!accepted("name", |at, keys| {
-        common::keys(keys, "drone 9");
-        vec![
-            Intruder::dial(&format!("quic/{at}"), &files(&keys.join("drone-9")), STATUS),
-            Intruder::dial(
-                &format!("quic/{at}"),
-                &files(&keys.join("drone-9")),
-                "alight/drone-9/status",
-            ),
-        ]
-    }));
-    assert_counted(AccessRejection::Name);
-}
-
-#[test]
-fn admitted_name_on_the_key_of_another_drone() {
-    assert!(!accepted("key", |at, keys| {
-        common::keys(keys, "drone 2");
-        let own = files(&keys.join("drone-2"));
-        [STATUS, "alight/vessel-1/estimate"]
-            .map(|key| Intruder::dial(&format!("quic/{at}"), &own, key))
-            .into()
-    }));
-    assert_counted(AccessRejection::Key);
 }
 
 #[test]
@@ -229,34 +225,4 @@ fn vessel_on_a_key_outside_its_rule() {
     assert!(friend >= 200, "the vessel's own key was received {friend} times");
     assert_counted(AccessRejection::Key);
     std::fs::remove_dir_all(&keys).expect("removed");
-}
-
-#[test]
-fn expired_certificate() {
-    assert!(!accepted("expired", |at, keys| {
-        let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
-        let key = KeyPair::from_pem(&key).expect("a key");
-        let named = |name: &str| {
-            let mut params = CertificateParams::default();
-            params.distinguished_name = rcgen::DistinguishedName::new();
-            params.distinguished_name.push(DnType::CommonName, name);
-            params
-        };
-        let authority = named("Alight private authority");
-        let mut params = named("drone-1");
-        params.not_before = rcgen::date_time_ymd(2020, 1, 1);
-        params.not_after = rcgen::date_time_ymd(2020, 1, 2);
-        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
-        let own = KeyPair::generate().expect("a key");
-        let signed = params
-            .signed_by(&own, &Issuer::from_params(&authority, &key))
-            .expect("signed");
-        let directory = keys.join("expired");
-        std::fs::create_dir_all(&directory).expect("a directory");
-        std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
-        std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
-        std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
-        vec![Intruder::dial(&format!("quic/{at}"), &files(&directory), STATUS)]
-    }));
-    assert_counted(AccessRejection::Expired);
 }

@@ -126,20 +126,3 @@ fn camera_process_on_files() {
     assert_eq!((off.len(), counts["detected"].as_u64()), (6, Some(6)), "{counts}");
     assert!(off.iter().all(|e| *e < 0.03), "{off:?}");
 }
-
-#[test]
-fn camera_process_with_impossible_sources() {
-    let directory = Directory::new("cameras");
-    for (verb, text, advice) in [
-        ("uvdar", "", "set source in [uvdar]"),
-        ("camera", "", "set source in [camera]"),
-        ("uvdar", "[uvdar]\nsource = \"simulation\"\n", "uvdar.source"),
-        ("uvdar", "[uvdar]\nformat = \"MJPG\"\n", "uvdar.format"),
-        ("uvdar", "[uvdar]\nsource = \"/nowhere\"\n", "/nowhere"),
-    ] {
-        let out = run(verb, &directory.configuration(text), "--print");
-        let errors = errors(&out);
-        assert_eq!(out.status.code(), Some(2), "{verb} {text:?}: {errors}");
-        assert!(errors.contains(advice), "{verb} {text:?}: {errors}");
-    }
-}

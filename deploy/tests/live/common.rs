@@ -5,6 +5,7 @@ use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::Duration;
 
 use alight_lab::live::service::Service;
 use alight_transport::radio::{Publication, TlsConfig, Urgency};
@@ -111,6 +112,19 @@ pub fn assert_exit(out: &Output, status: &Value) {
     let mut codes = (0_i32..).zip(["fine", "warning", "broken"]);
     let worst = codes.find(|(_, level)| status["worst"] == *level);
     assert_eq!(out.status.code(), worst.map(|(code, _)| code), "{status}");
+}
+
+/// Output of `look` once it is `wanted`, within about two minutes.
+#[track_caller]
+pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(&Value) -> bool) -> Value {
+    for _ in 0..600 {
+        let now = look();
+        if wanted(&now) {
+            return now;
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    panic!("{what}: not within its time: {}", look());
 }
 
 /// An instance that no other test uses.

@@ -7,8 +7,10 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{assert_exit, errors, instance, printed, run, signal, started};
+use crate::common::{assert_exit, errors, free_port, instance, once, printed, run, scratch, signal, started};
 use crate::ground::{self, GroundStation};
+use crate::hostile::Attack;
+use crate::view;
 
 const PROCESSES: [&str; 7] = [
     "world",
@@ -64,16 +66,10 @@ pub fn status(instance: &str) -> Value {
     status
 }
 
-/// Output of `status` once `wanted` is true; at most about two minutes.
+/// Output of `status` once `wanted` is true.
+#[track_caller]
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-    for _ in 0..150 {
-        let now = status(instance);
-        if wanted(&now) {
-            return now;
-        }
-        std::thread::sleep(Duration::from_millis(300));
-    }
-    panic!("not within its time: {}", status(instance));
+    once("status", || status(instance), wanted)
 }
 
 pub fn pid(status: &Value, process: &str) -> Option<u64> {
@@ -153,7 +149,7 @@ fn logs(directory: &Path) -> usize {
 }
 
 #[test]
-fn replay_of_a_live_landing() {
+fn replay_of_a_landing_among_hostile_packets() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
     let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
@@ -161,15 +157,16 @@ fn replay_of_a_live_landing() {
     let child = land(
         &name,
         &format!(
-            "--warm-up 15 --log {} --record {} --plot {} --ground-station {}",
+            "--warm-up 15 --transport udp --log {} --record {} --plot {} --ground-station {}",
             log.display(),
             recording.display(),
             plot.display(),
             station.address
         ),
     );
-    status_when(&name, |s| s["mission"].is_object());
+    let attack = Attack::begin(&name);
     let watched = ground::watch(&name);
+    Attack::assert_counted(&name);
     let shown = status_when(&name, |s| s["mission"]["state"] == "Approach");
     ground::assert_status_shown(&name);
     let pids = pids(&shown);
@@ -177,8 +174,10 @@ fn replay_of_a_live_landing() {
     assert!(shown["link"]["age_s"].as_f64().is_some(), "{shown}");
 
     let out = child.output();
+    attack.end();
     let outcome = outcome(&out);
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", errors(&out));
+    assert_eq!(outcome["live"]["restarts"], 0, "{outcome}");
     assert_eq!(out.status.code(), Some(0));
     ground::assert_watched(watched);
     assert_gone(&name, &pids);
@@ -212,23 +211,59 @@ fn replay_of_a_live_landing() {
     std::fs::remove_file(&plot).expect("removed");
 }
 
+/// Ends a process by SIGKILL; the status once another one has taken its place and `wanted`.
+fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bool) -> Value {
+    signal(old, "-KILL");
+    status_when(instance, |s| {
+        pid(s, process).is_some_and(|new| new != old) && wanted(s)
+    })
+}
+
+/// A pilot that starts while its recorder cannot be written to goes on, and records once it can.
+fn assert_unwritable_recorder(instance: &str, log: &Path) {
+    // Permissions stop no test that runs as root: a file in the place of the directory does.
+    std::fs::rename(log, log.with_extension("before")).expect("moved");
+    std::fs::write(log, "").expect("written");
+    let old = pid(&status(instance), "pilot").expect("it runs");
+    let unrecorded = |s: &Value| s["metrics"]["pilot"]["steps_not_recorded"].as_u64() > Some(0);
+    let shown = killed(instance, "pilot", old, unrecorded);
+    std::fs::remove_file(log).expect("removed");
+    let records = |_: &Value| std::fs::read_dir(log).is_ok_and(|files| files.count() > 0);
+    let later = status_when(instance, records);
+    assert_eq!(
+        pid(&later, "pilot"),
+        pid(&shown, "pilot"),
+        "the same process: {shown}"
+    );
+}
+
 #[test]
 fn killed_and_frozen_processes_and_an_interrupt() {
-    let name = instance("killed");
-    let child = land(&name, "--warm-up 600 --link clean");
+    let (name, port) = (instance("killed"), free_port());
+    let log = scratch("killed-log");
+    let flags = format!("--link clean --view=127.0.0.1:{port} --log {}", log.display());
+    let mut first = land(&name, &format!("--warm-up 600 {flags}"));
     let mut shown = running(&name);
     for process in &PROCESSES[1..] {
         let old = pid(&shown, process).expect("it runs");
-        signal(old, "-KILL");
-        shown = status_when(&name, |s| pid(s, process).is_some_and(|new| new != old));
+        shown = killed(&name, process, old, |_| true);
     }
     // The estimate still arrives: the vessel and the bridge found each other again.
     let fresh = |s: &Value| s["link"]["age_s"].as_f64().is_some_and(|age| age < 2.0);
-    let shown = status_when(&name, fresh);
-    let pids = pids(&shown);
-    assert_eq!(pids.len(), PROCESSES.len());
+    let shown = status_when(&name, |s| {
+        fresh(s) && s["mission"].is_object() && pid(s, "view").is_some()
+    });
+    assert_eq!(pids(&shown).len(), PROCESSES.len());
+
+    // Without the viewers' server all others go on.
+    view::assert_shown(port, &name, &shown);
+    let after = killed(&name, "view", pid(&shown, "view").expect("it runs"), |_| true);
+    assert_eq!(pids(&shown), pids(&after));
+    view::assert_shown(port, &name, &after);
+    assert_unwritable_recorder(&name, &log);
 
     // One that is frozen for good is killed and started again. Without a vessel the drone's computer goes on.
+    let shown = running(&name);
     let [pilot, vessel] = ["pilot", "vessel"].map(|p| pid(&shown, p).expect("it runs"));
     signal(pilot, "-STOP");
     signal(vessel, "-STOP");
@@ -236,20 +271,38 @@ fn killed_and_frozen_processes_and_an_interrupt() {
     let shown = status_when(&name, |s| {
         another(s, "pilot", pilot) && another(s, "vessel", vessel) && fresh(s)
     });
-    let pids = self::pids(&shown);
 
+    // Without their supervisor they end; what it could not clean up, the next start does.
+    let orphans = pids(&shown);
+    assert_eq!(orphans.len(), PROCESSES.len());
+    first.kill();
+    let ended = |pid: &u64| !Path::new(&format!("/proc/{pid}")).exists();
+    for _ in 0..100 {
+        if orphans.iter().all(ended) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let next = land(&name, "--warm-up 600");
+    let shown = status_when(&name, |s| {
+        let new = pids(s);
+        new.len() == PROCESSES.len() && new.iter().all(|pid| !orphans.contains(pid))
+    });
     let twice = run(format!("land --instance {name}"));
     assert_eq!(
         twice.status.code(),
         Some(2),
         "a second one of the same name is rejected"
     );
-    signal(child.id(), "-INT");
-    let out = child.output();
+    signal(next.id(), "-INT");
+    let out = next.output();
     assert_eq!(out.status.code(), Some(1));
-    assert_gone(&name, &pids);
+    assert_gone(&name, &[orphans, pids(&shown)].concat());
     let left = status(&name);
     assert!(left["running"] == false && left["worst"] == "warning", "{left}");
+    for directory in [log.with_extension("before"), log] {
+        std::fs::remove_dir_all(directory).expect("removed");
+    }
 }
 
 #[test]
@@ -271,31 +324,6 @@ fn world_that_falls_behind_real_time() {
     let behind_s = outcome(&out)["too-slow"]["behind_s"].as_f64();
     assert!(behind_s.is_some_and(|s| s > 1.0), "{}", printed(&out));
     assert_gone(&name, &pids(&shown));
-}
-
-#[test]
-fn processes_of_a_killed_supervisor() {
-    let name = instance("orphans");
-    let mut child = land(&name, "--warm-up 600");
-    let shown = running(&name);
-    let pids = pids(&shown);
-    child.kill();
-    let ended = |pid: &u64| !Path::new(&format!("/proc/{pid}")).exists();
-    for _ in 0..100 {
-        if pids.iter().all(ended) {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    // What it could not clean up, the next start does.
-    let next = land(&name, "--warm-up 600");
-    status_when(&name, |s| {
-        let new = self::pids(s);
-        new.len() == PROCESSES.len() && new.iter().all(|pid| !pids.contains(pid))
-    });
-    signal(next.id(), "-TERM");
-    next.output();
-    assert_gone(&name, &pids);
 }
 
 #[test]

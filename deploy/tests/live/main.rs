@@ -10,7 +10,6 @@
 )]
 
 mod access;
-mod autopilot;
 mod buses;
 mod cameras;
 mod common;

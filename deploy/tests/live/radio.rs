@@ -1,28 +1,16 @@
-//! The radio over every transport on the loopback interface, and its watchdog. Nothing here asserts
+//! The radio's watchdog, and an order among states. Nothing here asserts
 //! a time: the bounds on waiting are only against tests that never end.
 
-use std::net::{TcpListener, UdpSocket};
-use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::admission::Sender;
-use alight_shared::config;
 use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
 
-use crate::common::{self, publication};
+use crate::common::{free_udp, publication};
+use crate::ros2::free_tcp_port;
 
-fn endpoint(transport: &str) -> String {
-    let free = if transport == "tcp" {
-        TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr())
-    } else {
-        UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr())
-    };
-    format!("{transport}/{}", free.expect("a free port"))
-}
-
-fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
-    let tls = certificates.map(|c| common::tls(&c.join("vessel-1"), &["drone-1"]));
-    let config = RadioConfig::listening(endpoint, tls.unwrap_or_default());
+fn vessel(endpoint: &str) -> Radio {
+    let config = RadioConfig::listening(endpoint, TlsConfig::default());
     Radio::open(
         &config,
         publication("alight/vessel-1/test"),
@@ -31,11 +19,10 @@ fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
     .expect("opens")
 }
 
-fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
-    let tls = certificates.map(|c| common::tls(&c.join("drone-1"), &["vessel-1"]));
+fn drone(endpoint: &str) -> Radio {
     let config = RadioConfig {
         reopen_after_s: 1.0,
-        ..RadioConfig::dialling(endpoint, tls.unwrap_or_default())
+        ..RadioConfig::dialling(endpoint, TlsConfig::default())
     };
     Radio::open(
         &config,
@@ -65,40 +52,18 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     panic!("not received: by the vessel {at_vessel}, by the drone {at_drone}");
 }
 
+/// The watchdog opens it once more.
+#[track_caller]
 fn assert_reopens(drone: &mut Radio) {
+    let before = drone.counts().reopened;
     for _ in 0..600 {
-        if drone.counts().reopened > 0 {
-            break;
+        if drone.counts().reopened > before {
+            return;
         }
         drone.watch(0.0);
         std::thread::sleep(Duration::from_millis(20));
     }
-    assert!(drone.counts().reopened > 0, "the watchdog did not open it again");
-}
-
-fn over(transport: &str, certificates: Option<&Path>) {
-    let endpoint = endpoint(transport);
-    let (mut vessel, mut drone) = (vessel(&endpoint, certificates), drone(&endpoint, certificates));
-    assert_exchange(&mut vessel, &mut drone, 1);
-    let flow = vessel.flows()[0];
-    assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
-}
-
-#[test]
-fn radio_over_udp() {
-    over("udp", None);
-}
-
-#[test]
-fn radio_over_tcp() {
-    over("tcp", None);
-}
-
-#[test]
-fn radio_over_quic() {
-    let directory = common::certificates("quic");
-    over("quic", Some(&directory));
-    std::fs::remove_dir_all(&directory).expect("removed");
+    panic!("the watchdog did not open it again");
 }
 
 /// A drone that does not read while its vessel sends without a pause, states by a number that grows.
@@ -106,7 +71,7 @@ fn radio_over_quic() {
 fn abort_after_ten_thousand_states() {
     const STATES: &str = "alight/vessel-1/estimate";
     const ORDERS: &str = "alight/vessel-1/command";
-    let endpoint = endpoint("tcp");
+    let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let publications = vec![
         Publication::new(STATES, Urgency::State),
         Publication::new(ORDERS, Urgency::Order),
@@ -151,54 +116,16 @@ fn abort_after_ten_thousand_states() {
 }
 
 #[test]
-fn check_of_a_present_and_an_absent_vessel() {
-    let directory = common::certificates("check");
-    let endpoint = endpoint("quic");
-    let check = || {
-        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("drone/drone.toml");
-        let text = std::fs::read_to_string(shipped).expect("the shipped configuration");
-        assert!(text.contains("quic/192.168.7.1:7447"));
-        let file = directory.join("drone.toml");
-        std::fs::write(&file, text.replace("quic/192.168.7.1:7447", &endpoint)).expect("written");
-        common::printed(&common::run(format!("check --json --config {}", file.display())))
-    };
-    let found = format!("{endpoint} answers");
-    assert!(!check().contains(&found));
-    let vessel = vessel(&endpoint, Some(&directory));
-    let output = check();
-    assert!(output.contains(&found), "{output}");
-    drop(vessel);
-    std::fs::remove_dir_all(&directory).expect("removed");
-}
-
-#[test]
-fn radio_tls_endpoint() {
-    let text = "listen = [\"tls/127.0.0.1:7447\"]";
-    let rejected = config::parse::<RadioConfig>(text, "test.toml")
-        .expect_err("rejected")
-        .to_string();
-    assert!(
-        rejected.contains("tls/127.0.0.1:7447") && rejected.contains("quic/"),
-        "{rejected}"
-    );
-}
-
-#[test]
 fn radio_session_that_went_silent() {
-    let endpoint = endpoint("udp");
-    let mut first = vessel(&endpoint, None);
-    let mut drone = drone(&endpoint, None);
-    assert_exchange(&mut first, &mut drone, 1);
+    let endpoint = format!("udp/{}", free_udp());
+    let mut drone = drone(&endpoint);
+    // Nothing is there yet.
+    assert_reopens(&mut drone);
+    let mut vessel = vessel(&endpoint);
+    assert_exchange(&mut vessel, &mut drone, 1);
+    let flow = vessel.flows()[0];
+    assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
     // A vessel's computer that freezes: its session lives, but sends nothing.
     assert_reopens(&mut drone);
-    assert_exchange(&mut first, &mut drone, 2);
-}
-
-#[test]
-fn radio_session_that_never_received() {
-    let endpoint = endpoint("udp");
-    let mut drone = drone(&endpoint, None);
-    assert_reopens(&mut drone);
-    let mut late = vessel(&endpoint, None);
-    assert_exchange(&mut late, &mut drone, 3);
+    assert_exchange(&mut vessel, &mut drone, 2);
 }

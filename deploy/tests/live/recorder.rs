@@ -14,7 +14,7 @@ use alight_usv::ComputerIn;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{alight, errors, free_udp, instance, printed, run, scratch, service};
+use crate::common::{errors, free_udp, instance, printed, run, scratch, service};
 
 /// A step of the vessel as it is recorded: time, input, what is left out of it, hash of the output.
 type Step = (i64, ComputerIn, [u8; 3], u64);
@@ -173,8 +173,7 @@ fn newest_ns(flight: &Path) -> u64 {
 }
 
 /// Kills the vessel's process so often while it records; what each flight lacks at its end, s.
-fn kill(rounds: u64) -> Vec<f64> {
-    let vessel = Vessel::prepare(&format!("kills-{rounds}"));
+fn kill(vessel: &Vessel, rounds: u64) -> Vec<f64> {
     let mut missing_s = Vec::new();
     for round in 0..rounds {
         let mut process = vessel.start();
@@ -212,14 +211,9 @@ fn kill(rounds: u64) -> Vec<f64> {
 }
 
 #[test]
-fn killed_recording() {
-    assert_eq!(kill(3).len(), 3);
-}
-
-#[test]
 #[ignore = "takes four minutes, and measures a time"]
 fn hundred_kills_of_a_recording_process() {
-    let mut missing_s = kill(100);
+    let mut missing_s = kill(&Vessel::prepare("kills"), 100);
     missing_s.sort_by(f64::total_cmp);
     let at = |q: usize| missing_s[(missing_s.len() - 1) * q / 100];
     println!(
@@ -232,18 +226,21 @@ fn hundred_kills_of_a_recording_process() {
 }
 
 #[test]
-fn list_of_a_vessels_flight() {
-    let vessel = Vessel::prepare("flights");
+fn killed_recording() {
+    const KILLS: usize = 3;
+    let vessel = Vessel::prepare("killed-recording");
+    assert_eq!(kill(&vessel, KILLS as u64).len(), KILLS);
+    // One that ends in order.
     let mut process = vessel.start();
-    vessel.feed_until_synchronised(1);
-    let running = &vessel.flights("--mend")[0];
+    vessel.feed_until_synchronised(KILLS + 1);
+    let running = &vessel.flights("--mend")[KILLS];
     assert_eq!(
         (&running["files"], &running["computer"]),
         (&"running".into(), &"vessel-1".into())
     );
     assert_eq!(running["cut"], running["parts"], "it is not repaired: {running}");
     assert!(process.stop(), "it was killed");
-    let ended = &vessel.flights("")[0];
+    let ended = &vessel.flights("")[KILLS];
     assert_eq!(
         (&ended["files"], &ended["cut"]),
         (&"complete".into(), &0.into()),
@@ -263,8 +260,6 @@ fn list_of_a_vessels_flight() {
         "{}",
         errors(&out)
     );
-    let out = alight(format!("calibrate vessel {path} --json"))
-        .output()
-        .expect("runs");
+    let out = run(format!("calibrate vessel {path} --json"));
     assert!(out.status.code().is_some_and(|c| c < 2), "{}", errors(&out));
 }

@@ -2,12 +2,11 @@
 //! the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
-use std::process::Output;
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
-use crate::common::{alone, errors, printed, run, scratch, signal, started};
+use crate::common::{alone, errors, printed, signal, started};
 use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
 
 /// Files that a rehearsal of this process number leaves behind among temporary files and in shared memory.
@@ -23,27 +22,30 @@ fn left(pid: u32) -> Vec<String> {
         .collect()
 }
 
-/// The report of a rehearsal that landed.
-fn landed(out: &Output) -> Value {
+#[test]
+fn rehearsal_of_the_shipped_files() {
+    alone();
+    let name = format!("rehearsed-{}", std::process::id());
+    let firmware = StandIn::start(&name, &FirmwareFlight::new(Firmware::ArduCopter, ""));
+    let child = started(format!(
+        "rehearse --seed 103 --fault vessel-restarted:tracking --warm-up 20 --json --autopilot {} --autopilot-at {} \
+         --firmware {}",
+        firmware.kind,
+        firmware.connect,
+        firmware.config.display()
+    ));
+    let pid = child.id();
+    let out = child.wait_with_output().expect("it ends");
+    let autopilot = firmware.end();
     // For people, with --nocapture.
-    println!("{}", errors(out));
-    let report: Value = serde_json::from_str(printed(out).trim()).expect("an object");
+    println!("{}", errors(&out));
+    let report: Value = serde_json::from_str(printed(&out).trim()).expect("an object");
     assert_eq!(
         report["landed"]["outcome"]["outcome"],
         "success",
         "{}",
-        errors(out)
+        errors(&out)
     );
-    report
-}
-
-#[test]
-fn rehearsal_of_the_shipped_files() {
-    alone();
-    let child = started("rehearse --seed 103 --fault vessel-restarted:tracking --warm-up 20 --json");
-    let pid = child.id();
-    let out = child.wait_with_output().expect("it ends");
-    let report = landed(&out);
     assert!(out.status.success() && report["ok"] == true, "{}", errors(&out));
     let steps = report["steps"].as_array().expect("a list");
     for what in [
@@ -64,29 +66,12 @@ fn rehearsal_of_the_shipped_files() {
     let certificate = steps.iter().find(|s| s["what"] == "drone's status on vessel");
     let certificate = certificate.and_then(|s| s["figure"].as_str()).unwrap_or_default();
     assert!(certificate.starts_with("vessel-1 received it"), "{certificate}");
+    assert_disarmed(&autopilot);
     assert_eq!(left(pid), [""; 0]);
 }
 
 #[test]
-fn rehearsal_with_a_firmware_outside() {
-    alone();
-    let name = format!("rehearsed-{}", std::process::id());
-    let firmware = StandIn::start(&name, &FirmwareFlight::new(Firmware::ArduCopter, ""));
-    let out = run(format!(
-        "rehearse --sea calm --warm-up 15 --json --autopilot {} --autopilot-at {} --firmware {}",
-        firmware.kind,
-        firmware.connect,
-        firmware.config.display()
-    ));
-    let autopilot = firmware.end();
-    landed(&out);
-    assert!(out.status.success(), "{}", errors(&out));
-    assert_disarmed(&autopilot);
-}
-
-#[test]
 fn interrupted_rehearsal() {
-    alone();
     let mut child = started("rehearse --json");
     let pid = child.id();
     let output = BufReader::new(child.stderr.take().expect("its errors"));
@@ -105,19 +90,4 @@ fn interrupted_rehearsal() {
         arguments.contains(&format!("alight-rehearsal-{pid}"))
     });
     assert_eq!(ours.count(), 0);
-}
-
-#[test]
-fn rehearsal_of_a_wrong_file() {
-    let file = scratch("rehearse-wrong.toml");
-    for (text, part) in [
-        ("nonsense = 1\n", "nonsense"),
-        ("[[sensor.sources]]\nformat = \"nmea\"\n", "format = \"mavlink\""),
-    ] {
-        std::fs::write(&file, text).expect("written");
-        let out = run(format!("rehearse --vessel-config {}", file.display()));
-        assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
-        assert!(errors(&out).contains(part), "{}", errors(&out));
-    }
-    std::fs::remove_file(file).expect("removed");
 }

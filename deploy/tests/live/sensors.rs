@@ -1,18 +1,15 @@
 //! `alight sensors` as a process on real sockets: a boat's sensors at one end, the vessel's process at the
-//! other. Nothing here asserts a time: bounds on waiting are only against tests that never end.
-use std::io::{Read, Write};
-use std::net::{TcpListener, UdpSocket};
+//! other; their links and decoders have tests of their own. Nothing here asserts a time: bounds on waiting are only against tests that never end.
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
-use alight_shared::msg::{SensorReadings, SourceReport, SourceStatus};
 use alight_transport::memory::{Instance, Memory, Services};
-use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{Running, alight, errors, free_udp, instance, run, scratch, service, signal};
+use crate::common::{Running, alight, free_udp, instance, once, run, scratch, service, signal};
 use crate::landing::pid;
 
 fn sentence(body: &str) -> String {
@@ -39,7 +36,6 @@ impl Sensors {
         std::fs::write(&config, format!("instance = \"{name}\"\n{sources}")).unwrap();
         let child = alight(format!("sensors --supervised --config {}", config.display()))
             .stdin(Stdio::piped())
-            .stderr(Stdio::piped())
             .spawn()
             .expect("the program runs");
         Sensors {
@@ -49,6 +45,22 @@ impl Sensors {
             instance,
             config,
         }
+    }
+    /// Ends it as systemd does: both signals wait for it, the one that asks it to end and the one that follows.
+    pub fn assert_stops(mut self) {
+        let program = &mut self.program.0;
+        for name in ["-STOP", "-TERM", "-CONT"] {
+            signal(program.id().into(), name);
+        }
+        let mut ended = None;
+        for _ in 0..200 {
+            ended = program.try_wait().unwrap();
+            if ended.is_some() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        assert_eq!(ended.and_then(|e| e.code()), Some(0));
     }
 }
 
@@ -62,101 +74,13 @@ impl Drop for Sensors {
     }
 }
 
-#[test]
-fn sensor_process_nmea_over_udp_and_tcp() {
-    let (udp, tcp) = (free_udp(), TcpListener::bind("127.0.0.1:0").unwrap());
-    let sources = format!(
-        "[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{udp}\"\n\
-         [[sensor.sources]]\nname = \"motion\"\nconnect = \"tcpout://{}\"\n",
-        tcp.local_addr().unwrap()
-    );
-    let sensors = Sensors::start("nmea", &sources);
-    let mut readings = sensors.memory.subscriber::<SensorReadings>().unwrap();
-    let mut reports = sensors.memory.subscriber::<SourceReport>().unwrap();
-    let (mut motion, _) = tcp.accept().unwrap();
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let mut all = Readings::default();
-    for k in 0..2000 {
-        let time = format!("12{:02}{:02}.{:02}", k / 6000, (k / 100) % 60, k % 100);
-        let gga = sentence(&format!(
-            "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
-        ));
-        receiver.send_to(gga.as_bytes(), &udp).unwrap();
-        let pashr = sentence(&format!("PASHR,{time},90.0,T,2.00,-1.00,0.25,0.1,0.1,0.2,2,1"));
-        motion.write_all(pashr.as_bytes()).unwrap();
-        if k % 10 == 0 {
-            motion.write_all(b"$PASHR,damaged*00\r\n").unwrap();
-        }
-        std::thread::sleep(Duration::from_millis(5));
-        readings.all(0).iter().for_each(|m| all.append(m));
-        if all.gnss.len() >= 20 && all.attitude.len() >= 20 && all.heading.len() >= 20 {
-            break;
-        }
-    }
-    assert!(all.gnss.len() >= 20 && all.attitude.len() >= 20, "{all:?}");
-    // The first source's are 0, the second's 2.
-    assert!(all.gnss.iter().all(|g| g.source == 0) && all.attitude.iter().all(|a| a.source == 2));
-    assert!((all.attitude[0].tilt[0] - 2_f64.to_radians()).abs() < 1e-6);
-    // In the order of the sensor's own times. They are sent faster than they are dated here, so how
-    // exactly is for the clock's own tests.
-    for w in all.attitude.windows(2) {
-        assert!(w[1].header.at >= w[0].header.at, "{w:?}");
-    }
-    let mut newest = [None, None];
-    for _ in 0..200 {
-        for report in reports.all(0) {
-            newest[report.number as usize] = Some(report.status);
-        }
-        let given = |s: SourceStatus| s.given[1] >= 20;
-        let corrupted = |s: SourceStatus| s.decoded.corrupted >= 2;
-        if newest[0].is_some_and(given) && newest[1].is_some_and(corrupted) {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    panic!("{newest:?}");
-}
-
-#[test]
-fn sensor_process_stopped_as_by_systemd() {
-    let source = format!(
-        "[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{}\"\n",
-        free_udp()
-    );
-    let mut sensors = Sensors::start("stopped", &source);
-    let program = &mut sensors.program;
-    // Its first line comes before it waits.
-    let mut first = [0];
-    program.0.stderr.as_mut().unwrap().read_exact(&mut first).unwrap();
-    std::thread::sleep(Duration::from_millis(300));
-    // Both signals wait for it, the one that asks it to end and the one that follows.
-    let pid = program.0.id().into();
-    for name in ["-STOP", "-TERM", "-CONT"] {
-        signal(pid, name);
-    }
-    let mut ended = None;
-    for _ in 0..200 {
-        ended = program.0.try_wait().unwrap();
-        if ended.is_some() {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    assert_eq!(ended.and_then(|e| e.code()), Some(0));
-}
-
 /// Output of `alight status` on the vessel once `wanted` is true.
 fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-    let mut last = Value::Null;
-    for _ in 0..400 {
+    let look = || {
         let out = run(format!("status --json --config {}", config.display()));
-        last = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
-        if wanted(&last) {
-            return last;
-        }
-        std::thread::sleep(Duration::from_millis(100));
-    }
-    panic!("{what}: not within its time: {last}");
+        serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
+    };
+    once(what, look, wanted)
 }
 
 /// Sends as a mast that never falls silent, and damages one sentence in ten, until it is ended.
@@ -242,30 +166,4 @@ fn vessel_process_with_its_sensors() {
     end.send(()).unwrap();
     mast.join().unwrap();
     std::fs::remove_dir_all(directory).unwrap();
-}
-
-#[test]
-fn sensor_process_exit_code_2() {
-    for (name, text, part) in [
-        ("none", "", "[[sensor.sources]]"),
-        (
-            "url",
-            "[[sensor.sources]]\nconnect = \"nmea://mast\"\n",
-            "nmea://mast",
-        ),
-        ("format", "[[sensor.sources]]\nformat = \"seatalk\"\n", "seatalk"),
-        ("range", "[[sensor.sources]]\nlatency_s = 9.0\n", "latency_s"),
-        (
-            "arm",
-            "[[sensor.sources]]\n[sensor.sources.mount]\nantenna_m = [0.0, 0.0, -900.0]\n",
-            "antenna_m",
-        ),
-    ] {
-        let config = scratch(&format!("sensors-{name}.toml"));
-        std::fs::write(&config, text).unwrap();
-        let out = run(format!("sensors --config {}", config.display()));
-        std::fs::remove_file(config).unwrap();
-        assert_eq!(out.status.code(), Some(2), "{name}: {}", errors(&out));
-        assert!(errors(&out).contains(part), "{name}: {}", errors(&out));
-    }
 }

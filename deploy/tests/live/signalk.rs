@@ -103,4 +103,5 @@ fn sensor_process_on_a_signalk_server() {
         "{:?}",
         all.attitude[0]
     );
+    sensors.assert_stops();
 }

@@ -1,15 +1,13 @@
-//! Survival: of a process with a recorder that cannot be written to, of a supervisor with a process that cannot be
-//! started, of the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never
+//! Survival: of a vessel with a full recorder, of a supervisor with a process that cannot be started, of the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never
 //! end.
 
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::path::PathBuf;
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::service::Service;
 use alight_shared::config;
-use alight_shared::msg::{Closure, DroneStatus, Header, LandedState, State};
+use alight_shared::msg::{Closure, DroneStatus, Header, State};
 use alight_shared::time::Time;
 use alight_shared::wire;
 use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
@@ -18,8 +16,8 @@ use alight_usv::deck::Claim;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 
-use crate::common::{self, alight, free_udp, instance, printed, run, scratch, service, signal};
-use crate::landing::{land, pid, running, status_when};
+use crate::common::{self, alight, free_udp, instance, printed, run, scratch, service};
+use crate::landing::{pid, status_when};
 
 /// A vessel's computer without sensors, on the loopback interface.
 struct Vessel {
@@ -81,15 +79,9 @@ impl Vessel {
         serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
     }
     /// Output of `status` once `wanted` is true.
-    fn status_when(&self, what: &str, mut wanted: impl FnMut(&Value) -> bool) -> Value {
-        for _ in 0..600 {
-            let now = self.status();
-            if wanted(&now) {
-                return now;
-            }
-            std::thread::sleep(Duration::from_millis(200));
-        }
-        panic!("{what}: not within its time: {}", self.status());
+    #[track_caller]
+    fn status_when(&self, what: &str, wanted: impl FnMut(&Value) -> bool) -> Value {
+        common::once(what, || self.status(), wanted)
     }
 }
 
@@ -107,31 +99,6 @@ fn finding<'a>(status: &'a Value, topic: &str) -> Option<&'a Value> {
         .as_array()?
         .iter()
         .find(|f| f["topic"] == topic)
-}
-
-#[test]
-fn process_with_an_unwritable_recorder() {
-    let name = instance("log");
-    let log = scratch("log-blocked");
-    let child = land(&name, &format!("--warm-up 600 --log {}", log.display()));
-    let old = pid(&running(&name), "pilot").expect("it runs");
-    // Permissions stop no test that runs as root: a file in the place of the directory does.
-    std::fs::rename(&log, log.with_extension("before")).expect("moved");
-    std::fs::write(&log, "").expect("written");
-    signal(old, "-KILL");
-    let unrecorded = |s: &Value| s["metrics"]["pilot"]["steps_not_recorded"].as_u64();
-    let shown = status_when(&name, |s| {
-        pid(s, "pilot").is_some_and(|new| new != old) && unrecorded(s).is_some_and(|n| n > 0)
-    });
-    let new = pid(&shown, "pilot");
-    std::fs::remove_file(&log).expect("removed");
-    let logs = |directory: &Path| std::fs::read_dir(directory).map_or(0, Iterator::count);
-    let shown = status_when(&name, |_| logs(&log) > 0);
-    assert_eq!(pid(&shown, "pilot"), new, "the same process: {shown}");
-    signal(child.id(), "-INT");
-    child.output();
-    std::fs::remove_dir_all(&log).expect("removed");
-    std::fs::remove_dir_all(log.with_extension("before")).expect("removed");
 }
 
 #[test]
@@ -174,13 +141,28 @@ fn flight_with_a_camera_that_cannot_be_started() {
 }
 
 #[test]
-fn vessel_with_a_recorder_size_limit() {
-    let vessel = Vessel::prepare("log-limit");
-    let log = vessel.directory.join("log");
+fn vessel_with_a_deck_switch_and_a_full_recorder() {
+    let vessel = Vessel::prepare("inputs");
+    let [switch, log] = ["value", "log"].map(|name| vessel.directory.join(name));
+    let text = std::fs::read_to_string(&vessel.config).expect("read");
+    let text = format!("{text}[deck]\ncrew_switch = \"{}\"\n", switch.display());
+    std::fs::write(&vessel.config, text).expect("written");
+    std::fs::write(&switch, "1\n").expect("written");
     let flight = log.display().to_string();
     let mut running = service("vessel", &vessel.directory, &["--flight", &flight]);
-    // Its memory is there by then.
-    let status = vessel.status_when("it reports", |s| pid(s, "vessel").is_some());
+    let wait_for = |closed: Value| vessel.status_when("closed", |s| s["vessel"]["deck"]["closed"] == closed);
+    wait_for("switch".into());
+    std::fs::write(&switch, "0\n").expect("written");
+    wait_for(Value::Null);
+    std::fs::remove_file(&switch).expect("removed");
+    let status = wait_for("switch".into());
+    let errors = &status["vessel"]["deck"]["input_errors"];
+    let named = format!("deck.crew_switch: {}", switch.display());
+    assert!(
+        errors[0].as_str().is_some_and(|e| e.starts_with(&named)),
+        "{errors}"
+    );
+
     let pid = pid(&status, "vessel").and_then(|p| Pid::from_raw(p.try_into().ok()?));
     let limit = Rlimit {
         current: Some(1 << 16),
@@ -252,58 +234,5 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
     assert_eq!(
         status["vessel"]["deck"]["closed"], "checkpoint_damaged",
         "{status}"
-    );
-}
-
-#[test]
-fn deck_owner_at_start_and_duplicate_numbers() {
-    let vessel = Vessel::prepare("parked");
-    let _process = vessel.start();
-    let mut drone = vessel.drone(1);
-    let mut sequence = 0;
-    // Boots take turns where there are two.
-    let mut report = |boots: &[u32], wanted: &dyn Fn(&Value) -> bool| {
-        vessel.status_when("the drones are received", |s| {
-            for boot in boots {
-                sequence += 1;
-                let status = DroneStatus {
-                    header: Header::new(1, 1, *boot, sequence, Time::EPOCH),
-                    state: State::Idle,
-                    landed: LandedState::OnGround,
-                    deck_distance_m: Some(0.3),
-                    ..DroneStatus::default()
-                };
-                drone.send(0, wire::encode(&status).expect("small"));
-            }
-            wanted(s)
-        })
-    };
-    let parked = report(&[7], &|s| s["vessel"]["occupied"] == true);
-    assert_eq!(parked["vessel"]["deck_owner"], 1, "{parked}");
-    report(&[7, 8], &|s| s["vessel"]["deck"]["doubles"][0] == 1);
-}
-
-#[test]
-fn deck_closed_by_switch_order_or_unread_switch() {
-    let vessel = Vessel::prepare("switch");
-    let switch = vessel.directory.join("value");
-    let text = std::fs::read_to_string(&vessel.config).expect("read");
-    let text = format!("{text}[deck]\ncrew_switch = \"{}\"\n", switch.display());
-    std::fs::write(&vessel.config, text).expect("written");
-    std::fs::write(&switch, "1\n").expect("written");
-    let _process = vessel.start();
-    let wait_for = |closed: Value| vessel.status_when("closed", |s| s["vessel"]["deck"]["closed"] == closed);
-    wait_for("switch".into());
-    vessel.command_deck("closed");
-    std::fs::write(&switch, "0\n").expect("written");
-    wait_for("crew".into());
-    vessel.command_deck("open");
-    wait_for(Value::Null);
-    std::fs::remove_file(&switch).expect("removed");
-    let errors = &wait_for("switch".into())["vessel"]["deck"]["input_errors"];
-    let named = format!("deck.crew_switch: {}", switch.display());
-    assert!(
-        errors[0].as_str().is_some_and(|e| e.starts_with(&named)),
-        "{errors}"
     );
 }

@@ -6,9 +6,6 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{free_port, instance, signal};
-use crate::landing::{land, pid, status_when};
-
 /// The page's newest picture.
 fn picture(port: u16) -> Value {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).expect("the page's address");
@@ -23,30 +20,15 @@ fn picture(port: u16) -> Value {
     serde_json::from_str(body).unwrap_or_else(|e| panic!("{e}: {answer}"))
 }
 
-#[test]
-fn killed_viewers_server_of_a_landing() {
-    let (instance, port) = (instance("viewed"), free_port());
-    let flags = format!("--transport udp --warm-up 600 --view=127.0.0.1:{port}");
-    let _landing = land(&instance, &flags);
-    let runs = |s: &Value| pid(s, "view").filter(|_| pid(s, "pilot").is_some());
-    let first = status_when(&instance, |s| runs(s).is_some() && !s["mission"].is_null());
+/// The page draws what `alight status --json` prints.
+pub fn assert_shown(port: u16, instance: &str, status: &Value) {
     let shown = picture(port);
     assert_eq!(shown["state"]["name"], "Idle", "{shown}");
     assert!(
-        shown["title"].as_str().is_some_and(|t| t.contains(&instance)),
+        shown["title"].as_str().is_some_and(|t| t.contains(instance)),
         "{shown}"
     );
-
-    // The page draws what `alight status --json` prints.
-    for key in first.as_object().expect("an object").keys() {
+    for key in status.as_object().expect("an object").keys() {
         assert!(shown.get(key).is_some(), "{key}: {shown}");
-    }
-
-    let killed = runs(&first).expect("it runs");
-    signal(killed, "-KILL");
-    let second = status_when(&instance, |s| runs(s).is_some_and(|p| p != killed));
-    assert_eq!(picture(port)["state"]["name"], "Idle");
-    for process in ["bridge", "predictor", "mission", "planner", "pilot", "autopilot"] {
-        assert_eq!(pid(&first, process), pid(&second, process), "{process}");
     }
 }

@@ -161,13 +161,18 @@ fn foreign_program_on_the_radio() {
     );
 }
 
-/// A message that the vessel holds, whatever it has broadcast since, before the drone came.
-fn late(listen: &RadioConfig, dial: &RadioConfig) {
-    let mut vessel = vessel(listen);
+/// It is answered with the message that the vessel holds, whatever that has broadcast since.
+#[test]
+fn drone_that_comes_late() {
+    let keys = common::certificates("late");
+    let endpoint = format!("quic/{}", free_udp());
+    let listen = RadioConfig::listening(&endpoint, tls(&keys.join("vessel-1"), &["drone-1"]));
+    let dial = RadioConfig::dialling(&endpoint, tls(&keys.join("drone-1"), &["vessel-1"]));
+    let mut vessel = vessel(&listen);
     vessel.send(0, vec![1; 100]);
     vessel.hold(0, vec![2; 100]);
     vessel.send(0, vec![3; 100]);
-    let mut drone = drone(dial);
+    let mut drone = drone(&dial);
     let answer = asked(&mut drone, TRIES).expect("an answer");
     assert_eq!((answer.bytes, answer.sender), (vec![2; 100], Sender::Vessel(1)));
     assert_eq!((answer.subscription, drone.counts().asked), (0, 1), "once");
@@ -183,26 +188,6 @@ fn late(listen: &RadioConfig, dial: &RadioConfig) {
     assert_until("the drone sees a vessel that has gone", || {
         sees(&drone, Sender::Vessel(1)) == 0
     });
-}
-
-#[test]
-fn drone_that_comes_late() {
-    let endpoint = format!("udp/{}", free_udp());
-    let none = TlsConfig::default;
-    late(
-        &RadioConfig::listening(&endpoint, none()),
-        &RadioConfig::dialling(&endpoint, none()),
-    );
-}
-
-#[test]
-fn drone_with_a_certificate_that_comes_late() {
-    let keys = common::certificates("late");
-    let endpoint = format!("quic/{}", free_udp());
-    late(
-        &RadioConfig::listening(&endpoint, tls(&keys.join("vessel-1"), &["drone-1"])),
-        &RadioConfig::dialling(&endpoint, tls(&keys.join("drone-1"), &["vessel-1"])),
-    );
     std::fs::remove_dir_all(&keys).expect("removed");
 }
 

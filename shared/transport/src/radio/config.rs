@@ -439,6 +439,17 @@ mod tests {
     }
 
     #[test]
+    fn tls_endpoint() {
+        let text = "listen = [\"tls/127.0.0.1:7447\"]";
+        let rejected = config::parse::<RadioConfig>(text, "test.toml");
+        let rejected = rejected.unwrap_err().to_string();
+        assert!(
+            rejected.contains("tls/127.0.0.1:7447") && rejected.contains("quic/"),
+            "{rejected}"
+        );
+    }
+
+    #[test]
     fn questions_that_peers_may_send() {
         let config = RadioConfig::listening("tcp/127.0.0.1:7447", TlsConfig::default());
         let own = ["wave", "estimate"].map(|topic| format!("alight/vessel-1/{topic}"));

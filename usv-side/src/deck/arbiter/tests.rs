@@ -198,15 +198,6 @@ fn grant_of_the_first_request() {
 }
 
 #[test]
-fn grant_after_a_manual_take_off() {
-    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)]);
-    assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
-    let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::Idle), distance_m);
-    assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
-    assert_eq!(rig.run_as(rig.flying(25.0), 7), 2);
-}
-
-#[test]
 fn grant_of_an_idle_and_of_a_silent_owner() {
     for last in [
         State::Descent,
@@ -301,17 +292,6 @@ fn unheard_owner_that_gives_way() {
 }
 
 #[test]
-fn grant_after_a_broken_off_descent() {
-    let mut rig = Rig::after(&[(State::TrackingStable, 0.5), (State::Descent, 5.0)]);
-    let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::GaveUp), distance_m);
-    assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
-    // It goes silent there: its place is not known.
-    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
-    assert_eq!(at(&mut rig, 16.0), 1);
-    assert_eq!(rig.run_as(rig.flying(25.0), 6), 2);
-}
-
-#[test]
 fn waiting_places() {
     let mut rig = Rig::new();
     let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
@@ -364,22 +344,6 @@ fn deck_closed_until_the_crew_opens_it() {
     // Whoever reports from the deck stands there, whatever the crew's order.
     rig.run(&[(2, State::Landed)], 5.0);
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
-}
-
-/// An order needs no disk: it opens also a deck whose checkpoint cannot be written.
-#[test]
-fn deck_order_with_a_full_disk() {
-    let mut rig = Rig::after(&[(State::TrackingStable, 2.0)]);
-    let kept = DeckCheckpoint {
-        closed: Some(Closure::CheckpointUnwritable),
-        ..DeckCheckpoint::default()
-    };
-    rig.restart(Some(kept));
-    let waiting = [(2, State::Approach)];
-    rig.run(&waiting, 60.0);
-    assert_eq!(rig.arbiter.published, DECK_CLOSED);
-    rig.order(DeckOrder::Open);
-    assert_eq!(rig.run(&waiting, 0.5), 2);
 }
 
 /// Two drones are ordered to one station: it is that of the first, also while that one is silent, until its time is over.

@@ -22,8 +22,13 @@ fn arbiter_restart_with_drones_on_and_near_the_deck() {
             assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
         }
     }
-    // Of a file that is missing or damaged nothing is known.
-    for closure in [Closure::CheckpointMissing, Closure::CheckpointDamaged] {
+    // Of a file that is missing or damaged nothing is known, and an order needs no disk: it opens also a deck whose file
+    // cannot be written.
+    for closure in [
+        Closure::CheckpointMissing,
+        Closure::CheckpointDamaged,
+        Closure::CheckpointUnwritable,
+    ] {
         let mut rig = Rig::new();
         rig.restart(Some(DeckCheckpoint::unknown(closure)));
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
