@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use alight_computer::drone::{autopilot, bridge, camera, mission, pilot};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
-use alight_computer::process::shell;
+use alight_computer::process::run;
 use alight_computer::{drone, terminal, vessel};
 #[cfg(feature = "lab")]
 use alight_lab as lab;
@@ -18,7 +18,11 @@ use alight_people::tools::{
     calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag,
     view,
 };
-use alight_shared::process::ProcessKind;
+use alight_uav::camera::CameraNode;
+use alight_uav::camera::uvdar::UvdarNode;
+use alight_uav::computer::Installed as _;
+use alight_uav::mission::MissionNode;
+use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
 use alight_uav::predictor::Predictor;
 use clap::builder::StyledStr;
@@ -361,15 +365,15 @@ impl AlightCommand {
             AlightCommand::Drone(a) => drone::run(a),
             AlightCommand::Operate(a) => command::run(a),
             AlightCommand::Bridge(a) => bridge::run(a),
-            AlightCommand::Predictor(a) => shell::run::<Predictor>(a, ()),
-            AlightCommand::Mission(a) => shell::run(a, mission::RejectionMetrics),
-            AlightCommand::Planner(a) => shell::run::<Planner>(a, ()),
-            AlightCommand::Pilot(a) => shell::run(a, pilot::Ages::default()),
+            AlightCommand::Predictor(a) => run::run(a, Predictor::installed, ()),
+            AlightCommand::Mission(a) => run::run(a, MissionNode::installed, mission::RejectionReport),
+            AlightCommand::Planner(a) => run::run(a, Planner::installed, ()),
+            AlightCommand::Pilot(a) => run::run(a, Pilot::installed, pilot::Ages::default()),
             AlightCommand::Estimator(a) => vessel::estimator::run(a),
             AlightCommand::Sensors(a) => vessel::sensors::run(a),
             AlightCommand::Autopilot(a) => autopilot::run(a),
-            AlightCommand::Camera(a) => camera::run(a, ProcessKind::Camera),
-            AlightCommand::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
+            AlightCommand::Camera(a) => camera::run::<CameraNode>(a),
+            AlightCommand::Uvdar(a) => camera::run::<UvdarNode>(a),
             AlightCommand::Keys(a) => keys::run(a),
             AlightCommand::Check(a) => check::run(a),
             AlightCommand::Tag(a) => tag::run(a),

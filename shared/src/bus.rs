@@ -6,7 +6,8 @@
 
 use crate::node::Node;
 use crate::plain::Plain;
-use crate::process::InputState;
+use crate::process::{InputState, ProcessKind};
+use crate::step::{Recorded, Step};
 use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
@@ -118,6 +119,17 @@ impl<B: Bus, M: Plain> Saved<B, M> {
     }
 }
 
+/// The end of a row outside its bus: a radio, a wire, a device. `()` is none.
+pub trait Edge<N: Wired> {
+    /// Adds to the input of a step what came from outside since the last one.
+    fn read(&mut self, _input: &mut N::In) {}
+    /// Sends a step's output outside and by the row's ports; whether there was anything in addition to the checkpoint.
+    fn write<B: Bus>(&mut self, _input: &N::In, out: &mut N::Out, ports: &mut N::Ports<B>) -> bool {
+        ports.write(out)
+    }
+}
+impl<N: Wired> Edge<N> for () {}
+
 /// A row without messages steps this often.
 pub const MAX_WAIT: Span = Span::from_millis(20);
 
@@ -127,8 +139,36 @@ pub struct Row<N: Wired, B: Bus> {
     pub node: N,
     /// Ports of the node.
     pub ports: N::Ports<B>,
-    wakes: Vec<B::Wake>,
+    /// Topics that wake it; who waits for them may take them.
+    pub wakes: Vec<B::Wake>,
     stepped: Option<Time<N::Clock>>,
+}
+
+/// A step that a row has made.
+pub struct RowStep<N: Node> {
+    /// The row's own time.
+    pub at: Time<N::Clock>,
+    /// The node took so long.
+    pub took: Span,
+    /// Anything was sent in addition to the checkpoint.
+    pub worked: bool,
+    /// Input of the step.
+    pub input: N::In,
+    /// Output of the step.
+    pub out: N::Out,
+}
+
+impl<N: Node<In: Recorded, Out: Recorded>> RowStep<N> {
+    /// As observers see it, of the start of a process with this boot id.
+    pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
+        Step {
+            process,
+            boot,
+            now_ns: self.at.nanos(),
+            input: &self.input,
+            output: &self.out,
+        }
+    }
 }
 
 impl<N: Wired, B: Bus> Row<N, B> {
@@ -149,21 +189,67 @@ impl<N: Wired, B: Bus> Row<N, B> {
             .fold(false, |woken, wake| wake.woke() | woken);
         woken || self.stepped.is_none_or(|at| now - at >= MAX_WAIT)
     }
-    /// One step at `now`. `edge` adds to the input what came from outside; `look` is shown input and output before that is
-    /// written, and may take from the output what goes outside.
-    pub fn step(
-        &mut self,
-        now: Time<N::Clock>,
-        edge: impl FnOnce(&mut N::In),
-        look: impl FnOnce(&N::In, &mut N::Out),
-    ) -> N::Out {
-        let mut input = self.ports.read(now.nanos());
-        edge(&mut input);
-        self.stepped = Some(now);
-        let mut out = self.node.step(now, &input);
-        look(&input, &mut out);
-        self.ports.write(&out);
-        out
+    /// One step by the computer's clock, which never goes back.
+    pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
+        let mut input = self.ports.read(clock().nanos());
+        edge.read(&mut input);
+        // Read after the messages: a step is never earlier than a message that it consumes, however long its process was
+        // kept waiting in between.
+        let at = clock();
+        self.stepped = Some(at);
+        let mut out = self.node.step(at, &input);
+        let took = clock() - at;
+        let worked = edge.write(&input, &mut out, &mut self.ports);
+        RowStep {
+            at,
+            took,
+            worked,
+            input,
+            out,
+        }
+    }
+}
+
+/// A bus that may be absent: a row without one is looked at alone.
+impl<B: Bus> Bus for Option<B> {
+    type Error = B::Error;
+    type Reader<M: Plain> = Option<B::Reader<M>>;
+    type Writer<M: Plain> = Option<B::Writer<M>>;
+    type Wake = Option<B::Wake>;
+
+    fn reader<M: Plain>(&self) -> Result<Self::Reader<M>, B::Error> {
+        self.as_ref().map(B::reader).transpose()
+    }
+    fn writer<M: Plain>(&self) -> Result<Self::Writer<M>, B::Error> {
+        self.as_ref().map(B::writer).transpose()
+    }
+    fn wake<M: Plain>(&self) -> Result<Self::Wake, B::Error> {
+        self.as_ref().map(B::wake::<M>).transpose()
+    }
+}
+impl<M, R: Reader<M>> Reader<M> for Option<R> {
+    fn newest(&mut self, now_ns: i64) -> Option<M> {
+        self.as_mut()?.newest(now_ns)
+    }
+    fn all(&mut self, now_ns: i64) -> Vec<M> {
+        self.as_mut().map_or_else(Vec::new, |r| r.all(now_ns))
+    }
+    fn state(&self, now_ns: i64) -> InputState {
+        self.as_ref()
+            .map_or_else(InputState::default, |r| r.state(now_ns))
+    }
+}
+impl<W: Wake> Wake for Option<W> {
+    fn woke(&mut self) -> bool {
+        self.as_mut().is_some_and(W::woke)
+    }
+}
+impl<M, W: Writer<M>> Writer<M> for Option<W> {
+    fn send(&mut self, message: &M) {
+        self.iter_mut().for_each(|w| w.send(message));
+    }
+    fn unsent(&self) -> u64 {
+        self.as_ref().map_or(0, W::unsent)
     }
 }
 

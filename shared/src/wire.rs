@@ -95,6 +95,13 @@ pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     Ok(hash.digest())
 }
 
+/// Hash of bytes (XXH3).
+pub fn hash_bytes(bytes: &[u8]) -> u64 {
+    let mut hash = Xxh3Default::new();
+    hash.update(bytes);
+    hash.digest()
+}
+
 /// Appends a record to `to`; like [`encode_record`] without an allocation.
 pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())

@@ -516,8 +516,8 @@ impl Radio {
 
     /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
     /// ends now.
-    pub fn abandon(self) {
-        core::mem::forget(self);
+    pub fn abandon(&mut self) {
+        core::mem::forget((self.open.take(), self.opening.take()));
     }
 
     /// What went out, by outlet.

@@ -29,7 +29,6 @@ use alight_shared::msg::{
     TimeRequest, UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
-use alight_shared::step::{Recorded, Step};
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
@@ -439,26 +438,10 @@ impl SimulatedDroneComputer {
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
-    /// Callback that shows a tap that looks at `t` this process's step at `now`.
-    fn shown<'a, T: Tap, I: Recorded, O: Recorded>(
-        &self,
-        process: ProcessKind,
-        (t, now): Moment,
-        tap: &'a mut T,
-    ) -> impl FnMut(&I, &O) + use<'a, T, I, O> {
+    /// Whether a process runs, and the boot id of its start.
+    fn process(&self, process: ProcessKind) -> (bool, u32) {
         let boot = self.boots.get(&process).copied().unwrap_or(self.first_boot);
-        move |input, output| {
-            tap.step(
-                t,
-                &Step {
-                    process,
-                    boot,
-                    now_ns: now.nanos(),
-                    input,
-                    output,
-                },
-            )
-        }
+        (self.runs(process), boot)
     }
     /// A process runs.
     fn runs(&self, process: ProcessKind) -> bool {

@@ -3,6 +3,7 @@
 pub mod bus;
 pub mod cameras;
 mod drone_computer;
+mod edge;
 pub mod failing;
 mod foresight;
 pub mod link;

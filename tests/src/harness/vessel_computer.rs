@@ -1,6 +1,7 @@
 //! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at their edge.
 
 use super::bus::{LockStep, LockStepSender};
+use super::edge::edge;
 use super::failing::{Failing, HeldReadings, VesselSensorFaults};
 use super::physics::{DRONE_ID, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
@@ -124,50 +125,44 @@ impl VesselSide {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// One step of each row with what the sensors have measured, the second also with what `edge` has; shown to `look`.
+    /// One step of each row with what the sensors have measured, the second also with what it has `received`; shown to `look`.
     pub(super) fn tick(
         &mut self,
         (t, now): (Time<TrueTime>, Time<VesselClock>),
         measured: Readings,
-        mut edge: ComputerIn,
+        mut received: ComputerIn,
         look: impl FnOnce(&Step<'_>),
     ) -> ComputerOut {
         let measured = self.sensors.arrived(t, measured);
         let waited = core::mem::take(&mut self.waiting);
-        edge.commands.splice(0..0, waited.commands);
-        edge.checkpoint = edge.checkpoint.or(waited.checkpoint);
+        received.commands.splice(0..0, waited.commands);
+        received.checkpoint = received.checkpoint.or(waited.checkpoint);
         if self.stands_still {
             self.waiting = ComputerIn {
-                commands: edge.commands,
-                checkpoint: edge.checkpoint,
+                commands: received.commands,
+                checkpoint: received.checkpoint,
                 ..ComputerIn::default()
             };
             return ComputerOut::default();
         }
         if let Some(row) = &mut self.rows.sensors {
-            row.step(now, |input| input.samples = vec![samples(&measured)], |_, _| {});
+            let mut device = edge::<SensorNode>(|i| i.samples = vec![samples(&measured)], |_, _| {});
+            row.step(|| now, &mut device);
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
         };
-        let add_edge = |input: &mut ComputerIn| {
+        let receive = |input: &mut ComputerIn| {
             *input = ComputerIn {
                 sensors: core::mem::take(&mut input.sensors),
                 crew: core::mem::take(&mut input.crew),
                 rtcm: core::mem::take(&mut input.rtcm),
-                ..edge
+                ..core::mem::take(&mut received)
             };
         };
-        let (process, boot, now_ns) = (ProcessKind::Vessel, self.boot, now.nanos());
-        row.step(now, add_edge, |input, output| {
-            look(&Step {
-                process,
-                boot,
-                now_ns,
-                input,
-                output,
-            });
-        })
+        let step = row.step(|| now, &mut edge::<VesselComputer>(receive, |_, _| {}));
+        look(&step.of(ProcessKind::Vessel, self.boot));
+        step.out
     }
 }
 

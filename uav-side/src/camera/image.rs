@@ -2,7 +2,9 @@
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
+use alight_shared::wire::hash_bytes;
 use nalgebra::Vector2;
+use serde::{Serialize, Serializer};
 use thiserror::Error;
 
 /// Shortest side of an image, px: a tag of 10 cells does not fit into fewer, and the detector's
@@ -81,6 +83,13 @@ pub(super) fn check_image(
              set width_px and height_px to it"
         ),
     )
+}
+
+/// A record holds its size and a hash of its pixels.
+impl Serialize for GreyImage {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        (self.width, self.height, hash_bytes(&self.pixels)).serialize(to)
+    }
 }
 
 impl GreyImage {
@@ -173,7 +182,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 }
 
 /// An image and when it was taken.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct CameraFrame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,

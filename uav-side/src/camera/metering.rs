@@ -8,6 +8,8 @@
 //! tags by night, which are overexposed, or a lamp or glint next to a deck in the dark. Both are tried in turns, each
 //! from the setting in which its last turn ended.
 
+use serde::Serialize;
+
 use super::light::{ImageLight, TagLight};
 
 /// Level of the tag's white that is aimed at, grey levels: black is then 10 to 20, a third of light more clips nothing.
@@ -59,7 +61,7 @@ impl SettingRange {
 }
 
 /// Exposure and gain of a device.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Setting {
     /// Exposure, s.
     pub exposure_s: f64,
@@ -77,7 +79,7 @@ pub enum Light {
 }
 
 /// Exposure of an image.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Exposed {
     /// Exposure and gain.
     pub setting: Setting,

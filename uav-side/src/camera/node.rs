@@ -7,6 +7,7 @@ use alight_shared::node::Node;
 use alight_shared::tags::Tags;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use serde::Serialize;
 
 use super::decks;
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
@@ -63,7 +64,7 @@ impl Exposures {
 }
 
 /// The images since the last step.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraIn {
     /// Images.
     pub frames: Vec<CameraFrame>,
@@ -72,7 +73,7 @@ pub struct CameraIn {
 }
 
 /// Detections in the images.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraOut {
     /// Poses of the deck by its tags.
     pub tags: Vec<TagPose>,

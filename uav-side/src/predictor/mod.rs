@@ -44,4 +44,4 @@ pub mod track;
 pub mod waves;
 
 pub use config::PredictorConfig;
-pub use node::{Predictor, PredictorIn, PredictorOut};
+pub use node::{Predictor, PredictorIn, PredictorOut, PredictorPorts};

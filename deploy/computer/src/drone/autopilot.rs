@@ -9,20 +9,21 @@ use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use alight_shared::bus::{Ports as _, Wired};
+use alight_shared::bus::{Bus, Edge, Ports as _, RowStep};
 use alight_shared::config;
 use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::metrics::{MetricName, Metrics};
-use alight_shared::msg::{LinkCheckpoint, Seq};
+use alight_shared::metrics::{Metric, MetricName};
+use alight_shared::msg::LinkCheckpoint;
 use alight_shared::process::ProcessKind;
-use alight_transport::memory::{Instance, Memory};
 use alight_uav::autopilot::ais::AisDecoder;
 use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, MavlinkFrame, MavlinkMessage};
 use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotLink, AutopilotLinkConfig, LinkMetrics, MAX_FRAMES};
+use alight_uav::autopilot::{
+    AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, AutopilotPorts, MAX_FRAMES,
+};
 use alight_uav::computer::Installed as _;
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::time::{Interval, MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::config::DroneComputerConfig;
@@ -33,7 +34,7 @@ use crate::io::peer::Speaks;
 use crate::io::wakes::Wakes;
 use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
-use crate::process::life::Process;
+use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
 
 /// A step is due after this long without input.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
@@ -198,96 +199,132 @@ async fn fly(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let computer: DroneComputerConfig = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
     let url = LinkUrl::of_autopilot(name).map_err(CliError)?;
-    let signing = mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
-    let speakers = Speakers::new(signing.as_ref());
-    let speaks = speakers.of_vehicle(computer.autopilot.vehicle);
-    let mut link = ByteLink::with_peer(url.clone(), Some(speaks)).await?;
-    let mut receivers = Receivers::of(&computer.autopilot).await?;
-    let make = |boot| AutopilotLink::installed(&computer.nodes(), boot);
-    let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
-    let mut ports = <AutopilotLink as Wired>::Ports::join(&memory)?;
-    let mut reports = memory.publisher()?;
-    let (mut decoder, mut encoder) = (Decoder::signed(signing.clone()), Encoder::signed(signing.clone()));
-    let wakes = Wakes::of::<AutopilotLink>(&memory)?;
-    let mut steps = interval(MAX_STEP_PERIOD);
-    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut more = false;
+    let mut edge = MavlinkEdge::open(&computer.autopilot, url.clone()).await?;
+    let of = (Some(computer.instance.as_str()), computer.clock);
+    let make = |boot| Ok(AutopilotLink::installed(&computer.nodes(), boot));
+    let process = Process::start(ProcessKind::Autopilot, &args.process, of, make)?;
     info!("autopilot: {url}");
+    process.run_awaiting(&mut edge).await
+}
 
-    while !process.ended() {
-        let mut due = more;
-        if !more {
+/// The links to the autopilot and to receivers.
+struct MavlinkEdge {
+    link: ByteLink,
+    receivers: Receivers,
+    signing: Option<Signing>,
+    speakers: Speakers,
+    decoder: Decoder,
+    encoder: Encoder,
+    steps: Interval,
+    received: Vec<MavlinkFrame>,
+    /// More frames may have come than one step takes.
+    more: bool,
+}
+
+impl MavlinkEdge {
+    /// To the autopilot at this address.
+    async fn open(config: &AutopilotLinkConfig, url: LinkUrl) -> Result<MavlinkEdge, CliError> {
+        let signing = mavlink_key::read("autopilot.signing_key", &config.signing_key)?;
+        let speakers = Speakers::new(signing.as_ref());
+        let speaks = speakers.of_vehicle(config.vehicle);
+        let mut steps = interval(MAX_STEP_PERIOD);
+        steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        Ok(MavlinkEdge {
+            link: ByteLink::with_peer(url, Some(speaks)).await?,
+            receivers: Receivers::of(config).await?,
+            decoder: Decoder::signed(signing.clone()),
+            encoder: Encoder::signed(signing.clone()),
+            signing,
+            speakers,
+            steps,
+            received: Vec::new(),
+            more: false,
+        })
+    }
+}
+
+impl Edge<AutopilotLink> for MavlinkEdge {
+    fn read(&mut self, input: &mut AutopilotIn) {
+        input.received = core::mem::take(&mut self.received);
+        if let (Some(signing), Some(before)) = (&self.signing, &input.checkpoint) {
+            signing.recall(&before.signing);
+        }
+        self.steps.reset();
+    }
+    fn write<B: Bus>(
+        &mut self,
+        input: &AutopilotIn,
+        out: &mut AutopilotOut,
+        ports: &mut AutopilotPorts<B>,
+    ) -> bool {
+        // The link first: set-points wait for nothing.
+        let frames = out
+            .messages
+            .iter()
+            .filter_map(|m| self.encoder.frame(out.from, m));
+        frames.for_each(|bytes| self.link.write(&bytes));
+        out.rtcm.iter().for_each(|frame| self.receivers.gnss.write(frame));
+        // The node has no frames, and knows nothing of their signatures.
+        let own = out.checkpoint;
+        let signing = self.signing.as_ref().map(Signing::times).unwrap_or_default();
+        out.checkpoint = own.map(|own| LinkCheckpoint { signing, ..own });
+        ports.write(out);
+        out.checkpoint = own;
+        !input.received.is_empty()
+    }
+}
+
+impl ProcessEdge<AutopilotLink> for MavlinkEdge {
+    fn stepped(&mut self, _at: &Look<'_, AutopilotLink>, step: &RowStep<AutopilotLink>) {
+        let (error, others) = (self.link.last_error(), self.receivers.last_errors());
+        for text in step.out.texts.iter().chain(&error).chain(others.iter().flatten()) {
+            info!("autopilot: {text}");
+        }
+    }
+    /// With those of the node, and of the frames by their signatures.
+    fn metrics(&mut self, at: &Look<'_, AutopilotLink>) -> Vec<Metric> {
+        let of_node = at.node.metrics(at.now);
+        let own = [
+            MetricName::ClockUncertainty.seconds(of_node.clock_uncertainty_s),
+            MetricName::SamplesRejected.count(of_node.rejected),
+            MetricName::ClockRestarts.count(of_node.restarts),
+            MetricName::HoverThrust.fraction(of_node.hover_thrust),
+            MetricName::SetPointsSent.count(of_node.set_points),
+            MetricName::LinkReopened.count(self.link.opened()),
+            // Datagrams of others than the autopilot.
+            MetricName::PacketsDropped.count(self.link.foreign()),
+            MetricName::RtcmPassedOn.count(of_node.rtcm_passed_on),
+            MetricName::RtcmDropped.count(of_node.rtcm_dropped),
+        ];
+        let signatures = self.decoder.signatures().plus(self.speakers.rejected());
+        own.into_iter().chain(mavlink_key::metrics(signatures)).collect()
+    }
+    fn unsent(&self) -> u64 {
+        self.link.unsent() + self.receivers.gnss.unsent()
+    }
+}
+
+impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
+    async fn arrival(&mut self, wakes: &Wakes) -> Result<bool, CliError> {
+        let (decoder, receivers) = (&mut self.decoder, &mut self.receivers);
+        let mut due = self.more;
+        if !due {
             tokio::select! {
-                () = link.read(|bytes| decoder.push(bytes)) => {}
+                () = self.link.read(|bytes| decoder.push(bytes)) => {}
                 () = receivers.read() => {}
                 woken = wakes.woken() => {
                     woken?;
                     due = true;
                 }
-                _ = steps.tick() => due = true,
+                _ = self.steps.tick() => due = true,
             }
         }
-        let mut received = Vec::new();
-        while received.len() < MAX_FRAMES
-            && let Some(frame) = decoder.next_frame().or_else(|| receivers.next_frame())
-        {
-            received.push(frame);
-        }
-        more = received.len() == MAX_FRAMES;
-        if received.is_empty() && !due {
-            // A part of a frame.
-            continue;
-        }
-        let mut input = ports.read(process.now().nanos());
-        input.received = received;
-        if let (Some(signing), Some(before)) = (&signing, &input.checkpoint) {
-            signing.recall(&before.signing);
-        }
-        steps.reset();
-        // Read after the messages: a step is never earlier than a message that it consumes.
-        let now = process.now();
-        let out = process.step(now, &input, |out| {
-            // The link first: set-points wait for nothing.
-            let frames = out.messages.iter().filter_map(|m| encoder.frame(out.from, m));
-            frames.for_each(|bytes| link.write(&bytes));
-            out.rtcm.iter().for_each(|frame| receivers.gnss.write(frame));
-            // The node has no frames, and knows nothing of their signatures.
-            let own = out.checkpoint;
-            let signing = signing.as_ref().map(Signing::times).unwrap_or_default();
-            out.checkpoint = own.map(|own| LinkCheckpoint { signing, ..own });
-            ports.write(out);
-            out.checkpoint = own;
-            !input.received.is_empty()
-        });
-        let (error, others) = (link.last_error(), receivers.last_errors());
-        for text in out.texts.iter().chain(&error).chain(others.iter().flatten()) {
-            info!("autopilot: {text}");
-        }
-        let signatures = decoder.signatures().plus(speakers.rejected());
-        process.life.metrics = metrics(&process.node().metrics(now), &link, signatures);
-        let unsent = link.unsent() + receivers.gnss.unsent() + ports.unsent();
-        let report = process.state(|| ports.states(now.nanos()), unsent);
-        reports.send_any(report.as_ref());
+        let frames = core::iter::from_fn(|| decoder.next_frame().or_else(|| receivers.next_frame()));
+        self.received = frames.take(MAX_FRAMES).collect();
+        self.more = self.received.len() == MAX_FRAMES;
+        // Without a frame and no other cause: a part of one.
+        Ok(due || !self.received.is_empty())
     }
-    Ok(Exit::Success)
-}
-
-/// Metrics of the node, of its link, and of the frames by their signatures.
-fn metrics(of_node: &LinkMetrics, link: &ByteLink, signatures: Signatures) -> Metrics {
-    let own = [
-        MetricName::ClockUncertainty.seconds(of_node.clock_uncertainty_s),
-        MetricName::SamplesRejected.count(of_node.rejected),
-        MetricName::ClockRestarts.count(of_node.restarts),
-        MetricName::HoverThrust.fraction(of_node.hover_thrust),
-        MetricName::SetPointsSent.count(of_node.set_points),
-        MetricName::LinkReopened.count(link.opened()),
-        // Datagrams of others than the autopilot.
-        MetricName::PacketsDropped.count(link.foreign()),
-        MetricName::RtcmPassedOn.count(of_node.rtcm_passed_on),
-        MetricName::RtcmDropped.count(of_node.rtcm_dropped),
-    ];
-    Seq::filled(own.into_iter().chain(mavlink_key::metrics(signatures)))
 }
 
 #[cfg(test)]

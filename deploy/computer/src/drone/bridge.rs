@@ -2,18 +2,16 @@
 
 use std::time::Duration;
 
-use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
-use alight_shared::admission::{Rejections, Sender};
-use alight_shared::bus::{MAX_WAIT, Ports, Wired};
-use alight_shared::metrics::{Metric, MetricName, Metrics};
-use alight_shared::msg::Seq;
+use alight_bridge::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet, PacketKind};
+use alight_shared::admission::Sender;
+use alight_shared::bus::{Bus, Edge, MAX_WAIT, Ports as _, RowStep};
+use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Stamped;
 use alight_shared::topics::{self, Topic};
 use alight_shared::{config, wire};
 use alight_transport::TransportError;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::radio::{Publication, Radio, Subscription, Urgency};
 use alight_uav::computer::Installed as _;
 use tokio::time::timeout;
@@ -22,10 +20,11 @@ use tracing::{info, warn};
 use crate::config::DroneComputerConfig;
 use crate::exit::{CliError, Exit};
 use crate::io::runtime;
+use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
-use crate::process::life::Process;
 use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
+use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
 
 /// Messages of each subscription; the one after them is the report of the vessel's process.
 const SUBSCRIPTIONS: [(PacketKind, &Topic); 8] = [
@@ -48,58 +47,76 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputerConfig = config::load(&args.config)?;
-    let vessel = computer.bridge.vessel_id;
-    let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
-        Bridge::installed(&computer.nodes(), boot)
-    })?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
-    let mut ports = <Bridge as Wired>::Ports::join(&memory)?;
-    let mut state: Publisher<ProcessState> = memory.publisher()?;
-    let mut second_sender = None;
-    let mut age_s = f64::INFINITY;
-    let (mut received_bytes, mut rejected) = (0_u64, 0_u64);
+    let of = (Some(computer.instance.as_str()), computer.clock);
+    let make = |boot| Ok(Bridge::installed(&computer.nodes(), boot));
+    let process = Process::start(ProcessKind::Bridge, args, of, make)?;
+    process.run_awaiting(&mut RadioEdge::open(&computer)?).await
+}
 
-    let mut radio = open_radio(&computer)?;
-    let mut flows = RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]);
-    let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
-    while !process.ended() {
-        let _late = timeout(max_wait, radio.arrival()).await;
-        let mut packets = Vec::new();
-        let mut received = radio.receive(Duration::ZERO);
-        while let Some(packet) = received {
-            received_bytes += packet.bytes.len() as u64;
-            match SUBSCRIPTIONS.get(packet.subscription) {
-                Some((kind, _)) => {
-                    let packet_in = Packet {
-                        kind: *kind,
-                        sender: packet.sender,
-                        bytes: packet.bytes,
-                    };
-                    packets.push((packet.at_ns, packet_in));
-                }
-                None => rejected += u64::from(!show_vessel(&mut state, &packet.bytes)),
+/// The drone's end of the radio.
+struct RadioEdge {
+    radio: Radio,
+    flows: RadioRates,
+    clock: ProcessClock,
+    vessel: u32,
+    second_sender: Option<u32>,
+    age_s: f64,
+    received_bytes: u64,
+    /// Reports of the vessel's process that came, and how many were none.
+    shown: Vec<ProcessState>,
+    rejected: u64,
+}
+
+impl RadioEdge {
+    fn open(computer: &DroneComputerConfig) -> Result<RadioEdge, TransportError> {
+        Ok(RadioEdge {
+            radio: open_radio(computer)?,
+            flows: RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]),
+            clock: computer.clock,
+            vessel: computer.bridge.vessel_id,
+            second_sender: None,
+            age_s: f64::INFINITY,
+            received_bytes: 0,
+            shown: Vec::new(),
+            rejected: 0,
+        })
+    }
+}
+
+impl Edge<Bridge> for RadioEdge {
+    fn read(&mut self, input: &mut BridgeIn) {
+        while let Some(packet) = self.radio.receive(Duration::ZERO) {
+            self.received_bytes += packet.bytes.len() as u64;
+            if let Some((kind, _)) = SUBSCRIPTIONS.get(packet.subscription) {
+                let at = self.clock.read(packet.at_ns);
+                let (sender, bytes, kind) = (packet.sender, packet.bytes, *kind);
+                input
+                    .packets
+                    .push(Stamped::new(at, Packet { kind, sender, bytes }));
+            } else {
+                let report = vessel_report(&packet.bytes);
+                self.rejected += u64::from(report.is_none());
+                self.shown.extend(report);
             }
-            received = radio.receive(Duration::ZERO);
         }
-        let read = ports.read(process.now().nanos());
-        let now = process.now();
-        let packets = packets
-            .into_iter()
-            .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
-            .collect();
-        let input = BridgeIn { packets, ..read };
-        let out = process.step(now, &input, |out| {
-            ports.write(out);
-            out.estimate.is_some()
-        });
+    }
+    fn write<B: Bus>(&mut self, _input: &BridgeIn, out: &mut BridgeOut, ports: &mut BridgePorts<B>) -> bool {
+        ports.write(out);
+        out.estimate.is_some()
+    }
+}
+
+impl ProcessEdge<Bridge> for RadioEdge {
+    fn stepped(&mut self, at: &Look<'_, Bridge>, step: &RowStep<Bridge>) {
+        let (radio, out) = (&mut self.radio, &step.out);
         // Before the clocks agree an answer could not be dated.
-        if process.node().offset(now).is_some() {
+        if at.node.offset(step.at).is_some() {
             radio.ask();
         }
-        age_s = out.link.map_or(age_s, |l| l.age_s);
-        if let Some(link) = out.link.filter(|l| l.second_sender != second_sender) {
-            second_sender = link.second_sender;
-            log_second_sender(vessel, second_sender);
+        self.age_s = out.link.map_or(self.age_s, |l| l.age_s);
+        if let Some(link) = out.link.filter(|l| l.second_sender != self.second_sender) {
+            self.second_sender = link.second_sender;
+            log_second_sender(self.vessel, link.second_sender);
         }
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
@@ -107,24 +124,43 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(Ok(bytes)) = out.status.as_ref().map(wire::encode) {
             radio.send(1, bytes);
         }
-        let counts = radio.counts();
-        let sessions = radio.count_present(|s| *s == Sender::Vessel(vessel)) as u64;
-        let own = [
-            MetricName::BytesReceived.count(received_bytes),
+    }
+    /// With why the node rejected what.
+    fn metrics(&mut self, at: &Look<'_, Bridge>) -> Vec<Metric> {
+        let counts = self.radio.counts();
+        let vessel = Sender::Vessel(self.vessel);
+        let mut metrics = vec![
+            MetricName::BytesReceived.count(self.received_bytes),
             MetricName::PacketsDropped.count(counts.dropped),
             MetricName::SessionsReopened.count(counts.reopened),
-            MetricName::VesselStatusRejected.count(rejected),
+            MetricName::VesselStatusRejected.count(self.rejected),
             MetricName::NewestAsked.count(counts.asked),
-            MetricName::VesselSession.count(sessions),
+            MetricName::VesselSession.count(self.radio.count_present(|s| *s == vessel) as u64),
         ];
-        process.life.metrics = metrics(own, process.node().rejections());
-        if let Some(report) = process.state(|| ports.states(now.nanos()), counts.unsent + ports.unsent()) {
-            let flows = flows.since(&radio, report.at_ns);
-            state.send(&ProcessState { flows, ..report });
-            radio.watch(age_s);
-        }
+        let reasons = at.node.rejections().iter().filter(|(_, n)| *n > 0);
+        metrics.extend(reasons.map(|(reason, n)| MetricName::Rejected(reason).count(n)));
+        metrics
     }
-    Ok(Exit::Success)
+    fn unsent(&self) -> u64 {
+        self.radio.counts().unsent
+    }
+    fn reports(&mut self, _at: &Look<'_, Bridge>, own: Option<ProcessState>) -> Vec<ProcessState> {
+        let mut reports = core::mem::take(&mut self.shown);
+        if let Some(mut own) = own {
+            own.flows = self.flows.since(&self.radio, own.at_ns);
+            self.radio.watch(self.age_s);
+            reports.push(own);
+        }
+        reports
+    }
+}
+
+impl AwaitedEdge<Bridge> for RadioEdge {
+    async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
+        let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
+        let _late = timeout(max_wait, self.radio.arrival()).await;
+        Ok(true)
+    }
 }
 
 /// Opens the radio: the drone's publications, and the vessel's topics in the order of [`SUBSCRIPTIONS`].
@@ -162,30 +198,15 @@ fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     }
 }
 
-/// The bridge's own metrics, and why it rejected what.
-fn metrics(own: impl IntoIterator<Item = Metric>, rejections: &Rejections) -> Metrics {
-    let reasons = rejections
-        .iter()
-        .filter(|(_, n)| *n > 0)
-        .map(|(reason, n)| MetricName::Rejected(reason).count(n));
-    Seq::filled(own.into_iter().chain(reasons))
-}
-
-/// Passes the report of the vessel's process on to observers; false when it is no such report.
-fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
-    let Ok(report) = wire::decode::<ProcessState>(bytes) else {
-        return false;
-    };
-    if report.kind != ProcessKind::Vessel {
-        return false;
-    }
+/// The report of the vessel's process, for observers; None where it is no such report.
+fn vessel_report(bytes: &[u8]) -> Option<ProcessState> {
+    let report = wire::decode::<ProcessState>(bytes).ok()?;
     // Its times are the other computer's; their difference is the same here.
     let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
-    state.send(&ProcessState {
+    (report.kind == ProcessKind::Vessel).then_some(ProcessState {
         at_ns,
         began_ns,
         ..report
-    });
-    true
+    })
 }

@@ -5,26 +5,27 @@
 //! only, without a place, of another size. Of both: the time from exposure to detection (median, 99 %), times
 //! its source was opened again, exposure and gain.
 
+use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
-use alight_shared::bus::{Ports as Wiring, Wired};
+use alight_shared::bus::{Bus, Edge, Ports as _, RowStep};
 use alight_shared::config::{self, Check as _, Keys};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::msg::{CameraLight, Reason, Seq, TagPose, UvdarFix};
+use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
 use alight_shared::node::Node;
-use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::clock::ProcessClock;
 use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
-use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::memory::Memory;
 use alight_transport::statistics::Quantiles;
-use alight_uav::camera::marked::MAX_BYTES;
+use alight_uav::camera::marked::{MAX_BYTES, MarkedImage};
 use alight_uav::camera::metering::{Exposed, Light};
-use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, GreyImage, TagLight};
-use alight_uav::computer::Installed as _;
+use alight_uav::camera::uvdar::{UvdarNode, UvdarOut};
+use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraOut, GreyImage, TagLight};
+use alight_uav::computer::Installed;
 use serde_json::{Value, json};
 use tracing::warn;
 
@@ -32,8 +33,11 @@ use crate::config::DroneComputerConfig;
 use crate::config::camera::CameraSource;
 use crate::drone::camera_source::Images;
 use crate::exit::{CliError, Exit};
+use crate::io::runtime;
+use crate::io::wakes::Wakes;
 use crate::process::args::CameraArgs;
-use crate::process::life::{Life, draw_boot};
+use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::supervisor::pause;
 use crate::terminal;
 
 /// Pause when there is no image.
@@ -48,21 +52,108 @@ const LIGHT_MEMORY: Span = Span::from_millis(1000);
 /// Time between two images for people.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
-/// Topic of the detections.
-struct Shared {
-    memory: Memory,
-    states: Publisher<ProcessState>,
+/// A node that detects something in a camera's images.
+pub trait Detector: Installed + Node<In = CameraIn, Out: Recorded, Clock = DroneClock> {
+    /// The source of its images, and their width and height, px.
+    fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
+    /// Sets the source in a configuration.
+    fn set_source(computer: &mut DroneComputerConfig, source: &str);
+    /// Times of what was detected, each with a line for people.
+    fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
+    /// Counts of images: as metrics and as text.
+    fn counted(&self) -> (Vec<Metric>, Value);
+    /// The light where it is reported.
+    fn reported(_out: &Self::Out) -> Option<CameraLight> {
+        None
+    }
+    /// Light of the newest image; None where nothing is metered.
+    fn metered(&self) -> Option<Light> {
+        None
+    }
+    /// An image with what was detected in it, for people who are shown them.
+    fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
+        None
+    }
+    /// People are shown its images.
+    const IS_SHOWN: bool = false;
 }
 
-/// A node's ports; None: nothing is published.
-type Published<N> = Option<Box<<N as Wired>::Ports<Memory>>>;
+impl Detector for CameraNode {
+    fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]) {
+        let lens = &computer.drone.camera.lens;
+        (computer.camera.clone(), [lens.width_px, lens.height_px])
+    }
+    fn set_source(computer: &mut DroneComputerConfig, source: &str) {
+        computer.camera.source = source.into();
+    }
+    fn detections(out: &CameraOut) -> Vec<(Time<DroneClock>, Value)> {
+        let detection = |m: &TagPose| {
+            let line = json!({
+                "at_s": m.header.at.secs(),
+                "position_m": m.position,
+                "attitude_wxyz": m.attitude,
+                "sd": m.variance.map(f64::sqrt),
+            });
+            (m.header.at, line)
+        };
+        out.tags.iter().map(detection).collect()
+    }
+    fn counted(&self) -> (Vec<Metric>, Value) {
+        let c = self.counts();
+        let metrics = vec![
+            MetricName::Images.count(c.images),
+            MetricName::TagDetections.count(c.detected),
+            MetricName::OtherTags.count(c.other_tags),
+            MetricName::FaintTags.count(c.faint),
+            MetricName::MisshapenTags.count(c.misshapen),
+            MetricName::WithoutPose.count(c.misfit),
+            MetricName::WrongSize.count(c.wrong_size),
+        ];
+        (metrics, json!(c))
+    }
+    fn reported(out: &CameraOut) -> Option<CameraLight> {
+        out.light
+    }
+    fn metered(&self) -> Option<Light> {
+        Some(self.light())
+    }
+    fn drawn(&self, frame: &CameraFrame, deck: &DeckGeometry) -> Option<MarkedImage> {
+        self.marked(frame, deck)
+    }
+    const IS_SHOWN: bool = true;
+}
 
-/// Process of the images and topic of its detections.
-enum Detector {
-    /// For the tag, which people are shown as well.
-    Tag(Box<CameraNode>, Published<CameraNode>, Option<Box<Shown>>),
-    /// For the blinking markers.
-    Markers(Box<UvdarNode>, Published<UvdarNode>),
+impl Detector for UvdarNode {
+    fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]) {
+        let lens = &computer.drone.camera.uvdar.lens;
+        (computer.ultraviolet(), [lens.width_px, lens.height_px])
+    }
+    fn set_source(computer: &mut DroneComputerConfig, source: &str) {
+        computer.uvdar.source = source.into();
+    }
+    fn detections(out: &UvdarOut) -> Vec<(Time<DroneClock>, Value)> {
+        let detection = |m: &UvdarFix| {
+            let line = json!({
+                "at_s": m.header.at.secs(),
+                "position_m": m.position,
+                "sd": m.variance.map(f64::sqrt),
+            });
+            (m.header.at, line)
+        };
+        out.fixes.iter().map(detection).collect()
+    }
+    fn counted(&self) -> (Vec<Metric>, Value) {
+        let c = &self.counts;
+        let metrics = vec![
+            MetricName::Images.count(c.images),
+            MetricName::DeckFixes.count(c.fixes),
+            MetricName::Markers.count(c.markers),
+            MetricName::SingleMarkers.count(c.single),
+            MetricName::WithoutPose.count(c.misfit),
+            MetricName::WrongSize.count(c.wrong_size),
+        ];
+        (metrics, json!(c))
+    }
 }
 
 /// Images for people, made only while somebody looks.
@@ -74,26 +165,26 @@ struct Shown {
 
 impl Shown {
     /// None, and reported, where there is no place for them: what is detected does not wait for what people see.
-    fn open(memory: &Memory, deck: DeckGeometry) -> Option<Box<Shown>> {
+    fn open(memory: &Memory, deck: DeckGeometry) -> Option<Shown> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
             warn!(
                 "{e}: the tag is detected all the same, and the page shows no image; restart `alight drone` for one"
             );
         });
-        Some(Box::new(Shown {
+        Some(Shown {
             images: images.ok()?,
             deck,
             next: Time::EPOCH,
-        }))
+        })
     }
     /// Shows an image that `node` has processed, where one is due.
-    fn show(&mut self, frame: &CameraFrame, node: &CameraNode) {
+    fn show(&mut self, frame: &CameraFrame, node: &impl Detector) {
         let early = self.next - frame.at;
         if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
             return;
         }
-        if let Some(marked) = node.marked(frame, &self.deck) {
+        if let Some(marked) = node.drawn(frame, &self.deck) {
             self.next = frame.at + SHOW_PERIOD;
             let header = ImageHeader {
                 at_ns: frame.at.nanos(),
@@ -101,126 +192,6 @@ impl Shown {
                 marks: [marked.tags, marked.outlines],
             };
             self.images.send(header, &marked.rgb);
-        }
-    }
-}
-
-/// A detection for people.
-struct Detection {
-    at: Time<DroneClock>,
-    line: Value,
-}
-
-impl Detector {
-    fn new(
-        kind: ProcessKind,
-        computer: &DroneComputerConfig,
-        boot: u32,
-        memory: Option<&Memory>,
-    ) -> Result<Detector, CliError> {
-        let nodes = computer.nodes();
-        Ok(if kind == ProcessKind::Uvdar {
-            let ports = memory.map(Wiring::join).transpose()?.map(Box::new);
-            Detector::Markers(Box::new(UvdarNode::installed(&nodes, boot)), ports)
-        } else {
-            let ports = memory.map(Wiring::join).transpose()?.map(Box::new);
-            let node = Box::new(CameraNode::installed(&nodes, boot));
-            Detector::Tag(
-                node,
-                ports,
-                memory.and_then(|m| Shown::open(m, computer.drone.deck)),
-            )
-        })
-    }
-    /// Processes images and publishes what was detected, and the light where it is reported.
-    fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> (Vec<Detection>, Option<CameraLight>) {
-        match self {
-            Detector::Tag(node, ports, _) => {
-                let found = node.step(now, input);
-                if let Some(ports) = ports {
-                    ports.write(&found);
-                }
-                let detection = |m: &TagPose| Detection {
-                    at: m.header.at,
-                    line: json!({
-                        "at_s": m.header.at.secs(),
-                        "position_m": m.position,
-                        "attitude_wxyz": m.attitude,
-                        "sd": m.variance.map(f64::sqrt),
-                    }),
-                };
-                (found.tags.iter().map(detection).collect(), found.light)
-            }
-            Detector::Markers(node, ports) => {
-                let found = node.step(now, input);
-                if let Some(ports) = ports {
-                    ports.write(&found);
-                }
-                let detection = |m: &UvdarFix| Detection {
-                    at: m.header.at,
-                    line: json!({
-                        "at_s": m.header.at.secs(),
-                        "position_m": m.position,
-                        "sd": m.variance.map(f64::sqrt),
-                    }),
-                };
-                (found.fixes.iter().map(detection).collect(), None)
-            }
-        }
-    }
-    /// Light of the newest image; None where nothing is metered.
-    fn light(&self) -> Option<Light> {
-        match self {
-            Detector::Tag(node, ..) => Some(node.light()),
-            Detector::Markers(..) => None,
-        }
-    }
-    /// Shows people what was detected in the newest of these images.
-    fn show(&mut self, input: &CameraIn) {
-        if let (Detector::Tag(node, _, Some(shown)), Some(frame)) = (self, input.frames.last()) {
-            shown.show(frame, node);
-        }
-    }
-    /// Messages that could not be sent.
-    fn unsent(&self) -> u64 {
-        match self {
-            Detector::Tag(_, ports, _) => ports.as_ref().map_or(0, |p| p.unsent()),
-            Detector::Markers(_, ports) => ports.as_ref().map_or(0, |p| p.unsent()),
-        }
-    }
-    /// Counts of images.
-    fn metrics(&self) -> Vec<Metric> {
-        match self {
-            Detector::Tag(node, ..) => {
-                let c = node.counts();
-                vec![
-                    MetricName::Images.count(c.images),
-                    MetricName::TagDetections.count(c.detected),
-                    MetricName::OtherTags.count(c.other_tags),
-                    MetricName::FaintTags.count(c.faint),
-                    MetricName::MisshapenTags.count(c.misshapen),
-                    MetricName::WithoutPose.count(c.misfit),
-                    MetricName::WrongSize.count(c.wrong_size),
-                ]
-            }
-            Detector::Markers(node, _) => {
-                let c = &node.counts;
-                vec![
-                    MetricName::Images.count(c.images),
-                    MetricName::DeckFixes.count(c.fixes),
-                    MetricName::Markers.count(c.markers),
-                    MetricName::SingleMarkers.count(c.single),
-                    MetricName::WithoutPose.count(c.misfit),
-                    MetricName::WrongSize.count(c.wrong_size),
-                ]
-            }
-        }
-    }
-    /// The counts as text.
-    fn counts(&self) -> Value {
-        match self {
-            Detector::Tag(node, ..) => json!(node.counts()),
-            Detector::Markers(node, _) => json!(node.counts),
         }
     }
 }
@@ -233,20 +204,12 @@ enum Source {
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
-impl Source {
-    /// Images that have come, the number of the newest, and whether there are no more; sets what exposed it, and counts
-    /// how often the source broke. `names` are the process's and the source's.
-    fn poll(
-        &mut self,
-        [process, source]: [&str; 2],
-        exposed: &mut Option<Exposed>,
-        opened: &mut u32,
-    ) -> (CameraIn, u64, bool) {
-        let mut input = CameraIn::default();
-        let (mut over, mut number) = (false, 0);
-        match self {
+impl<D: Detector> CameraEdge<D> {
+    /// Takes the images that have come.
+    fn poll(&mut self) {
+        match &mut self.source {
             Source::Simulation(images) => {
-                while input.frames.len() < QUEUE_LENGTH
+                while self.input.frames.len() < QUEUE_LENGTH
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
@@ -254,29 +217,30 @@ impl Source {
                     // another size than its header has.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
-                        input.frames.push(CameraFrame { at, image: grey });
+                        self.input.frames.push(CameraFrame { at, image: grey });
                     }
                 }
             }
             Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
-                Ok(SourceEvent::Image(frame, of_source, setting)) => {
-                    (number, *exposed) = (of_source, setting);
-                    input.frames.push(frame);
+                Ok(SourceEvent::Image(frame, number, setting)) => {
+                    (self.number, self.light.exposed) = (number, setting);
+                    self.input.frames.push(frame);
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
-                    "{process}: {source} {why}: its own automatic exposes, perhaps for longer than motion permits; alight \
-                     check prints the remedy"
+                    "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check prints \
+                     the remedy",
+                    D::KIND.name(),
+                    self.name
                 ),
                 Ok(SourceEvent::Failed(why)) => {
-                    *opened = opened.saturating_add(1);
-                    warn!("{process}: {why}; trying again");
+                    self.opened = self.opened.saturating_add(1);
+                    warn!("{}: {why}; trying again", D::KIND.name());
                 }
-                Ok(SourceEvent::Finished) => over = true,
+                Ok(SourceEvent::Finished) => self.over = true,
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => over = true,
+                Err(RecvTimeoutError::Disconnected) => self.over = true,
             },
         }
-        (input, number, over)
     }
 }
 
@@ -347,23 +311,15 @@ impl LightRecord {
     }
 }
 
-/// The drone's configuration with the named source, and that of the camera.
-fn configured(args: &CameraArgs, kind: ProcessKind) -> Result<(DroneComputerConfig, CameraSource), CliError> {
+/// The drone's configuration with the named source, that source, and the size of its images.
+fn configured<D: Detector>(
+    args: &CameraArgs,
+) -> Result<(DroneComputerConfig, CameraSource, [u32; 2]), CliError> {
     let mut computer: DroneComputerConfig = config::load(&args.process.config)?;
-    let markers = kind == ProcessKind::Uvdar;
     if let Some(source) = &args.source {
-        let named = if markers {
-            &mut computer.uvdar.source
-        } else {
-            &mut computer.camera.source
-        };
-        named.clone_from(source);
+        D::set_source(&mut computer, source);
     }
-    let config = if markers {
-        computer.ultraviolet()
-    } else {
-        computer.camera.clone()
-    };
+    let (config, size) = D::source(&computer);
     // What was named here is held to the same rules.
     computer.check(&Keys::ROOT)?;
     if !config.is_there() {
@@ -371,108 +327,136 @@ fn configured(args: &CameraArgs, kind: ProcessKind) -> Result<(DroneComputerConf
             "{}: no camera is configured; set source in [{}] to a V4L2 device such as /dev/video0, or name one \
              with --source",
             args.process.config.display(),
-            kind.name()
+            D::KIND.name()
         )));
     }
-    Ok((computer, config))
+    Ok((computer, config, size))
 }
 
 /// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
-pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
-    let (computer, config) = configured(args, kind)?;
-    let boot = draw_boot();
-    let shared = if args.print && !config.is_simulation() {
-        None
-    } else {
-        let memory = Memory::join(&Instance::new(&computer.instance)?, kind.name())?;
-        Some(Shared {
-            states: memory.publisher()?,
-            memory,
-        })
+pub fn run<D: Detector>(args: &CameraArgs) -> Result<Exit, CliError> {
+    let (computer, config, size) = configured::<D>(args)?;
+    let alone = args.print && !config.is_simulation();
+    let of = (
+        Some(computer.instance.as_str()).filter(|_| !alone),
+        computer.clock,
+    );
+    let make = |boot| Ok(D::installed(&computer.nodes(), boot));
+    let process = Process::start(D::KIND, &args.process.unrecorded(), of, make)?;
+    let memory = process.memory.as_ref();
+    let shown = memory.filter(|_| D::IS_SHOWN);
+    let mut edge = CameraEdge::<D> {
+        source: match memory.filter(|_| config.is_simulation()) {
+            Some(memory) => Source::Simulation(memory.image_subscriber(ImageTopic::Simulated)?),
+            None => spawn_source(&config, size, computer.clock)?,
+        },
+        shown: shown.and_then(|memory| Shown::open(memory, computer.drone.deck)),
+        name: config.source,
+        input: CameraIn::default(),
+        number: 0,
+        over: false,
+        opened: 0,
+        light: LightRecord::default(),
+        ages: Quantiles::default(),
+        printed: args.print.then_some(Value::Null),
+        detector: PhantomData,
     };
-    let mut shared = shared;
-    let mut detector = Detector::new(kind, &computer, boot, shared.as_ref().map(|s| &s.memory))?;
-    let mut source = match &shared {
-        Some(shared) if config.is_simulation() => {
-            Source::Simulation(shared.memory.image_subscriber(ImageTopic::Simulated)?)
-        }
-        Some(_) | None => {
-            let (events, lights) = spawn_source(kind, &config, &computer)?;
-            Source::Thread(events, lights)
-        }
-    };
-    let mut exposed = LightRecord::default();
-    let mut life = Life::begin(kind, boot, args.process.supervised);
-    let mut ages = Quantiles::default();
-    let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
-    while !life.ended() {
-        let names = [kind.name(), config.source.as_str()];
-        let (mut input, number, over) = source.poll(names, &mut exposed.exposed, &mut opened);
-        if !input.frames.is_empty() {
-            last = last.max(computer.clock.now());
-            let before = steady_ns();
-            input.exposed = exposed.exposed;
-            let (detections, light) = detector.detect(last, &input);
-            life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-            if let Some(frame) = input.frames.last() {
-                let metered = match &source {
-                    Source::Thread(_, lights) => Some((number, lights)),
-                    Source::Simulation(_) => None,
-                };
-                exposed.looked(frame, detector.light(), metered);
-            }
-            if let Some(why) = light.and_then(|light| exposed.reported(light)) {
-                warn!("{}: {why}", kind.name());
-            }
-            let sent: Time<DroneClock> = computer.clock.now();
-            detections.iter().for_each(|s| ages.add((sent - s.at).secs()));
-            detector.show(&input);
-            if args.print {
-                print(&input, &detections);
-            }
-        } else if let (Some(shared), Source::Simulation(_)) = (&shared, &source)
-            && !shared.memory.wait(IDLE_WAIT)
-        {
-            break;
-        }
-        let own = [
-            MetricName::ExposureToFixP50.seconds(ages.quantile(0.5)),
-            MetricName::ExposureToFixP99.seconds(ages.quantile(0.99)),
-            MetricName::SourceReopened.count(opened),
-        ];
-        let light = exposed.metrics(computer.clock.now());
-        life.metrics = Seq::filled(detector.metrics().into_iter().chain(own).chain(light));
-        if let Some(shared) = &mut shared
-            && let Some(report) = life.state(Vec::new, detector.unsent())
-        {
-            shared.states.send(&report);
-        }
-        if over {
-            break;
-        }
+    let ended = runtime::block_on(process.run_awaiting(&mut edge));
+    if let Some(counts) = edge.printed.filter(|_| ended.is_ok()) {
+        terminal::line(json!({"counts": counts}));
     }
-    if args.print {
-        terminal::line(json!({"counts": detector.counts()}));
-    }
-    Ok(Exit::Success)
+    ended
 }
 
-/// A source's events, and the way back to it: the light on the tag in an image by its number.
-type SourceChannels = (Receiver<SourceEvent>, SyncSender<(u64, Light)>);
+/// A camera, and reports on it for people.
+struct CameraEdge<D> {
+    source: Source,
+    /// Name of the source.
+    name: String,
+    /// Images that have come, the number of the newest, and whether there are no more.
+    input: CameraIn,
+    number: u64,
+    over: bool,
+    /// The source broke so often.
+    opened: u32,
+    light: LightRecord,
+    /// From exposure to detection, s.
+    ages: Quantiles,
+    shown: Option<Shown>,
+    /// Each detection is printed; the counts so far.
+    printed: Option<Value>,
+    detector: PhantomData<D>,
+}
+
+impl<D: Detector> Edge<D> for CameraEdge<D> {
+    fn read(&mut self, input: &mut CameraIn) {
+        *input = core::mem::take(&mut self.input);
+        input.exposed = self.light.exposed;
+    }
+    fn write<B: Bus>(&mut self, _input: &CameraIn, out: &mut D::Out, ports: &mut D::Ports<B>) -> bool {
+        ports.write(out);
+        true
+    }
+}
+
+impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
+    fn stepped(&mut self, sent: &Look<'_, D>, step: &RowStep<D>) {
+        let node = sent.node;
+        let frames = &step.input.frames;
+        if let Some(frame) = frames.last() {
+            let metered = match &self.source {
+                Source::Thread(_, lights) => Some((self.number, lights)),
+                Source::Simulation(_) => None,
+            };
+            self.light.looked(frame, node.metered(), metered);
+            self.shown.iter_mut().for_each(|shown| shown.show(frame, node));
+        }
+        if let Some(why) = D::reported(&step.out).and_then(|light| self.light.reported(light)) {
+            warn!("{}: {why}", D::KIND.name());
+        }
+        let detections = D::detections(&step.out);
+        detections
+            .iter()
+            .for_each(|(at, _)| self.ages.add((sent.now - *at).secs()));
+        if self.printed.is_some() {
+            print(frames, &detections);
+        }
+    }
+    fn metrics(&mut self, at: &Look<'_, D>) -> Vec<Metric> {
+        let own = [
+            MetricName::ExposureToFixP50.seconds(self.ages.quantile(0.5)),
+            MetricName::ExposureToFixP99.seconds(self.ages.quantile(0.99)),
+            MetricName::SourceReopened.count(self.opened),
+        ];
+        let (counts, text) = at.node.counted();
+        self.printed
+            .iter_mut()
+            .for_each(|printed| *printed = text.clone());
+        counts
+            .into_iter()
+            .chain(own)
+            .chain(self.light.metrics(at.now))
+            .collect()
+    }
+    fn is_over(&self) -> bool {
+        self.over
+    }
+}
+
+impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
+    /// Nothing wakes it but its source, for which this waits without the runtime.
+    async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
+        self.poll();
+        let due = !self.input.frames.is_empty();
+        if !due && matches!(self.source, Source::Simulation(_)) {
+            pause(IDLE_WAIT);
+        }
+        Ok(due)
+    }
+}
 
 /// Waits for images on a thread of its own, so that the process goes on saying that it lives.
-fn spawn_source(
-    kind: ProcessKind,
-    config: &CameraSource,
-    computer: &DroneComputerConfig,
-) -> Result<SourceChannels, CliError> {
-    let settings = &computer.drone.camera;
-    let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
-    let size = if kind == ProcessKind::Uvdar {
-        [markers.width_px, markers.height_px]
-    } else {
-        [tag.width_px, tag.height_px]
-    };
+fn spawn_source(config: &CameraSource, size: [u32; 2], clock: ProcessClock) -> Result<Source, CliError> {
     let size = size.map(|s| s as usize);
     // Bad input is rejected at once; what breaks later is tried again.
     let images = Images::open(config, size)?;
@@ -485,13 +469,13 @@ fn spawn_source(
         number: 0,
         automatic: false,
     };
-    let (config, clock) = (config.clone(), computer.clock);
+    let config = config.clone();
     std::thread::spawn(move || {
         while let Some(why) = source.show(&clock) {
             if source.events.send(SourceEvent::Failed(why)).is_err() {
                 return;
             }
-            crate::process::supervisor::pause(RETRY_PERIOD);
+            pause(RETRY_PERIOD);
             match Images::open(&config, size) {
                 Ok(again) => source.images = again,
                 Err(CliError(why)) => {
@@ -502,7 +486,7 @@ fn spawn_source(
             }
         }
     });
-    Ok((received, lights))
+    Ok(Source::Thread(received, lights))
 }
 
 /// The thread that waits for images.
@@ -560,11 +544,11 @@ impl SourceThread {
 }
 
 /// A line for each image: where tag or deck is, or that it is not detected.
-fn print(input: &CameraIn, detections: &[Detection]) {
-    for frame in &input.frames {
-        let found = detections.iter().find(|s| s.at == frame.at);
+fn print(frames: &[CameraFrame], detections: &[(Time<DroneClock>, Value)]) {
+    for frame in frames {
+        let found = detections.iter().find(|(at, _)| *at == frame.at);
         let none = json!({"at_s": frame.at.secs(), "position_m": null});
-        terminal::line(found.map_or(none, |s| s.line.clone()));
+        terminal::line(found.map_or(none, |(_, line)| line.clone()));
     }
 }
 
@@ -579,11 +563,7 @@ mod tests {
         let owned = OwnedInstance::take(&format!("test-places-{}", std::process::id())).unwrap();
         let memory = Memory::join(owned.instance(), "test").unwrap();
         let services = Services::create(&memory).unwrap();
-        let is_shown = || {
-            let computer = DroneComputerConfig::default();
-            let detector = Detector::new(ProcessKind::Camera, &computer, 1, Some(&memory)).unwrap();
-            matches!(detector, Detector::Tag(_, Some(_), Some(_)))
-        };
+        let is_shown = || Shown::open(&memory, DeckGeometry::default()).is_some();
         assert!(is_shown());
         let taken: Vec<_> = (0..100)
             .map_while(|_| memory.image_publisher(ImageTopic::Marked, 1).ok())

@@ -1,23 +1,22 @@
-//! Metrics of the mission's process in addition to its steps.
+//! Report of the mission's process in addition to its steps.
 
-use alight_shared::metrics::Metric;
-use alight_shared::time::{DroneClock, Time};
-use alight_uav::mission::{MissionIn, MissionNode, MissionOut};
+use alight_shared::bus::{Edge, RowStep};
+use alight_uav::mission::MissionNode;
 use tracing::warn;
 
-use crate::process::shell::AfterStep;
+use crate::process::run::{Look, ProcessEdge};
 
 /// Reports why a checkpoint does not count.
-pub struct RejectionMetrics;
+pub struct RejectionReport;
 
-impl AfterStep<MissionNode> for RejectionMetrics {
-    fn after_step(&mut self, _input: &MissionIn, out: &MissionOut, _sent: Time<DroneClock>) -> Vec<Metric> {
-        if let Some(why) = out.rejected {
+impl Edge<MissionNode> for RejectionReport {}
+impl ProcessEdge<MissionNode> for RejectionReport {
+    fn stepped(&mut self, _at: &Look<'_, MissionNode>, step: &RowStep<MissionNode>) {
+        if let Some(why) = step.out.rejected {
             warn!(
                 "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \
                  the file's again: set it again before the next landing"
             );
         }
-        Vec::new()
     }
 }

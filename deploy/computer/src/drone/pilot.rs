@@ -1,11 +1,12 @@
 //! The metrics of the pilot's process: age of the vessel's newest measurement and of the odometry behind the set-point.
 
+use alight_shared::bus::{Edge, RowStep};
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::time::{DroneClock, Time};
 use alight_transport::statistics::Quantiles;
-use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
+use alight_uav::pilot::Pilot;
 
-use crate::process::shell::AfterStep;
+use crate::process::run::{Look, ProcessEdge};
 
 /// The ages of its inputs.
 #[derive(Default)]
@@ -16,18 +17,22 @@ pub struct Ages {
     from_odometry: Quantiles,
 }
 
-impl AfterStep<Pilot> for Ages {
-    fn after_step(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
+impl Edge<Pilot> for Ages {}
+impl ProcessEdge<Pilot> for Ages {
+    fn stepped(&mut self, sent: &Look<'_, Pilot>, step: &RowStep<Pilot>) {
+        let RowStep { input, out, .. } = step;
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);
         if let (Some((at, radio_age_s)), true) = (self.newest, out.set_point.is_some())
             && radio_age_s.is_finite()
         {
-            self.from_vessel.add(radio_age_s + (sent - at).secs());
+            self.from_vessel.add(radio_age_s + (sent.now - at).secs());
         }
         if let Some(d) = &input.drone {
-            self.from_odometry.add((sent - d.header.at).secs());
+            self.from_odometry.add((sent.now - d.header.at).secs());
         }
+    }
+    fn metrics(&mut self, _at: &Look<'_, Pilot>) -> Vec<Metric> {
         vec![
             MetricName::VesselToSetPointP50.seconds(self.from_vessel.quantile(0.5)),
             MetricName::VesselToSetPointP99.seconds(self.from_vessel.quantile(0.99)),

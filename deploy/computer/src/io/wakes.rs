@@ -3,8 +3,7 @@
 use std::future::poll_fn;
 use std::task::Poll;
 
-use alight_shared::bus::{Ports as _, Wired};
-use alight_transport::memory::{Listener, Memory};
+use alight_transport::memory::Listener;
 use alight_transport::readiness::watched;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
@@ -15,11 +14,10 @@ use crate::exit::{CliError, Doing};
 pub struct Wakes(Vec<AsyncFd<Listener>>);
 
 impl Wakes {
-    /// Those of the node `N`.
-    pub fn of<N: Wired>(memory: &Memory) -> Result<Wakes, CliError> {
+    /// Watches these, inside a tokio runtime.
+    pub fn watch(wakes: impl IntoIterator<Item = Listener>) -> Result<Wakes, CliError> {
         let watch = |listener| watched(listener, Interest::READABLE).doing("waiting for messages");
-        let all = N::Ports::<Memory>::wakes(memory)?.into_iter().map(watch);
-        Ok(Wakes(all.collect::<Result<_, _>>()?))
+        Ok(Wakes(wakes.into_iter().map(watch).collect::<Result<_, _>>()?))
     }
     /// Waits until one has brought something.
     pub async fn woken(&self) -> Result<(), CliError> {

@@ -1,5 +1,4 @@
-//! Life of a process around its node: a clock that never goes back, the time each step takes, a record
-//! of what was consumed, a report about itself twice a second, and an end when it is asked to.
+//! Life of a process: the time each step takes, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -8,17 +7,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use alight_shared::metrics::{MetricName, Metrics};
 use alight_shared::msg::Seq;
-use alight_shared::node::Node;
 use alight_shared::process::{InputState, ProcessKind, ProcessState};
-use alight_shared::step::Recorded;
-use alight_shared::time::Time;
-use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::clock::steady_ns;
 use alight_transport::statistics::Quantiles;
 use alight_transport::wake::end_requested;
 use alight_transport::warnings;
 
 use crate::exit::{CliError, Doing};
-use crate::process::args::ProcessArgs;
 use crate::process::lateness::Lateness;
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
@@ -107,16 +102,6 @@ impl Life {
     }
 }
 
-/// A node as a process; its steps are recorded where its flight is.
-pub struct Process<N: Node> {
-    node: N,
-    recorder: Option<NodeRecorder>,
-    clock: ProcessClock,
-    last: Time<N::Clock>,
-    /// The reports.
-    pub life: Life,
-}
-
 /// A boot id: differs from the last start's.
 pub fn draw_boot() -> u32 {
     // The steady clock in units of 65 us turns over after three days; the process id distinguishes two
@@ -140,76 +125,6 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
         });
     }
     end
-}
-
-impl<N: Node<In: Recorded, Out: Recorded>> Process<N> {
-    /// Starts a process of `kind` around the node that `make` makes for a boot id.
-    pub fn start(
-        kind: ProcessKind,
-        args: &ProcessArgs,
-        clock: ProcessClock,
-        make: impl FnOnce(u32) -> N,
-    ) -> Result<Process<N>, CliError> {
-        let boot = draw_boot();
-        let flight = args.flight.as_ref();
-        let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
-        let recorder = recorder.transpose()?;
-        // After the recorder, whose thread has no priority.
-        args.scheduling.apply();
-        Ok(Process {
-            node: make(boot),
-            recorder,
-            clock,
-            last: Time::from_nanos(i64::MIN),
-            life: Life::begin(kind, boot, args.supervised),
-        })
-    }
-
-    /// The computer's clock now; never goes back.
-    pub fn now(&mut self) -> Time<N::Clock> {
-        self.last = self.last.max(self.clock.now());
-        self.last
-    }
-    /// Time of the computer's clock when the steady clock read `steady_ns`.
-    pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
-        self.clock.read(steady_ns)
-    }
-    /// One step of the node, its output sent, then recorded; timed where `send` returns that it had work to do.
-    pub fn step(
-        &mut self,
-        now: Time<N::Clock>,
-        input: &N::In,
-        send: impl FnOnce(&mut N::Out) -> bool,
-    ) -> N::Out {
-        let before = steady_ns();
-        let mut out = self.node.step(now, input);
-        let time_s = (steady_ns() - before) as f64 * 1e-9;
-        // Steps without work do not count in the time that its work takes.
-        self.life.stepped(send(&mut out).then_some(time_s));
-        if let Some(recorder) = &mut self.recorder {
-            recorder.step(steady_ns(), now.nanos(), input, &out);
-        }
-        out
-    }
-    /// The node.
-    pub fn node(&self) -> &N {
-        &self.node
-    }
-    /// Whether the process was asked to end.
-    pub fn ended(&self) -> bool {
-        self.life.ended()
-    }
-    /// The next report, when it is due.
-    pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
-        let mut state = self.life.state(inputs, unsent)?;
-        if let Some(recorder) = &self.recorder {
-            // A process has fewer metrics than there is place for.
-            let _full = state
-                .metrics
-                .push(MetricName::StepsUnrecorded.count(recorder.missing()));
-        }
-        Some(state)
-    }
 }
 
 /// The recorder of the process `name` in the directory of its flight.

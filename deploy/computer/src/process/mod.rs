@@ -1,5 +1,5 @@
-//! Processes: the shell around a node (wake with messages, step, publish, record, report twice a second, end
-//! when asked to), and the supervisor that starts and restarts them.
+//! Processes: the loop around a row and its edge (wait, step, publish, record, report twice a second, end when asked to), and
+//! the supervisor that starts and restarts them.
 
 pub mod args;
 pub mod facts;
@@ -15,10 +15,10 @@ pub mod notify;
 pub mod observer;
 pub mod radio_keys;
 pub mod radio_rates;
+pub mod run;
 pub mod scheduling;
 pub mod sealed;
 pub mod service;
-pub mod shell;
 pub mod snapshot;
 pub mod start;
 pub mod supervision;

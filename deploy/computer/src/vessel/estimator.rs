@@ -2,20 +2,22 @@
 
 use std::time::Duration;
 
-use alight_shared::admission::AccessRejection;
-use alight_shared::admission::RejectionReason;
-use alight_shared::bus::{Ports as _, Wired};
+use alight_shared::admission::{AccessRejection, RejectionReason};
+use alight_shared::bus::{Bus, Edge, RowStep, Writer as _};
 use alight_shared::config;
 use alight_shared::metrics::{Metric, MetricName, MetricValue};
-use alight_shared::msg::{Header, MAX_SOURCES, Seq, VesselStatus};
+use alight_shared::msg::{Header, MAX_SOURCES, VesselStatus};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::memory::Publisher;
 use alight_transport::radio::RadioCounts;
 use alight_transport::rejections::{self, AccessRejections};
 use alight_transport::statistics::Quantiles;
-use alight_usv::{ComputerIn, ComputerOut, KINDS, SourceCounts, VesselNode};
+use alight_usv::computer::VesselPorts;
+use alight_usv::{
+    ComputerIn, ComputerOut, KINDS, SourceCounts, VesselCheckpoint, VesselComputer, VesselNode,
+};
 use tokio::time::sleep;
 use tracing::{info, warn};
 
@@ -24,7 +26,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
-use crate::process::life::Process;
+use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::helm_lamp::HelmLamp;
@@ -43,74 +45,126 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputerConfig = config::load(&args.config)?;
-    let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
-        computer.node(boot)
-    })?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Vessel.name())?;
-    let mut ports = <alight_usv::VesselComputer as Wired>::Ports::join(&memory)?;
-    let mut states: Publisher<ProcessState> = memory.publisher()?;
-    let mut statuses: Publisher<VesselStatus> = memory.publisher()?;
-    let wakes = Wakes::of::<alight_usv::VesselComputer>(&memory)?;
-    let mut radio = VesselRadio::open(&computer)?;
-    let (mut deck_file, left) = DeckFile::open(&computer)?;
-    let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
-    let mut helm_lamp = HelmLamp::start(&computer.deck.helm_lamp);
-    let mut status = VesselStatusReport::default();
-    let mut people = ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns());
+    let of = (Some(computer.instance.as_str()), computer.clock);
+    let make = |boot| Ok(computer.node(boot));
+    let process = Process::start(ProcessKind::Vessel, args, of, make)?;
+    let mut edge = DeckEdge::open(&computer, &process)?;
+    process.run_awaiting(&mut edge).await
+}
 
-    let mut checkpoint = Some(left);
-    let mut last_ns = steady_ns();
-    while !process.ended() {
-        let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
-        last_ns = steady_ns();
-        if !radio.survives_pause(gap_s) {
-            radio.abandon();
+/// The vessel's radio, and what its crew has of the deck: files, inputs, a lamp.
+struct DeckEdge {
+    radio: VesselRadio,
+    deck_file: DeckFile,
+    deck_inputs: InputFiles,
+    helm_lamp: HelmLamp,
+    /// Checkpoint of the former start.
+    checkpoint: Option<VesselCheckpoint>,
+    clock: ProcessClock,
+    /// When it began to wait last, on the steady clock.
+    waited_ns: i64,
+    people: ForPeople,
+    status: VesselStatusReport,
+    statuses: Option<Publisher<VesselStatus>>,
+    /// A status is due: the crew has ordered something.
+    ordered: bool,
+    header: Header<VesselClock>,
+}
+
+impl DeckEdge {
+    fn open(
+        computer: &VesselComputerConfig,
+        process: &Process<VesselComputer>,
+    ) -> Result<DeckEdge, CliError> {
+        let radio = VesselRadio::open(computer)?;
+        let (deck_file, left) = DeckFile::open(computer)?;
+        Ok(DeckEdge {
+            radio,
+            deck_file,
+            deck_inputs: InputFiles::start(&computer.deck, steady_ns()),
+            helm_lamp: HelmLamp::start(&computer.deck.helm_lamp),
+            checkpoint: Some(left),
+            clock: computer.clock,
+            waited_ns: steady_ns(),
+            people: ForPeople::new(!computer.sensor.sources.is_empty(), steady_ns()),
+            status: VesselStatusReport::default(),
+            statuses: process.memory.writer()?,
+            ordered: false,
+            header: Header::new(computer.vessel_id, 0, process.boot(), 0, Time::EPOCH),
+        })
+    }
+}
+
+impl Edge<VesselComputer> for DeckEdge {
+    fn read(&mut self, input: &mut ComputerIn) {
+        input.deck_inputs = self.deck_inputs.poll(steady_ns());
+        input.checkpoint = self.checkpoint.take();
+        let clock = self.clock;
+        self.radio.receive(|at_ns| clock.read(at_ns), input);
+    }
+    fn write<B: Bus>(
+        &mut self,
+        _input: &ComputerIn,
+        out: &mut ComputerOut,
+        _ports: &mut VesselPorts<B>,
+    ) -> bool {
+        self.radio.publish(out);
+        true
+    }
+}
+
+impl ProcessEdge<VesselComputer> for DeckEdge {
+    fn stepped(&mut self, sent: &Look<'_, VesselComputer>, step: &RowStep<VesselComputer>) {
+        let node = sent.node;
+        self.helm_lamp.set(step.out.lamp);
+        self.people.show(&step.out, sent.now, node.node());
+        self.deck_file.keep(node.checkpoint());
+        self.status.observe(steady_ns(), &step.input, &step.out);
+        self.ordered = !step.input.crew.is_empty();
+    }
+    fn metrics(&mut self, at: &Look<'_, VesselComputer>) -> Vec<Metric> {
+        let missed = (at.inputs)().first().map_or(0, |sensors| sensors.missed);
+        metrics(at.node, &self.radio, missed, &self.people, at.now)
+    }
+    fn unsent(&self) -> u64 {
+        self.radio.counts().unsent + self.statuses.unsent()
+    }
+    /// With the vessel's status.
+    fn reports(&mut self, at: &Look<'_, VesselComputer>, own: Option<ProcessState>) -> Vec<ProcessState> {
+        let node = at.node;
+        if own.is_some() || self.ordered {
+            let errors = CrewDeviceErrors {
+                file: self.deck_file.error(),
+                inputs: self.deck_inputs.errors(),
+                lamp: self.helm_lamp.error(),
+            };
+            self.header.at = at.now;
+            let (now, orders) = ((self.header, steady_ns()), node.orders_taken());
+            let status = self.status.message(node, now, orders, &errors);
+            self.statuses.send(&status);
+        }
+        let rate_fraction = node.node().rate_fraction();
+        let own = own.map(|own| self.radio.report(own, rate_fraction));
+        Vec::from_iter(own)
+    }
+}
+
+impl AwaitedEdge<VesselComputer> for DeckEdge {
+    /// Measurements or packets, or its time.
+    async fn arrival(&mut self, wakes: &Wakes) -> Result<bool, CliError> {
+        let gap_s = (steady_ns() - self.waited_ns) as f64 * 1e-9;
+        self.waited_ns = steady_ns();
+        if !self.radio.survives_pause(gap_s) {
+            self.radio.abandon();
             return Err(stood_still(gap_s));
         }
-        arrival(&wakes, &radio).await?;
-        let mut input = ComputerIn {
-            deck_inputs: deck_inputs.poll(steady_ns()),
-            checkpoint: checkpoint.take(),
-            ..ports.read(process.now().nanos())
-        };
-        radio.receive(|at_ns| process.at(at_ns), &mut input);
-        // Read after the packets: a step is never earlier than what it consumes.
-        let now = process.now();
-        let out = process.step(now, &input, |out| {
-            radio.publish(out);
-            true
-        });
-        helm_lamp.set(out.lamp);
-        people.show(&out, process.now(), process.node().node());
-        deck_file.keep(process.node().checkpoint());
-        status.observe(steady_ns(), &input, &out);
-
-        let inputs = ports.states(now.nanos());
-        let missed = inputs.first().map_or(0, |sensors| sensors.missed);
-        process.life.metrics = Seq::filled(metrics(process.node(), &radio, missed, &people, now));
-        let unsent = radio.counts().unsent + states.unsent() + statuses.unsent();
-        let report = process.state(|| inputs, unsent);
-        if report.is_some() || !input.crew.is_empty() {
-            let errors = CrewDeviceErrors {
-                file: deck_file.error(),
-                inputs: deck_inputs.errors(),
-                lamp: helm_lamp.error(),
-            };
-            let header = Header::new(computer.vessel_id, 0, process.life.boot(), 0, now);
-            let message = status.message(
-                process.node(),
-                (header, steady_ns()),
-                process.node().orders_taken(),
-                &errors,
-            );
-            statuses.send(&message);
+        tokio::select! {
+            woken = wakes.woken() => woken?,
+            () = self.radio.arrival() => {}
+            () = sleep(MAX_WAIT) => {}
         }
-        if let Some(report) = report {
-            let report = radio.report(report, process.node().node().rate_fraction());
-            states.send(&report);
-        }
+        Ok(true)
     }
-    Ok(Exit::Success)
 }
 
 fn stood_still(gap_s: f64) -> CliError {
@@ -118,15 +172,6 @@ fn stood_still(gap_s: f64) -> CliError {
         "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
          it ends so that its supervisor starts it again"
     ))
-}
-
-/// Waits for measurements or packets, or for its time.
-async fn arrival(wakes: &Wakes, radio: &VesselRadio) -> Result<(), CliError> {
-    tokio::select! {
-        woken = wakes.woken() => woken,
-        () = radio.arrival() => Ok(()),
-        () = sleep(MAX_WAIT) => Ok(()),
-    }
 }
 
 /// Report of the process for its journal, and its metrics in addition to those of its node.
@@ -189,7 +234,7 @@ fn show_sources(node: &VesselNode) {
 
 /// The metrics of the process at `now`.
 fn metrics(
-    node: &alight_usv::VesselComputer,
+    node: &VesselComputer,
     radio: &VesselRadio,
     readings_missed: u64,
     people: &ForPeople,

@@ -106,7 +106,7 @@ impl VesselRadio {
         self.radio.survives_pause(gap_s)
     }
     /// Leaves the session as it is, for a process that ends now.
-    pub fn abandon(self) {
+    pub fn abandon(&mut self) {
         self.radio.abandon();
     }
 

@@ -5,16 +5,17 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use alight_shared::bus::{Ports as _, Wired};
+use alight_shared::bus::{Bus, Edge, Ports as _, Writer as _};
 use alight_shared::config;
 use alight_shared::msg::{Header, Line, Seq, SourceRemark, SourceReport};
-use alight_shared::node::Node;
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
 use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher};
-use alight_usv::sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorsIn, SourceConfig};
-use tokio::time::{MissedTickBehavior, interval};
+use alight_transport::memory::Publisher;
+use alight_usv::sensors::{
+    MAX_STEP_BYTES, Remark, SensorNode, SensorPorts, SensorsIn, SensorsOut, SourceConfig,
+};
+use tokio::time::{Interval, MissedTickBehavior, interval};
 use tracing::{info, warn};
 
 use crate::config::VesselComputerConfig;
@@ -25,8 +26,9 @@ use crate::io::byte_links::{ByteArrival, ByteLinks};
 use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
 use crate::io::runtime;
+use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
-use crate::process::life::{Life, draw_boot};
+use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
 
 /// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
@@ -71,55 +73,113 @@ async fn read(args: &ProcessArgs) -> Result<Exit, CliError> {
         let speaks: Speaks = Arc::new(source.format.speaks());
         links.push((number, ByteLink::of_several(url, Some(speaks)).await?));
     }
-    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Sensors.name())?;
-    let mut ports = <SensorNode as Wired>::Ports::join(&memory)?;
-    let mut reports: Publisher<SourceReport> = memory.publisher()?;
-    let mut states: Publisher<ProcessState> = memory.publisher()?;
-    let mut life = Life::begin(ProcessKind::Sensors, draw_boot(), args.supervised);
-    let mut links = ByteLinks::start(links);
-    let mut node = node(&computer, life.boot())?;
-    let mut faults = vec![Fault::default(); sources.len()];
-    let mut foreign: Vec<Foreign> = vec![None; sources.len()];
-    let mut header = Header::new(computer.vessel_id, 0, life.boot(), 0, Time::EPOCH);
+    let of = (Some(computer.instance.as_str()), computer.clock);
+    let process = Process::start(ProcessKind::Sensors, &args.unrecorded(), of, |boot| {
+        node(&computer, boot)
+    })?;
     let mut steps = interval(MAX_STEP_PERIOD);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    while !life.ended() {
-        let mut input = SensorsIn {
-            bytes: vec![Vec::new(); sources.len()],
-            ..ports.read(steady_ns())
-        };
+    let mut edge = SensorEdge {
+        sources,
+        links: ByteLinks::start(links),
+        steps,
+        bytes: vec![Vec::new(); sources.len()],
+        faults: vec![Fault::default(); sources.len()],
+        foreign: vec![None; sources.len()],
+        header: Header::new(computer.vessel_id, 0, process.boot(), 0, Time::EPOCH),
+        reports: process.memory.writer()?,
+    };
+    process.run_awaiting(&mut edge).await
+}
+
+/// The sources' links.
+struct SensorEdge<'a> {
+    sources: &'a [SourceConfig],
+    links: ByteLinks,
+    steps: Interval,
+    /// Bytes of each source since the last step.
+    bytes: Vec<Vec<u8>>,
+    faults: Vec<Fault>,
+    foreign: Vec<Foreign>,
+    /// The header of the newest reports.
+    header: Header<VesselClock>,
+    reports: Option<Publisher<SourceReport>>,
+}
+
+impl Edge<SensorNode> for SensorEdge<'_> {
+    fn read(&mut self, input: &mut SensorsIn) {
+        let none = vec![Vec::new(); self.sources.len()];
+        input.bytes = core::mem::replace(&mut self.bytes, none);
+    }
+    fn write<B: Bus>(
+        &mut self,
+        _input: &SensorsIn,
+        out: &mut SensorsOut,
+        ports: &mut SensorPorts<B>,
+    ) -> bool {
+        ports.write(out);
+        for (k, bytes) in &out.requests {
+            self.links.write(*k, bytes);
+        }
+        true
+    }
+}
+
+impl ProcessEdge<SensorNode> for SensorEdge<'_> {
+    fn unsent(&self) -> u64 {
+        self.reports.unsent()
+    }
+    /// With one about each source.
+    fn reports(&mut self, at: &Look<'_, SensorNode>, own: Option<ProcessState>) -> Vec<ProcessState> {
+        if own.is_some() {
+            self.header.at = at.now;
+            self.header.sequence = self.header.sequence.wrapping_add(1);
+            let reports = source_reports(self.header, at.node, &self.faults, &self.foreign);
+            self.reports.send_each(&reports);
+        }
+        Vec::from_iter(own)
+    }
+}
+
+impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
+    async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
         let mut arrival = tokio::select! {
-            arrival = links.next() => Some(arrival),
-            _ = steps.tick() => None,
+            arrival = self.links.next() => Some(arrival),
+            _ = self.steps.tick() => None,
         };
         while let Some(a) = arrival {
-            if let Some(of) = foreign.get_mut(a.link) {
+            if let Some(of) = self.foreign.get_mut(a.link) {
                 *of = a.foreign;
             }
-            take(a, sources, &mut input, &mut faults, steady_ns());
+            self.take(a, steady_ns());
             // A step's bytes are a bound: more of them waits.
-            let full = input.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
-            arrival = if full { None } else { links.arrived() };
+            let full = self.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
+            arrival = if full { None } else { self.links.arrived() };
         }
-        // Read after the bytes: no byte is from the future.
-        let now = computer.clock.read(steady_ns());
-        let before = steady_ns();
-        let out = node.step(now, &input);
-        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        ports.write(&out);
-        for (k, bytes) in &out.requests {
-            links.write(*k, bytes);
+        Ok(true)
+    }
+}
+
+impl SensorEdge<'_> {
+    /// Takes what a source's link brought. A link that is reopened again and again reports its error once.
+    fn take(&mut self, arrival: ByteArrival, now_ns: i64) {
+        let k = arrival.link;
+        let (Some(bytes), Some(fault), Some(source)) =
+            (self.bytes.get_mut(k), self.faults.get_mut(k), self.sources.get(k))
+        else {
+            return;
+        };
+        if !arrival.bytes.is_empty() {
+            bytes.extend_from_slice(&arrival.bytes);
+            fault.now = None;
         }
-        let unsent = ports.unsent() + reports.unsent() + states.unsent();
-        if let Some(state) = life.state(Vec::new, unsent) {
-            (header.at, header.sequence) = (now, header.sequence.wrapping_add(1));
-            for report in source_reports(header, &node, &faults, &foreign) {
-                reports.send(&report);
+        if let Some(error) = arrival.error {
+            if fault.is_news(&error, now_ns) {
+                warn!("{}: {error}", source.name);
             }
-            states.send(&state);
+            fault.now = Some(error);
         }
     }
-    Ok(Exit::Success)
 }
 
 /// Why a source's link brings nothing.
@@ -145,32 +205,6 @@ impl Fault {
             self.reported.push((error.into(), now_ns));
         }
         has_room
-    }
-}
-
-/// Takes what a source's link brought. A link that is reopened again and again reports its error once.
-fn take(
-    arrival: ByteArrival,
-    sources: &[SourceConfig],
-    input: &mut SensorsIn,
-    faults: &mut [Fault],
-    now_ns: i64,
-) {
-    let k = arrival.link;
-    let (Some(bytes), Some(fault), Some(source)) =
-        (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
-    else {
-        return;
-    };
-    if !arrival.bytes.is_empty() {
-        bytes.extend_from_slice(&arrival.bytes);
-        fault.now = None;
-    }
-    if let Some(error) = arrival.error {
-        if fault.is_news(&error, now_ns) {
-            warn!("{}: {error}", source.name);
-        }
-        fault.now = Some(error);
     }
 }
 

@@ -7,13 +7,14 @@ use alight_computer::config::DroneComputerConfig;
 use alight_computer::drone::bridge;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::args::ProcessArgs;
-use alight_computer::process::shell;
+use alight_computer::process::run;
 use alight_computer::vessel::estimator;
 use alight_shared::config;
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
 use alight_transport::memory::Instance;
 use alight_transport::observe::receive_through;
+use alight_uav::computer::{DroneNodes, Installed as _};
 use alight_uav::planner::Planner;
 use alight_uav::settings::DroneSettings;
 use clap::{Args, ValueEnum};
@@ -67,12 +68,11 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
             bridge::run(args)
         }
         AttachedProcess::Planner => match baseline {
-            None => shell::run::<Planner>(args, ()),
-            Some(baseline) => shell::run_node(
-                args,
-                |computer, boot| planner(&baseline, &computer.drone, boot),
-                (),
-            ),
+            None => run::run(args, Planner::installed, ()),
+            Some(baseline) => {
+                let make = |nodes: &DroneNodes, boot| planner(&baseline, &nodes.drone, boot);
+                run::run(args, make, ())
+            }
         },
     }
 }

@@ -1,20 +1,52 @@
 //! Steps of a drone computer's rows, each with the other ends of its edges.
 
+use core::mem::swap;
+
 use super::{MAX_WAITING, Moment, SimulatedDroneComputer, Uplink, due};
 use crate::autopilots::simulated::mode_number;
+use crate::harness::bus::LockStep;
+use crate::harness::edge::edge;
 use crate::harness::foresight::{Foresight, OdometryError};
 use crate::harness::physics::Physics;
 use crate::harness::tap::Tap;
-use alight_bridge::{BridgeIn, Packet};
-use alight_shared::bus::{Reader as _, Writer as _};
-use alight_shared::msg::AutopilotMode;
+use crate::sensors::delay::DelayLine;
+use alight_bridge::{Bridge, BridgeIn, BridgeOut, Packet};
+use alight_shared::bus::{Bus, Edge, Reader as _, Row, Writer as _};
+use alight_shared::msg::{AutopilotMode, Plan};
+use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Stamped};
+use alight_shared::step::Recorded;
+use alight_shared::time::{DroneClock, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
+use alight_uav::autopilot::AutopilotLink;
 use alight_uav::autopilot::message::MavlinkFrame;
-use alight_uav::planner::{PlannerIn, PlannerOut};
-use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_uav::camera::CameraNode;
+use alight_uav::camera::uvdar::UvdarNode;
+use alight_uav::computer::Process;
+use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
+use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
+
+/// Delays plans by the time that they take.
+struct SolveTime<'a> {
+    arrives: Time<TrueTime>,
+    plans: &'a mut DelayLine<Plan>,
+}
+
+impl Edge<Planner> for SolveTime<'_> {
+    fn write<B: Bus>(
+        &mut self,
+        _input: &PlannerIn,
+        out: &mut PlannerOut,
+        _ports: &mut PlannerPorts<B>,
+    ) -> bool {
+        if let Some(plan) = out.plan {
+            // A full line means plans that are not fetched: the oldest state is lost, no more.
+            let _full = self.plans.push(self.arrives, plan);
+        }
+        true
+    }
+}
 
 impl SimulatedDroneComputer {
     pub(super) fn step_bridge(
@@ -24,8 +56,7 @@ impl SimulatedDroneComputer {
         reports_status: bool,
         tap: &mut impl Tap,
     ) {
-        let runs = self.runs(ProcessKind::Bridge);
-        let mut shown = self.shown(ProcessKind::Bridge, (t, now), tap);
+        let (runs, boot) = self.process(ProcessKind::Bridge);
         let Some(bridge) = &mut self.rows.bridge else {
             return;
         };
@@ -37,18 +68,21 @@ impl SimulatedDroneComputer {
         }
         // What has waited bears the time of its reading.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
-        let packets = waited.chain(packets).collect();
-        let edge = |input: &mut BridgeIn| input.packets = packets;
-        let out = bridge.step(now, edge, |input, out| shown(input, out));
-        if let Some(request) = out.time_request {
-            let request = Uplink::TimeRequest(request);
-            self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
-        }
-        if let Some(status) = out.status.filter(|_| reports_status)
-            && let Ok(bytes) = wire::encode(&status)
-        {
-            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-        }
+        let mut packets: Vec<_> = waited.chain(packets).collect();
+        let radio = &mut self.radio;
+        let send = |_: &BridgeIn, out: &mut BridgeOut| {
+            if let Some(request) = out.time_request {
+                radio.send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
+            }
+            if let Some(status) = out.status.filter(|_| reports_status)
+                && let Ok(bytes) = wire::encode(&status)
+            {
+                radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
+            }
+        };
+        let receive = |input: &mut BridgeIn| swap(&mut input.packets, &mut packets);
+        let step = bridge.step(|| now, &mut edge::<Bridge>(receive, send));
+        tap.step(t, &step.of(ProcessKind::Bridge, boot));
     }
     /// The link with what the autopilot has sent.
     pub(super) fn receive_from_autopilot(&mut self, (t, now): Moment, physics: &Physics, tap: &mut impl Tap) {
@@ -65,19 +99,18 @@ impl SimulatedDroneComputer {
         let frames = if runs { linked.received(t) } else { Vec::new() };
         self.step_link((t, now), frames, tap);
     }
-    pub(super) fn step_link(&mut self, (t, now): Moment, frames: Vec<MavlinkFrame>, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Autopilot);
-        let mut shown = self.shown(ProcessKind::Autopilot, (t, now), tap);
+    pub(super) fn step_link(&mut self, (t, now): Moment, mut frames: Vec<MavlinkFrame>, tap: &mut impl Tap) {
+        let (runs, boot) = self.process(ProcessKind::Autopilot);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
         else {
             return;
         };
-        let out = link.step(
-            now,
-            |input| input.received = frames,
-            |input, out| shown(input, out),
+        let mut wire = edge::<AutopilotLink>(
+            |input| swap(&mut input.received, &mut frames),
+            |_, out| linked.send(t, out),
         );
-        linked.send(t, &out);
+        let step = link.step(|| now, &mut wire);
+        tap.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
     /// The cameras with what they have exposed, or what models measure in their place.
     pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
@@ -94,14 +127,19 @@ impl SimulatedDroneComputer {
         readings.relative.retain(|_| passes);
         readings.shift(self.ahead);
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
-            let input = cameras.belly(t, &readings.shots);
-            let images = input.frames.len();
-            row.step(now, |i| *i = input, |_, _| {});
-            cameras.metered(images, &row.node.light());
+            let mut images = cameras.belly(t, &readings.shots);
+            let step = row.step(
+                || now,
+                &mut edge::<CameraNode>(|i| swap(i, &mut images), |_, _| {}),
+            );
+            cameras.metered(step.input.frames.len(), &row.node.light());
         }
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
-            let input = cameras.ultraviolet(t, &readings.uv_shots);
-            row.step(now, |i| *i = input, |_, _| {});
+            let mut images = cameras.ultraviolet(t, &readings.uv_shots);
+            row.step(
+                || now,
+                &mut edge::<UvdarNode>(|i| swap(i, &mut images), |_, _| {}),
+            );
         }
         self.outside.tags.send_each(&readings.tags);
         self.outside.uvdar.send_each(&readings.uvdar);
@@ -118,50 +156,45 @@ impl SimulatedDroneComputer {
         tap: &mut impl Tap,
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
-        let (truth, runs) = (physics.drone(self.k), self.runs(ProcessKind::Predictor));
-        let mut shown = self.shown(ProcessKind::Predictor, (t, now), tap);
-        if let Some(predictor) = due(&mut self.rows.predictor, runs, now) {
-            let look = |input: &PredictorIn, out: &mut PredictorOut| {
-                let of = |(d, truth)| OdometryError::of(&d, now, &truth);
-                let believed = input.drone.zip(truth).map(of).unwrap_or_default();
-                if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
-                    foresight.correct(forecast, &clock, &believed);
-                }
-                shown(input, out);
-            };
-            predictor.step(now, |_| {}, look);
-        }
+        let truth = physics.drone(self.k);
+        let correct = |input: &PredictorIn, out: &mut PredictorOut| {
+            let of = |(d, truth)| OdometryError::of(&d, now, &truth);
+            let believed = input.drone.zip(truth).map(of).unwrap_or_default();
+            if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
+                foresight.correct(forecast, &clock, &believed);
+            }
+        };
+        let process = self.process(ProcessKind::Predictor);
+        let mut edge = edge::<Predictor>(|_| {}, correct);
+        step(&mut self.rows.predictor, process, (t, now), &mut edge, tap);
     }
-    pub(super) fn step_mission(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Mission);
-        let mut shown = self.shown(ProcessKind::Mission, (t, now), tap);
-        if let Some(mission) = due(&mut self.rows.mission, runs, now) {
-            mission.step(now, |_| {}, |input, out| shown(input, out));
-        }
+    pub(super) fn step_mission(&mut self, at: Moment, tap: &mut impl Tap) {
+        let process = self.process(ProcessKind::Mission);
+        step(&mut self.rows.mission, process, at, &mut (), tap);
     }
     pub(super) fn step_planner(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let (runs, arrives) = (
-            self.runs(ProcessKind::Planner),
-            t + self.solve_delay + self.slower,
-        );
-        let mut shown = self.shown(ProcessKind::Planner, (t, now), tap);
-        let plans = &mut self.plans;
-        if let Some(planner) = due(&mut self.rows.planner, runs, now) {
-            let look = |input: &PlannerIn, out: &mut PlannerOut| {
-                shown(input, out);
-                if let Some(plan) = out.plan.take() {
-                    // A full line means plans that are not fetched: the oldest state is lost, no more.
-                    let _full = plans.push(arrives, plan);
-                }
-            };
-            planner.step(now, |_| {}, look);
-        }
+        let process = self.process(ProcessKind::Planner);
+        let mut edge = SolveTime {
+            arrives: t + self.solve_delay + self.slower,
+            plans: &mut self.plans,
+        };
+        step(&mut self.rows.planner, process, (t, now), &mut edge, tap);
     }
-    pub(super) fn step_pilot(&mut self, (t, now): Moment, tap: &mut impl Tap) {
-        let runs = self.runs(ProcessKind::Pilot);
-        let mut shown = self.shown(ProcessKind::Pilot, (t, now), tap);
-        if let Some(pilot) = due(&mut self.rows.pilot, runs, now) {
-            pilot.step(now, |_| {}, |input, out| shown(input, out));
-        }
+    pub(super) fn step_pilot(&mut self, at: Moment, tap: &mut impl Tap) {
+        let process = self.process(ProcessKind::Pilot);
+        step(&mut self.rows.pilot, process, at, &mut (), tap);
+    }
+}
+
+/// One step of a row where its process lives, `runs` and is due, shown to a tap.
+fn step<N: Process + Node<Clock = DroneClock, In: Recorded, Out: Recorded>>(
+    row: &mut Option<Row<N, LockStep>>,
+    (runs, boot): (bool, u32),
+    (t, now): Moment,
+    edge: &mut impl Edge<N>,
+    tap: &mut impl Tap,
+) {
+    if let Some(row) = due(row, runs, now) {
+        tap.step(t, &row.step(|| now, edge).of(N::KIND, boot));
     }
 }

@@ -139,7 +139,7 @@ pub struct UvdarNode {
 }
 
 /// Detections of the node.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct UvdarOut {
     /// Positions of the deck.
     pub fixes: Vec<UvdarFix>,

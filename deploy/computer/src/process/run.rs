@@ -1,0 +1,189 @@
+//! The loop of every process of both computers: it waits, its row reads, steps and writes ([`alight_shared::bus`]), the step is
+//! recorded and shown, and twice a second the process reports. Processes differ in their rows' wiring and in their edges.
+
+use std::future::Future;
+use std::time::Duration;
+
+use alight_shared::bus::{Bus as _, Edge, MAX_WAIT, Ports as _, Row, RowStep, Wired, Writer as _};
+use alight_shared::config;
+use alight_shared::metrics::{Metric, MetricName};
+use alight_shared::msg::Seq;
+use alight_shared::node::Node;
+use alight_shared::process::{InputState, ProcessKind, ProcessState};
+use alight_shared::step::Recorded;
+use alight_shared::time::Time;
+use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_transport::memory::{Instance, Memory, Publisher};
+use alight_transport::wake;
+use alight_uav::computer::{DroneNodes, Installed};
+
+use crate::config::DroneComputerConfig;
+use crate::exit::{CliError, Exit};
+use crate::io::wakes::Wakes;
+use crate::process::args::ProcessArgs;
+use crate::process::life::{Life, draw_boot, node_recorder};
+use crate::record::flight::recorder::NodeRecorder;
+
+/// A row between two steps, as its process sees it.
+pub struct Look<'a, N: Wired> {
+    /// The node.
+    pub node: &'a N,
+    /// The computer's clock.
+    pub now: Time<N::Clock>,
+    /// Counts of what the row has read.
+    pub inputs: &'a dyn Fn() -> Vec<InputState>,
+}
+
+/// The edge of a row on a computer, and what its process does next to the row.
+pub trait ProcessEdge<N: Wired>: Edge<N> {
+    /// The row has made a step, sent and recorded by now.
+    fn stepped(&mut self, _at: &Look<'_, N>, _step: &RowStep<N>) {}
+    /// Metrics of the process's own, at the time of the step.
+    fn metrics(&mut self, _at: &Look<'_, N>) -> Vec<Metric> {
+        Vec::new()
+    }
+    /// Messages that could not be sent outside.
+    fn unsent(&self) -> u64 {
+        0
+    }
+    /// Reports to publish: its own, where it is due, and what came by the edge.
+    fn reports(&mut self, _at: &Look<'_, N>, own: Option<ProcessState>) -> Vec<ProcessState> {
+        Vec::from_iter(own)
+    }
+    /// Nothing more will come.
+    fn is_over(&self) -> bool {
+        false
+    }
+}
+impl<N: Wired> ProcessEdge<N> for () {}
+
+/// An edge that waits for more than the row's topics.
+pub trait AwaitedEdge<N: Wired>: ProcessEdge<N> {
+    /// Waits for what comes next, or its time; whether a step is due. `wakes`: the topics that wake the row.
+    fn arrival(&mut self, wakes: &Wakes) -> impl Future<Output = Result<bool, CliError>>;
+}
+
+/// A row as a process; its steps are recorded where its flight is.
+pub struct Process<N: Wired> {
+    row: Row<N, Option<Memory>>,
+    states: Option<Publisher<ProcessState>>,
+    recorder: Option<NodeRecorder>,
+    clock: ProcessClock,
+    last: Time<N::Clock>,
+    life: Life,
+    /// The memory of its instance; None: it is looked at alone.
+    pub memory: Option<Memory>,
+}
+
+impl<N: Wired + Node<In: Recorded, Out: Recorded>> Process<N> {
+    /// Starts a process of `kind` around the node that `make` makes for a boot id, in the memory of this instance, if any.
+    pub fn start(
+        kind: ProcessKind,
+        args: &ProcessArgs,
+        (instance, clock): (Option<&str>, ProcessClock),
+        make: impl FnOnce(u32) -> Result<N, CliError>,
+    ) -> Result<Process<N>, CliError> {
+        let boot = draw_boot();
+        let flight = args.flight.as_ref();
+        let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
+        let recorder = recorder.transpose()?;
+        // After the recorder, whose thread has no priority.
+        args.scheduling.apply();
+        let node = make(boot)?;
+        let life = Life::begin(kind, boot, args.supervised);
+        let join = |name| Ok::<_, CliError>(Memory::join(&Instance::new(name)?, kind.name())?);
+        let memory = instance.map(join).transpose()?;
+        Ok(Process {
+            row: Row::join(&memory, node)?,
+            states: memory.writer()?,
+            recorder,
+            clock,
+            last: Time::from_nanos(i64::MIN),
+            life,
+            memory,
+        })
+    }
+    /// Drawn at this start.
+    pub fn boot(&self) -> u32 {
+        self.life.boot()
+    }
+
+    /// Runs until it is asked to end, woken by its topics.
+    pub fn run(mut self, mut edge: impl ProcessEdge<N>) -> Result<Exit, CliError> {
+        let wakes: Vec<_> = self.row.wakes.drain(..).flatten().collect();
+        let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
+        wake::run(&wakes.iter().collect::<Vec<_>>(), max_wait, || {
+            self.round(&mut edge, true);
+            !self.is_over(&edge)
+        })?;
+        Ok(Exit::Success)
+    }
+    /// Runs until it is asked to end, as its edge waits.
+    pub async fn run_awaiting(mut self, edge: &mut impl AwaitedEdge<N>) -> Result<Exit, CliError> {
+        let wakes = Wakes::watch(self.row.wakes.drain(..).flatten())?;
+        while !self.is_over(edge) {
+            let due = edge.arrival(&wakes).await?;
+            self.round(edge, due);
+        }
+        Ok(Exit::Success)
+    }
+    fn is_over(&self, edge: &impl ProcessEdge<N>) -> bool {
+        self.life.ended() || edge.is_over()
+    }
+
+    /// A step, where one is due; what it means for others; a report.
+    fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
+        let (clock, last) = (self.clock, &mut self.last);
+        // Never goes back.
+        let mut now = || {
+            *last = (*last).max(clock.now());
+            *last
+        };
+        let step = due.then(|| {
+            let step = self.row.step(&mut now, edge);
+            // Steps without work do not count in the time that its work takes.
+            self.life.stepped(step.worked.then(|| step.took.secs()));
+            if let Some(recorder) = &mut self.recorder {
+                recorder.step(steady_ns(), step.at.nanos(), &step.input, &step.out);
+            }
+            step
+        });
+        let at = step.as_ref().map_or_else(&mut now, |step| step.at);
+        let Row { node, ports, .. } = &self.row;
+        let inputs = &|| ports.states(at.nanos());
+        if let Some(step) = &step {
+            let now = now();
+            edge.stepped(&Look { node, now, inputs }, step);
+        }
+        let look = Look {
+            node,
+            now: at,
+            inputs,
+        };
+        self.life.metrics = Seq::filled(edge.metrics(&look));
+        let unsent = ports.unsent() + self.states.unsent() + edge.unsent();
+        let mut own = self.life.state(inputs, unsent);
+        if let (Some(own), Some(recorder)) = (&mut own, &self.recorder) {
+            // A process has fewer metrics than there is place for.
+            let _full = own
+                .metrics
+                .push(MetricName::StepsUnrecorded.count(recorder.missing()));
+        }
+        self.states.send_each(&edge.reports(&look, own));
+    }
+}
+
+/// Runs a process of a drone's computer, with the node that `make` makes for a boot id, until it is asked to end.
+pub fn run<N>(
+    args: &ProcessArgs,
+    make: impl FnOnce(&DroneNodes, u32) -> N,
+    edge: impl ProcessEdge<N>,
+) -> Result<Exit, CliError>
+where
+    N: Installed + Node<In: Recorded, Out: Recorded>,
+{
+    let computer: DroneComputerConfig = config::load(&args.config)?;
+    let of = (Some(computer.instance.as_str()), computer.clock);
+    let make = |boot| Ok(make(&computer.nodes(), boot));
+    Process::start(N::KIND, args, of, make)?.run(edge)
+}
