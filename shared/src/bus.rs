@@ -315,23 +315,26 @@ impl ReadCounts {
     }
 }
 
-/// Declares a computer: its rows in the order in which data flow, each a node whose wiring is declared.
+/// Declares a computer: its rows in the order in which data flow, each a node whose wiring is declared, the process that runs
+/// it, and how it is made for a start with a boot id.
 ///
 /// ```ignore
 /// computer! {
 ///     /// The drone's computer.
-///     DroneRows {
+///     DroneRows of DroneNodes {
 ///         /// The deck's forecast.
-///         predictor: Predictor => ProcessKind::Predictor,
+///         predictor: Predictor => ProcessKind::Predictor, |of, boot| Predictor::new(&of.drone.predictor(), boot);
 ///     }
 ///     /// Their processes.
-///     PROCESSES: Process
+///     PROCESSES: Installed
 /// }
 /// ```
 #[macro_export]
 macro_rules! computer {
     (
-        $(#[$doc:meta])* $computer:ident { $($(#[$about:meta])* $row:ident: $node:ty => $process:expr),* $(,)? }
+        $(#[$doc:meta])* $computer:ident of $nodes:ty {
+            $($(#[$about:meta])* $row:ident: $node:ty => $process:expr, $make:expr;)*
+        }
         $(#[$list_doc:meta])* $list:ident: $kind:ident
     ) => {
         $(#[$doc])*
@@ -344,15 +347,41 @@ macro_rules! computer {
                 $computer { $($row: None,)* }
             }
         }
+        impl<B: $crate::bus::Bus> $computer<B> {
+            /// Starts this process of the computer, in the place of one that runs.
+            pub fn start(
+                &mut self,
+                process: $crate::process::ProcessKind,
+                bus: &B,
+                (nodes, boot): (&$nodes, u32),
+            ) -> Result<(), B::Error> {
+                $(if process == $process {
+                    self.$row = Some($crate::bus::Row::join(bus, $kind::installed(nodes, boot))?);
+                })*
+                Ok(())
+            }
+            /// Ends it.
+            pub fn kill(&mut self, process: $crate::process::ProcessKind) {
+                $(if process == $process {
+                    self.$row = None;
+                })*
+            }
+        }
         $(#[$list_doc])*
         pub const $list: &[$crate::process::ProcessKind] = &[$($process),*];
         /// A node that is a row of this computer: a process runs it.
         pub trait $kind: $crate::bus::Wired {
             /// Which.
             const KIND: $crate::process::ProcessKind;
+            /// The node for a start with this boot id.
+            fn installed(nodes: &$nodes, boot: u32) -> Self;
         }
         $(impl $kind for $node {
             const KIND: $crate::process::ProcessKind = $process;
+            fn installed(nodes: &$nodes, boot: u32) -> $node {
+                let make: fn(&$nodes, u32) -> $node = $make;
+                make(nodes, boot)
+            }
         })*
     };
 }

@@ -3,9 +3,7 @@
 
 use alight_bridge::{Bridge, BridgeConfig};
 use alight_shared::bus::computer;
-use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::DroneClock;
 
 use crate::autopilot::{AutopilotLink, AutopilotLinkConfig};
 use crate::camera::CameraNode;
@@ -19,27 +17,45 @@ use crate::settings::DroneSettings;
 
 computer! {
     /// The rows of the drone's computer, in the order in which data flow. The link comes twice in a round: first with what the
-    /// autopilot has sent, at last with the pilot's set-point.
-    DroneRows {
+    /// autopilot has sent, at last with the pilot's set-point. Where a node keeps a checkpoint, it begins as the successor of a
+    /// crashed one.
+    DroneRows of DroneNodes {
         /// The drone's end of the radio: the vessel's messages on the drone's clock.
-        bridge: Bridge => ProcessKind::Bridge,
+        bridge: Bridge => ProcessKind::Bridge, |of, boot| {
+            Bridge::new(&of.bridge, boot).disarmed_within(of.autopilot.disarm.longest_s())
+        };
         /// The link to the autopilot.
-        autopilot: AutopilotLink => ProcessKind::Autopilot,
+        autopilot: AutopilotLink => ProcessKind::Autopilot, |of, boot| {
+            let drone = &of.drone;
+            let attitudes = drone.pilot.output == Output::Attitude;
+            AutopilotLink::new(&of.autopilot, &drone.odometry, &drone.airframe, attitudes, of.id(), boot)
+        };
         /// The belly camera: poses of the deck by its tags.
-        camera: CameraNode => ProcessKind::Camera,
+        camera: CameraNode => ProcessKind::Camera, |of, boot| {
+            CameraNode::new(&of.drone.camera, &of.drone.tags(), of.camera(boot))
+        };
         /// The ultraviolet camera: fixes of the deck by its blinking markers.
-        uvdar: UvdarNode => ProcessKind::Uvdar,
+        uvdar: UvdarNode => ProcessKind::Uvdar, |of, boot| {
+            UvdarNode::new(&of.drone.camera.uvdar, of.camera(boot))
+        };
         /// The deck's forecast.
-        predictor: Predictor => ProcessKind::Predictor,
+        predictor: Predictor => ProcessKind::Predictor, |of, boot| {
+            Predictor::new(&of.drone.predictor(), boot).as_successor()
+        };
         /// The state machine.
-        mission: MissionNode => ProcessKind::Mission,
+        mission: MissionNode => ProcessKind::Mission, |of, boot| of.mission(boot).as_successor();
         /// The trajectory.
-        planner: Planner => ProcessKind::Planner,
+        planner: Planner => ProcessKind::Planner, |of, boot| {
+            let drone = &of.drone;
+            Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot)
+        };
         /// The set-points.
-        pilot: Pilot => ProcessKind::Pilot,
+        pilot: Pilot => ProcessKind::Pilot, |of, boot| {
+            Pilot::new(&of.drone.pilot, &of.drone.airframe, of.id(), boot)
+        };
     }
     /// The drone's processes: there is no other list of them.
-    PROCESSES: Process
+    PROCESSES: Installed
 }
 
 /// Configurations of the nodes of a drone's computer.
@@ -66,59 +82,5 @@ impl DroneNodes {
     fn camera(&self, boot: u32) -> CameraIdentity {
         let (vessel, drone) = (self.bridge.vessel_id, self.id());
         CameraIdentity { vessel, drone, boot }
-    }
-}
-
-/// A node of the drone's computer as it starts.
-pub trait Installed: Process + Node<Clock = DroneClock> {
-    /// For a start with this boot id. Where a node keeps a checkpoint, it begins as the successor of a crashed one.
-    fn installed(computer: &DroneNodes, boot: u32) -> Self;
-}
-
-impl Installed for Bridge {
-    fn installed(computer: &DroneNodes, boot: u32) -> Bridge {
-        let disarm_s = computer.autopilot.disarm.longest_s();
-        Bridge::new(&computer.bridge, boot).disarmed_within(disarm_s)
-    }
-}
-impl Installed for AutopilotLink {
-    fn installed(computer: &DroneNodes, boot: u32) -> AutopilotLink {
-        let drone = &computer.drone;
-        let attitudes = drone.pilot.output == Output::Attitude;
-        let (config, id) = (&computer.autopilot, computer.id());
-        AutopilotLink::new(config, &drone.odometry, &drone.airframe, attitudes, id, boot)
-    }
-}
-impl Installed for CameraNode {
-    fn installed(computer: &DroneNodes, boot: u32) -> CameraNode {
-        let drone = &computer.drone;
-        CameraNode::new(&drone.camera, &drone.tags(), computer.camera(boot))
-    }
-}
-impl Installed for UvdarNode {
-    fn installed(computer: &DroneNodes, boot: u32) -> UvdarNode {
-        UvdarNode::new(&computer.drone.camera.uvdar, computer.camera(boot))
-    }
-}
-impl Installed for Predictor {
-    fn installed(computer: &DroneNodes, boot: u32) -> Predictor {
-        Predictor::new(&computer.drone.predictor(), boot).as_successor()
-    }
-}
-impl Installed for MissionNode {
-    fn installed(computer: &DroneNodes, boot: u32) -> MissionNode {
-        computer.mission(boot).as_successor()
-    }
-}
-impl Installed for Planner {
-    fn installed(computer: &DroneNodes, boot: u32) -> Planner {
-        let drone = &computer.drone;
-        Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot)
-    }
-}
-impl Installed for Pilot {
-    fn installed(computer: &DroneNodes, boot: u32) -> Pilot {
-        let drone = &computer.drone;
-        Pilot::new(&drone.pilot, &drone.airframe, computer.id(), boot)
     }
 }

@@ -25,7 +25,7 @@ use crate::deck::{
 use crate::followed::Followed;
 use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
 use crate::rtcm_relay::RtcmRelay;
-use crate::sensors::{Readings, SensorNode};
+use crate::sensors::{Readings, SensorNode, SourcesConfig};
 use crew::CrewOrders;
 
 /// Input that arrived since the last step.
@@ -92,14 +92,35 @@ wiring! {
 
 computer! {
     /// The rows of the vessel's computer.
-    VesselRows {
+    VesselRows of VesselNodes {
         /// The vessel's sensors: bytes to dated measurements.
-        sensors: SensorNode => ProcessKind::Sensors,
+        sensors: SensorNode => ProcessKind::Sensors, |of, boot| {
+            SensorNode::new(&of.sensors, of.id, boot).with_deck(of.vessel.deck.centre_m)
+        };
         /// Estimator, deck arbiter and broadcast.
-        vessel: VesselComputer => ProcessKind::Vessel,
+        vessel: VesselComputer => ProcessKind::Vessel, |of, boot| {
+            let mut node = VesselComputer::new(&of.vessel, &of.deck, of.id, boot);
+            node.admit(of.drones.iter().copied());
+            node
+        };
     }
     /// The vessel's processes: there is no other list of them.
-    PROCESSES: Process
+    PROCESSES: Installed
+}
+
+/// Configurations of the nodes of a vessel's computer.
+#[derive(Clone, Debug)]
+pub struct VesselNodes {
+    /// Number of the vessel.
+    pub id: u32,
+    /// The sensors.
+    pub sensors: SourcesConfig,
+    /// Estimator and broadcast.
+    pub vessel: VesselNodeConfig,
+    /// The deck arbiter.
+    pub deck: DeckConfig,
+    /// Operators' commands are passed on to these drones.
+    pub drones: Vec<u32>,
 }
 
 /// State that has to survive a restart of the process or the computer.

@@ -14,6 +14,8 @@ use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
 use alight_uav::predictor::Predictor;
 use alight_uav::settings::DroneSettings;
+use alight_usv::VesselComputer;
+use alight_usv::computer::Installed as _;
 use serde::Serialize;
 
 use crate::config::view::ViewConfig;
@@ -187,7 +189,8 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
     let drone = || start.config::<DroneComputerConfig>();
     Ok(match start.header.process.as_str() {
         "vessel" => {
-            let node = start.config::<VesselComputerConfig>()?.node(boot);
+            let nodes = start.config::<VesselComputerConfig>()?.nodes();
+            let node = VesselComputer::installed(&nodes, boot);
             ReplayedNode::of(node, |now, i, o| NodeStep::Vessel(now, i, o))
         }
         "bridge" => {

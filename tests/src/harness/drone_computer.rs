@@ -32,7 +32,7 @@ use alight_shared::process::ProcessKind;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
-use alight_uav::computer::{DroneNodes, DroneRows, Installed, Process};
+use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
 use alight_uav::mission::MissionConfig;
 
 /// Plans under way at a time.
@@ -197,8 +197,21 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
 }
 
 /// A process that runs `node`.
-fn row<N: Process>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
+fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     Row::join(&bus.of(N::KIND), node).ok()
+}
+
+/// Starts a process as it is installed, the planner with the law that flies.
+fn start(
+    rows: &mut DroneRows<LockStep>,
+    process: ProcessKind,
+    (bus, nodes): (&LockStep, &NodeConfigs),
+    installed: (&DroneNodes, u32),
+) {
+    let Ok(()) = rows.start(process, &bus.of(process), installed);
+    if process == ProcessKind::Planner {
+        rows.planner = row(bus, nodes.planner(installed.1));
+    }
 }
 
 /// The row where its process lives, `runs` and steps at `now`.
@@ -233,18 +246,18 @@ impl SimulatedDroneComputer {
         let forced = scenario.begin_anyway.then(moment);
         let render = &scenario.sensors.render;
         let Ok(kept) = Republisher::join(&bus, Keeper::default());
-        let rows = DroneRows {
-            bridge: row(&bus, Bridge::installed(&made, boot)),
-            autopilot: None,
-            camera: (render.on.then(|| Installed::installed(&made, boot))).and_then(|node| row(&bus, node)),
-            uvdar: (render.markers.then(|| Installed::installed(&made, boot)))
-                .and_then(|node| row(&bus, node)),
-            predictor: row(&bus, Installed::installed(&made, boot)),
-            // It has run since before this flight.
-            mission: row(&bus, made.mission(boot).forced_descent(forced)),
-            planner: row(&bus, nodes.planner(boot)),
-            pilot: row(&bus, Installed::installed(&made, boot)),
-        };
+        let mut rows = DroneRows::default();
+        // The mission has run since before this flight.
+        rows.mission = row(&bus, made.mission(boot).forced_descent(forced));
+        let others = [
+            (ProcessKind::Mission, false),
+            (ProcessKind::Autopilot, false),
+            (ProcessKind::Camera, render.on),
+            (ProcessKind::Uvdar, render.markers),
+        ];
+        for process in PROCESSES.iter().filter(|p| !others.contains(&(**p, false))) {
+            start(&mut rows, *process, (&bus, nodes), (&made, boot));
+        }
         SimulatedDroneComputer {
             k,
             boot,
@@ -314,21 +327,9 @@ impl SimulatedDroneComputer {
 
     /// A process dies; the others live on.
     pub(super) fn kill(&mut self, process: ProcessKind) {
-        let rows = &mut self.rows;
-        match process {
-            ProcessKind::Bridge => (rows.bridge, self.waiting) = (None, Vec::new()),
-            ProcessKind::Autopilot => rows.autopilot = None,
-            ProcessKind::Camera => rows.camera = None,
-            ProcessKind::Uvdar => rows.uvdar = None,
-            ProcessKind::Predictor => rows.predictor = None,
-            ProcessKind::Mission => rows.mission = None,
-            ProcessKind::Planner => rows.planner = None,
-            ProcessKind::Pilot => rows.pilot = None,
-            ProcessKind::World
-            | ProcessKind::Vessel
-            | ProcessKind::Link
-            | ProcessKind::Sensors
-            | ProcessKind::View => {}
+        self.rows.kill(process);
+        if process == ProcessKind::Bridge {
+            self.waiting.clear();
         }
         self.frozen.retain(|p| *p != process);
     }
@@ -344,22 +345,15 @@ impl SimulatedDroneComputer {
         }
         self.begin_boot(checkpoints, physics);
         self.boots.insert(process, self.boot);
-        let (bus, made, boot, rows) = (&self.bus, &self.nodes, self.boot, &mut self.rows);
-        match process {
-            ProcessKind::Bridge => rows.bridge = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Autopilot => rows.autopilot = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Camera => rows.camera = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Uvdar => rows.uvdar = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Predictor => rows.predictor = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Mission => rows.mission = row(bus, Installed::installed(made, boot)),
-            ProcessKind::Planner => rows.planner = row(bus, nodes.planner(boot)),
-            ProcessKind::Pilot => rows.pilot = row(bus, Installed::installed(made, boot)),
-            ProcessKind::World
-            | ProcessKind::Vessel
-            | ProcessKind::Link
-            | ProcessKind::Sensors
-            | ProcessKind::View => {}
-        }
+        self.start_row(process, nodes);
+    }
+    fn start_row(&mut self, process: ProcessKind, nodes: &NodeConfigs) {
+        start(
+            &mut self.rows,
+            process,
+            (&self.bus, nodes),
+            (&self.nodes, self.boot),
+        );
     }
     /// Kills its supervisor, and with it all processes.
     pub(super) fn kill_all(&mut self) {
@@ -378,9 +372,8 @@ impl SimulatedDroneComputer {
         if checkpoints == Checkpoints::Lost {
             *self.kept.keeper_mut() = Keeper::default();
         }
-        let (bus, made, boot) = (&self.bus, &self.nodes, self.boot);
-        self.rows.mission = row(bus, Installed::installed(made, boot));
-        self.rows.autopilot = row(bus, Installed::installed(made, boot));
+        self.start_row(ProcessKind::Mission, nodes);
+        self.start_row(ProcessKind::Autopilot, nodes);
     }
     /// Gives what starts next a new boot id, and the published checkpoints, or none.
     fn begin_boot(&mut self, checkpoints: Checkpoints, physics: &Physics) {

@@ -6,12 +6,12 @@ use super::failing::{Failing, HeldReadings, VesselSensorFaults};
 use super::physics::{DRONE_ID, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::delay::DelayLine;
-use alight_shared::bus::{Row, Writer as _};
+use alight_shared::bus::Writer as _;
 use alight_shared::msg::{CrewOrder, DeckOrder, Header, RtcmFrames};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
-use alight_usv::computer::VesselRows;
+use alight_usv::computer::{PROCESSES, VesselNodes, VesselRows};
 use alight_usv::deck::MAX_DRONES;
 use alight_usv::sensors::{
     Measurement, Readings, SensorNode, SourceConfig, SourceMeasurement, SourcesConfig,
@@ -25,6 +25,7 @@ const MAX_LATE: usize = 256;
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
+    nodes: VesselNodes,
     boot: u32,
     orders: LockStepSender<CrewOrder>,
     ordered: u32,
@@ -67,13 +68,14 @@ impl SensorEdge {
 impl VesselSide {
     pub(super) fn new(scenario: &Scenario, nodes: &NodeConfigs, boot: u32) -> VesselSide {
         let bus = LockStep::default();
-        let sensors =
-            SensorNode::new(&sources(scenario), VESSEL_ID, boot).with_deck(nodes.vessel.deck.centre_m);
-        let Ok(sensors) = Row::join(&bus, sensors);
         let mut side = VesselSide {
-            rows: VesselRows {
-                sensors: Some(sensors),
-                vessel: None,
+            rows: VesselRows::default(),
+            nodes: VesselNodes {
+                id: VESSEL_ID,
+                sensors: sources(scenario),
+                vessel: nodes.vessel.clone(),
+                deck: nodes.deck.clone(),
+                drones: (DRONE_ID..).take(MAX_DRONES).collect(),
             },
             boot,
             orders: bus.sender(),
@@ -88,20 +90,17 @@ impl VesselSide {
             waiting: ComputerIn::default(),
             bus,
         };
-        side.start_vessel(nodes);
+        PROCESSES.iter().for_each(|process| side.start(*process));
         side
     }
-    fn start_vessel(&mut self, nodes: &NodeConfigs) {
-        let mut node = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.boot);
-        node.admit((DRONE_ID..).take(MAX_DRONES));
-        let Ok(row) = Row::join(&self.bus, node);
-        self.rows.vessel = Some(row);
+    fn start(&mut self, process: ProcessKind) {
+        let Ok(()) = self.rows.start(process, &self.bus, (&self.nodes, self.boot));
     }
     /// Restarts the vessel's process; returns what it kept.
-    pub(super) fn restart_vessel(&mut self, nodes: &NodeConfigs) -> Option<VesselCheckpoint> {
+    pub(super) fn restart_vessel(&mut self) -> Option<VesselCheckpoint> {
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
-        self.start_vessel(nodes);
+        self.start(ProcessKind::Vessel);
         kept
     }
     /// The second row's node; None: its process is dead.

@@ -242,7 +242,7 @@ impl World {
     /// Restarts the vessel's computer, with what it kept.
     pub fn restart_vessel(&mut self) {
         self.given = ComputerIn {
-            checkpoint: self.vessel.restart_vessel(&self.nodes),
+            checkpoint: self.vessel.restart_vessel(),
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };

@@ -17,6 +17,7 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::camera::motion_blur::longest_exposure_s;
 use alight_uav::computer::{self, DroneNodes};
 use alight_uav::settings::DroneSettings;
+use alight_usv::computer::VesselNodes;
 use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 
@@ -63,17 +64,19 @@ impl VesselComputerConfig {
         let all = alight_usv::computer::PROCESSES.iter().copied();
         all.filter(|kind| Some(*kind) != absent).collect()
     }
-    /// The nodes, for a start with this boot id.
-    pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
-        let mut node = alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot);
-        let peers = self.radio.tls.peers.iter();
-        node.admit(
-            peers.filter_map(|p| match Sender::of_key(&format!("alight/{p}")) {
-                Sender::Drone(n) => Some(n),
-                Sender::Vessel(_) | Sender::Operator(_) | Sender::Unknown => None,
-            }),
-        );
-        node
+    /// Configuration of the nodes, the real sensors each in its place on board.
+    pub fn nodes(&self) -> VesselNodes {
+        let admitted = |peer: &String| match Sender::of_key(&format!("alight/{peer}")) {
+            Sender::Drone(n) => Some(n),
+            Sender::Vessel(_) | Sender::Operator(_) | Sender::Unknown => None,
+        };
+        VesselNodes {
+            id: self.vessel_id,
+            sensors: self.placed_sensors(),
+            vessel: self.vessel.clone(),
+            deck: self.deck.clone(),
+            drones: self.radio.tls.peers.iter().filter_map(admitted).collect(),
+        }
     }
     /// The real sensors, each in its place on board.
     pub fn placed_sensors(&self) -> SourcesConfig {

@@ -14,7 +14,7 @@ use alight_transport::memory::Publisher;
 use alight_transport::radio::RadioCounts;
 use alight_transport::rejections::{self, AccessRejections};
 use alight_transport::statistics::Quantiles;
-use alight_usv::computer::VesselPorts;
+use alight_usv::computer::{Installed as _, VesselPorts};
 use alight_usv::{
     ComputerIn, ComputerOut, KINDS, SourceCounts, VesselCheckpoint, VesselComputer, VesselNode,
 };
@@ -46,7 +46,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 async fn estimate(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: VesselComputerConfig = config::load(&args.config)?;
     let of = (Some(computer.instance.as_str()), computer.clock);
-    let make = |boot| Ok(computer.node(boot));
+    let make = |boot| Ok(VesselComputer::installed(&computer.nodes(), boot));
     let process = Process::start(ProcessKind::Vessel, args, of, make)?;
     let mut edge = DeckEdge::open(&computer, &process)?;
     process.run_awaiting(&mut edge).await

@@ -12,6 +12,7 @@ use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Time, VesselClock};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::Publisher;
+use alight_usv::computer::Installed as _;
 use alight_usv::sensors::{
     MAX_STEP_BYTES, Remark, SensorNode, SensorPorts, SensorsIn, SensorsOut, SourceConfig,
 };
@@ -44,8 +45,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 /// The node of this computer's sources, with their keys, for a start with this boot id.
 pub fn node(computer: &VesselComputerConfig, boot: u32) -> Result<SensorNode, CliError> {
-    let mut node = SensorNode::new(&computer.placed_sensors(), computer.vessel_id, boot)
-        .with_deck(computer.vessel.deck.centre_m);
+    let mut node = SensorNode::installed(&computer.nodes(), boot);
     for (number, source) in computer.sensor.sources.iter().enumerate() {
         let name = format!("signing_key of sensor {}", source.name);
         if let Some(key) = mavlink_key::read(&name, &source.signing_key)? {

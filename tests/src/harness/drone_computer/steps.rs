@@ -23,7 +23,7 @@ use alight_uav::autopilot::AutopilotLink;
 use alight_uav::autopilot::message::MavlinkFrame;
 use alight_uav::camera::CameraNode;
 use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::computer::Process;
+use alight_uav::computer::Installed;
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
@@ -187,7 +187,7 @@ impl SimulatedDroneComputer {
 }
 
 /// One step of a row where its process lives, `runs` and is due, shown to a tap.
-fn step<N: Process + Node<Clock = DroneClock, In: Recorded, Out: Recorded>>(
+fn step<N: Installed + Node<Clock = DroneClock, In: Recorded, Out: Recorded>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),
     (t, now): Moment,
