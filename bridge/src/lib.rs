@@ -15,4 +15,4 @@ mod status;
 mod tests;
 
 pub use config::{BridgeConfig, ClockConfig};
-pub use node::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet, PacketKind};
+pub use node::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet};

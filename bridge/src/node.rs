@@ -11,8 +11,8 @@ use alight_shared::msg::{
     UpdateReceiver, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
 };
 use alight_shared::node::Node;
+use alight_shared::radio::RadioTopic;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
-use alight_shared::topics::{self, Topic};
 use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -23,36 +23,11 @@ use crate::link::LinkStatistics;
 use crate::order::{Boot, Boots, SequenceOrder};
 use crate::status::StatusReport;
 
-/// Which topic a packet came on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum PacketKind {
-    /// [`topics::ESTIMATE`].
-    Estimate,
-    /// [`topics::WAVE`].
-    Wave,
-    /// [`topics::PREDICTION`].
-    Prediction,
-    /// [`topics::TIME_REPLY`].
-    TimeReply,
-    /// [`topics::DECK`].
-    Deck,
-    /// [`topics::SURROUNDINGS`].
-    Surroundings,
-    /// [`topics::RTCM`].
-    Rtcm,
-    /// [`topics::OPERATOR`].
-    Command,
-}
-
-impl PacketKind {
-    const COUNT: usize = PacketKind::Command as usize + 1;
-}
-
 /// A message of the radio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
     /// The topic.
-    pub kind: PacketKind,
+    pub kind: RadioTopic,
     /// On whose key it came.
     pub sender: Sender,
     /// The content, as [`wire::encode`] makes it.
@@ -140,8 +115,8 @@ pub struct Bridge {
     config: BridgeConfig,
     boot: u32,
     boots: Boots,
-    /// By [`PacketKind`].
-    orders: [SequenceOrder; PacketKind::COUNT],
+    /// By [`RadioTopic`].
+    orders: [SequenceOrder; RadioTopic::ALL.len()],
     /// Newest time of validity of the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
     /// Boot and time of validity of the newest estimate.
@@ -210,9 +185,9 @@ impl Bridge {
         let kind = packet.kind;
         packet.sender.check(Sender::Vessel(self.config.vessel_id))?;
         match kind {
-            PacketKind::Estimate => {
+            RadioTopic::Estimate => {
                 let m: EstimateUpdate<VesselClock> = decode(&packet.bytes)?;
-                let admitted = self.admit(arrival, &m, kind, &topics::ESTIMATE, 0.0);
+                let admitted = self.admit(arrival, &m, kind, 0.0);
                 if admitted == Err(RejectionReason::OutOfOrder) {
                     self.link.out_of_order(arrival);
                 }
@@ -224,38 +199,38 @@ impl Bridge {
                     out.estimate = Some(m.restamped(at));
                 }
             }
-            PacketKind::Wave => {
+            RadioTopic::Wave => {
                 out.wave = self.waves(arrival, &decode(&packet.bytes)?)?.or(out.wave);
             }
-            PacketKind::Prediction => {
+            RadioTopic::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
                 // Its time is that of the first stage, which may lie a step ahead.
                 let ahead = f64::from(m.step_s).clamp(0.0, 1.0);
-                let (at, _) = self.admit(arrival, &m, kind, &topics::PREDICTION, ahead)?;
+                let (at, _) = self.admit(arrival, &m, kind, ahead)?;
                 out.prediction = Some(m.restamped(at));
             }
-            PacketKind::TimeReply => {
+            RadioTopic::TimeReply => {
                 let m: TimeReply<VesselClock, DroneClock> = decode(&packet.bytes)?;
                 self.time_reply(arrival, &m)?;
             }
-            PacketKind::Deck => {
+            RadioTopic::Deck => {
                 let m: DeckGrant<VesselClock> = decode(&packet.bytes)?;
-                let (at, _) = self.admit(arrival, &m, kind, &topics::DECK, 0.0)?;
+                let (at, _) = self.admit(arrival, &m, kind, 0.0)?;
                 out.deck = Some(m.restamped(at));
             }
-            PacketKind::Surroundings => {
+            RadioTopic::Surroundings => {
                 let m: VesselSurroundings<VesselClock> = decode(&packet.bytes)?;
-                let (at, _) = self.admit(arrival, &m, kind, &topics::SURROUNDINGS, 0.0)?;
+                let (at, _) = self.admit(arrival, &m, kind, 0.0)?;
                 out.surroundings = Some(m.restamped(at));
             }
-            PacketKind::Rtcm => {
+            RadioTopic::Rtcm => {
                 let m: RtcmFrames<VesselClock> = decode(&packet.bytes)?;
-                let (at, _) = self.admit(arrival, &m, kind, &topics::RTCM, 0.0)?;
+                let (at, _) = self.admit(arrival, &m, kind, 0.0)?;
                 out.rtcm.push(m.restamped(at));
             }
-            PacketKind::Command => {
+            RadioTopic::Command => {
                 let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;
-                let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
+                let at = match self.admit(arrival, &m, kind, 0.0) {
                     Ok((at, _)) => at,
                     Err(why) if counts_despite(m.kind, why) => {
                         self.orders[kind as usize].admit(m.header.sequence);
@@ -274,6 +249,12 @@ impl Bridge {
                 };
                 out.commands.push(m.restamped(at));
             }
+            RadioTopic::Process
+            | RadioTopic::Drones
+            | RadioTopic::Receipts
+            | RadioTopic::TimeRequest
+            | RadioTopic::Status
+            | RadioTopic::Order => return Err(RejectionReason::Malformed),
         }
         Ok(())
     }
@@ -287,7 +268,7 @@ impl Bridge {
         if !self.updates.has_base(m) {
             return Ok(None);
         }
-        let (at, _) = self.admit(arrival, m, PacketKind::Wave, &topics::WAVE, 0.0)?;
+        let (at, _) = self.admit(arrival, m, RadioTopic::Wave, 0.0)?;
         Ok(self.updates.waves(m).map(|m| m.restamped(at)))
     }
 
@@ -298,8 +279,7 @@ impl Bridge {
         &mut self,
         arrival: Time<DroneClock>,
         message: &M,
-        kind: PacketKind,
-        topic: &Topic,
+        kind: RadioTopic,
         ahead: f64,
     ) -> Result<(Time<DroneClock>, u32), RejectionReason> {
         let header = message.header();
@@ -318,15 +298,10 @@ impl Bridge {
             1
         } else {
             let order = &self.orders[kind as usize];
-            match kind {
-                PacketKind::Rtcm => order.advance_unordered(header.sequence)?,
-                PacketKind::Estimate
-                | PacketKind::Wave
-                | PacketKind::Prediction
-                | PacketKind::TimeReply
-                | PacketKind::Deck
-                | PacketKind::Surroundings
-                | PacketKind::Command => order.advance(header.sequence)?,
+            if kind == RadioTopic::Rtcm {
+                order.advance_unordered(header.sequence)?
+            } else {
+                order.advance(header.sequence)?
             }
         };
         let (at, max_error_s) = self
@@ -337,7 +312,7 @@ impl Bridge {
         if age < -(slack + ahead) {
             return Err(RejectionReason::Future);
         }
-        if age > topic.stale_after.secs() {
+        if age > kind.row().topic.stale_after.secs() {
             return Err(RejectionReason::Stale);
         }
         if restart {
@@ -348,7 +323,7 @@ impl Bridge {
         self.boots.received(arrival, sent);
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
         let order = &mut self.orders[kind as usize];
-        if kind == PacketKind::Rtcm {
+        if kind == RadioTopic::Rtcm {
             order.admit_unordered(header.sequence);
         } else {
             order.admit(header.sequence);

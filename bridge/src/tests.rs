@@ -1,6 +1,6 @@
 //! The bridge on one clock with a vessel made here: admission, rejection, uncertainty of its clock.
 
-use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
+use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet};
 use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
@@ -9,6 +9,7 @@ use alight_shared::msg::{
     TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
 };
 use alight_shared::node::Node;
+use alight_shared::radio::RadioTopic;
 use alight_shared::time::{Clock, DroneClock, Span, Stamped, Time, VesselClock};
 use alight_shared::wire;
 use proptest::prelude::*;
@@ -54,7 +55,7 @@ fn stated<C: Clock>(e: &VesselEstimate<C>) -> VesselEstimate<VesselClock> {
         mean_heading: e.mean_heading,
     }
 }
-fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped<DroneClock, Packet> {
+fn packet<T: serde::Serialize>(arrival: f64, kind: RadioTopic, m: &T) -> Stamped<DroneClock, Packet> {
     Stamped::new(
         drone(arrival),
         Packet {
@@ -66,7 +67,7 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped
 }
 /// An estimate as it is sent, with everything.
 fn estimate_packet(arrival: f64, m: &VesselEstimate<VesselClock>) -> Stamped<DroneClock, Packet> {
-    packet(arrival, PacketKind::Estimate, &EstimateUpdate::whole(m))
+    packet(arrival, RadioTopic::Estimate, &EstimateUpdate::whole(m))
 }
 fn step(b: &mut Bridge, now: f64, packets: Vec<Stamped<DroneClock, Packet>>) -> BridgeOut {
     b.step(
@@ -100,7 +101,7 @@ fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) 
         in_flight = rest;
         let packets = arrived
             .iter()
-            .map(|(t, r)| packet(*t, PacketKind::TimeReply, r))
+            .map(|(t, r)| packet(*t, RadioTopic::TimeReply, r))
             .collect();
         if let Some(q) = step(&mut b, now, packets).time_request {
             let (there, back) = delays(k);
@@ -144,7 +145,7 @@ fn bridge_abort_old_or_without_clock_offset() {
         kind: CommandKind::Abort,
     };
     let at = |b: &mut Bridge, now: f64, m: &OperatorCommand<VesselClock>| {
-        let out = step(b, now, vec![packet(now, PacketKind::Command, m)]);
+        let out = step(b, now, vec![packet(now, RadioTopic::Command, m)]);
         out.commands.first().map(|c| c.header.at.secs())
     };
     let (mut b, now) = converged(0.05, 0.05, 5);
@@ -211,7 +212,7 @@ fn bridge_rejection_reasons() {
         requested_at: drone(now - 0.123),
         received_at: vessel(now),
     };
-    step(&mut b, now, vec![packet(now, PacketKind::TimeReply, &unasked)]);
+    step(&mut b, now, vec![packet(now, RadioTopic::TimeReply, &unasked)]);
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 1);
 }
 
@@ -248,7 +249,7 @@ fn next_to_a_second_computer(
         replies = rest;
         let mut packets: Vec<_> = arrived
             .iter()
-            .map(|(_, r): &(f64, TimeReply<VesselClock, DroneClock>)| packet(now, PacketKind::TimeReply, r))
+            .map(|(_, r): &(f64, TimeReply<VesselClock, DroneClock>)| packet(now, RadioTopic::TimeReply, r))
             .collect();
         let speaks = [!outage.contains(&since), since >= 0.2];
         let senders = [(1, now), (2, now + ahead)]
@@ -326,7 +327,7 @@ fn abort_through_a_second_computer() {
         let out = step(
             &mut b,
             now,
-            vec![packet(now, PacketKind::Command, &order(kind, 5))],
+            vec![packet(now, RadioTopic::Command, &order(kind, 5))],
         );
         assert_eq!(out.commands.len(), counts, "{kind:?}");
     }
@@ -352,7 +353,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     r.header.at = behind(t + 0.05);
     r.received_at = behind(t + 0.05);
     t += 0.1;
-    step(&mut b, t, vec![packet(t, PacketKind::TimeReply, &r)]);
+    step(&mut b, t, vec![packet(t, RadioTopic::TimeReply, &r)]);
     // Then its estimates are admitted at their right time.
     let now_dated = admitted(&mut b, t, &e(1, t)).unwrap();
     assert!((now_dated.header.at.secs() - (t - 0.05)).abs() < 0.01);
@@ -404,7 +405,7 @@ proptest! {
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
         let (mut b, now) = converged(0.05, 0.05, 1);
-        let kind = [PacketKind::Estimate, PacketKind::Wave, PacketKind::Prediction, PacketKind::TimeReply][kind];
+        let kind = [RadioTopic::Estimate, RadioTopic::Wave, RadioTopic::Prediction, RadioTopic::TimeReply][kind];
         let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet {
                 kind,
                 sender: Sender::Vessel(1),
@@ -467,7 +468,7 @@ proptest! {
         };
         let e = estimate(1, 0, Time::from_nanos(at));
         let out = step(&mut b, 0.1, vec![
-            packet(0.1, PacketKind::TimeReply, &r),
+            packet(0.1, RadioTopic::TimeReply, &r),
             estimate_packet(0.1, &e),
         ]);
         if let Some(e) = out.estimate {

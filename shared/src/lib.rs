@@ -28,6 +28,7 @@ pub mod node;
 #[macro_use]
 pub mod plain;
 pub mod process;
+pub mod radio;
 pub mod rtcm;
 pub mod schema;
 pub mod step;

@@ -5,11 +5,13 @@ use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::bus::{computer, wiring};
 use alight_shared::msg::{
     CommandReceipt, CrewOrder, DeckGrant, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
-    OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest,
+    OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest, WaveUpdate,
 };
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
+use alight_shared::radio::RadioTopic;
 use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::wire::{self, WireError};
 use serde::{Deserialize, Serialize};
 
 mod crew;
@@ -78,6 +80,42 @@ pub struct ComputerOut {
     pub events: Vec<VesselEvent>,
     /// The lamp at the helm is lit: a drone wants the vessel to keep course and speed.
     pub lamp: bool,
+}
+
+impl ComputerOut {
+    /// Shows what goes by radio, encoded, and whether it is held for who comes later.
+    pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
+        // A joiner can use no wave model that continues another.
+        let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
+        let mut each = |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
+            let held = topic.row().held && (topic != RadioTopic::Wave || whole);
+            // A message that does not encode is a message that is not sent: the receiver sees the gap.
+            messages.flatten().for_each(|bytes| send(topic, bytes, held));
+        };
+        let vessel = &self.vessel;
+        each(
+            RadioTopic::Estimate,
+            &mut vessel.estimate_update.iter().map(wire::encode),
+        );
+        each(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
+        each(
+            RadioTopic::Prediction,
+            &mut vessel.prediction.iter().map(wire::encode),
+        );
+        each(
+            RadioTopic::Surroundings,
+            &mut vessel.surroundings.iter().map(wire::encode),
+        );
+        each(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
+        each(
+            RadioTopic::TimeReply,
+            &mut vessel.time_replies.iter().map(wire::encode),
+        );
+        each(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
+        each(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
+        each(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
+        each(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
+    }
 }
 
 wiring! {

@@ -20,7 +20,7 @@ fn rtcm_frames_over_a_lossy_radio() {
     let mut late = None;
     for k in 1..=100_u32 {
         let now = start + 0.02 * f64::from(k);
-        let sent = packet(now, PacketKind::Rtcm, &frame(k, now));
+        let sent = packet(now, RadioTopic::Rtcm, &frame(k, now));
         let arrived = match k % 20 {
             7 => vec![],
             8 => vec![sent.clone(), sent],
@@ -54,7 +54,7 @@ fn rtcm_frames_over_a_lossy_radio() {
     let out = step(
         &mut b,
         start + 2.02,
-        vec![packet(start + 2.02, PacketKind::Rtcm, &damaged)],
+        vec![packet(start + 2.02, RadioTopic::Rtcm, &damaged)],
     );
     assert!(out.rtcm.is_empty() && b.rejections().of(RejectionReason::OutOfRange) == 1);
 }

@@ -35,8 +35,8 @@ fn bridge_wave_model_and_prediction() {
         &mut b,
         now,
         vec![
-            packet(now, PacketKind::Wave, &WaveUpdate::whole(&wave)),
-            packet(now, PacketKind::Prediction, &prediction),
+            packet(now, RadioTopic::Wave, &WaveUpdate::whole(&wave)),
+            packet(now, RadioTopic::Prediction, &prediction),
         ],
     );
     assert_eq!(out.wave.unwrap().modes, wave.modes);
@@ -55,7 +55,7 @@ fn base_of_a_wave_model_behind_its_continuation() {
     let mut sender = WaveSender::default();
     let [base, first, second] = [0, 1, 2].map(|k| {
         let update = sender.update(&waves(k, vessel(now + 0.1 * f64::from(k))));
-        packet(now + 0.3, PacketKind::Wave, &update)
+        packet(now + 0.3, RadioTopic::Wave, &update)
     });
     let received = [first, base, second].map(|p| step(&mut b, now + 0.3, vec![p]).wave);
     assert_eq!(

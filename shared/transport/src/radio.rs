@@ -33,11 +33,13 @@ use crate::radio::config::ZenohFile;
 pub use crate::radio::config::{RadioConfig, TlsConfig, zenoh_text};
 use crate::radio::inbox::Inbox;
 use crate::radio::presence::Present;
-pub use crate::radio::publication::{Publication, Urgency};
+pub use crate::radio::publication::Publication;
+use crate::radio::publication::priority;
 use crate::rejections::{self, PlaintextAttempts};
 use crate::{Received, TransportError};
 use alight_shared::admission::Sender;
 use alight_shared::config::{Check, Keys};
+pub use alight_shared::radio::Urgency;
 use alight_shared::wire::MAX_WIRE_BYTES;
 
 /// A publisher's answer is awaited for so long; its broadcasts come meanwhile.
@@ -222,7 +224,7 @@ impl Parts {
                 .declare_publisher(publication.key.clone())
                 .encoding(publication.encoding())
                 .congestion_control(CongestionControl::Drop)
-                .priority(publication.urgency.priority())
+                .priority(priority(publication.urgency))
                 .express(true)
                 // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
                 .reliability(Reliability::BestEffort)
@@ -256,7 +258,7 @@ impl Parts {
         let querier = session
             .declare_querier(key.to_owned())
             .congestion_control(CongestionControl::Drop)
-            .priority(Urgency::Model.priority())
+            .priority(priority(Urgency::Model))
             .express(true)
             .timeout(ASK_TIMEOUT)
             .wait()?;

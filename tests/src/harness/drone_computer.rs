@@ -20,7 +20,7 @@ use crate::autopilots::simulated::SimulatedAutopilot;
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
-use alight_bridge::{Bridge, BridgeConfig, Packet, PacketKind};
+use alight_bridge::{BridgeConfig, Packet};
 use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
@@ -29,6 +29,7 @@ use alight_shared::msg::{
     TimeRequest, UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
+use alight_shared::radio::RadioTopic;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
@@ -161,7 +162,7 @@ pub struct SimulatedDroneComputer {
 
 /// Another vessel's packet under this one's identity; none of what is no estimate.
 fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<DroneClock, Packet>> {
-    if packet.value.kind != PacketKind::Estimate {
+    if packet.value.kind != RadioTopic::Estimate {
         return None;
     }
     let mut estimate: EstimateUpdate<VesselClock> = wire::decode(&packet.value.bytes).ok()?;

@@ -17,17 +17,16 @@ use super::tap::{NoTap, Tap};
 use super::vessel_computer::VesselSide;
 use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
-use alight_bridge::{Packet, PacketKind};
+use alight_bridge::Packet;
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
 use alight_shared::process::ProcessKind;
+use alight_shared::radio::{RadioEnd, RadioTopic};
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
-use alight_shared::wire;
 use alight_usv::deck::DeckInputs;
 use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
-use serde::Serialize;
 
 /// A push rises with this time constant, s: as a crew member shifts weight.
 const PUSH_RISE_S: f64 = 0.4;
@@ -282,7 +281,7 @@ impl World {
         let output = self
             .vessel
             .tick((t, now), readings, input, |step| tap.step(t, step));
-        self.broadcast_all(t, &output);
+        self.broadcast(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
         self.foresight.iter_mut().for_each(|f| f.look(t));
@@ -319,18 +318,24 @@ impl World {
         self.physics.push(push);
     }
     /// Broadcasts the output of the vessel's computer to the drones.
-    fn broadcast_all(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
-        self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate_update);
-        self.broadcast(t, PacketKind::Wave, &output.vessel.wave_update);
-        self.broadcast(t, PacketKind::Prediction, &output.vessel.prediction);
-        self.broadcast(t, PacketKind::Surroundings, &output.vessel.surroundings);
-        self.broadcast(t, PacketKind::Rtcm, &output.rtcm);
-        self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);
-        if self.shares_deck {
-            self.deck_owner = output.grant.iter().next_back().map_or(self.deck_owner, |g| g.owner);
-            self.broadcast(t, PacketKind::Deck, &output.grant);
-            self.broadcast(t, PacketKind::Command, &output.commands);
+    fn broadcast(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
+        if let Some(grant) = output.grant.filter(|_| self.shares_deck) {
+            self.deck_owner = grant.owner;
         }
+        let sender = Sender::Vessel(VESSEL_ID);
+        output.broadcast(|kind, bytes, _held| {
+            let of_deck = matches!(kind, RadioTopic::Deck | RadioTopic::Command);
+            if kind.row().to != RadioEnd::Drone || of_deck && !self.shares_deck {
+                return;
+            }
+            for drone in &mut self.drones {
+                let bytes = bytes.clone();
+                let length = bytes.len();
+                drone
+                    .radio
+                    .send_to_drone(t, length, Packet { kind, sender, bytes });
+            }
+        });
     }
 
     /// Receives what has come over the radios of the drones.
@@ -346,25 +351,6 @@ impl World {
                     }
                     Uplink::Status(message) => input.statuses.push(Arrival { at, sender, message }),
                 }
-            }
-        }
-    }
-
-    fn broadcast<'a, M: Serialize + 'a>(
-        &mut self,
-        t: Time<TrueTime>,
-        kind: PacketKind,
-        messages: impl IntoIterator<Item = &'a M>,
-    ) {
-        let sender = Sender::Vessel(VESSEL_ID);
-        // A message that does not encode is a message that is not sent: the receiver sees the gap.
-        for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
-            for drone in &mut self.drones {
-                let bytes = bytes.clone();
-                let length = bytes.len();
-                drone
-                    .radio
-                    .send_to_drone(t, length, Packet { kind, sender, bytes });
             }
         }
     }

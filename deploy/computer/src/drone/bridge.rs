@@ -2,17 +2,16 @@
 
 use std::time::Duration;
 
-use alight_bridge::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet, PacketKind};
+use alight_bridge::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet};
 use alight_shared::admission::Sender;
 use alight_shared::bus::{Bus, Edge, MAX_WAIT, Ports as _, RowStep};
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::radio::{RadioEnd, RadioTopic};
 use alight_shared::time::Stamped;
-use alight_shared::topics::{self, Topic};
 use alight_shared::{config, wire};
 use alight_transport::TransportError;
 use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::radio::{Publication, Radio, Subscription, Urgency};
 use alight_uav::computer::Installed as _;
 use tokio::time::timeout;
 use tracing::{info, warn};
@@ -23,22 +22,8 @@ use crate::io::runtime;
 use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
 use crate::process::radio_keys::{drone_key, vessel_key};
-use crate::process::radio_rates::RadioRates;
+use crate::process::radio_port::RadioPort;
 use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
-
-/// Messages of each subscription; the one after them is the report of the vessel's process.
-const SUBSCRIPTIONS: [(PacketKind, &Topic); 8] = [
-    (PacketKind::Estimate, &topics::ESTIMATE),
-    (PacketKind::Wave, &topics::WAVE),
-    (PacketKind::Prediction, &topics::PREDICTION),
-    (PacketKind::TimeReply, &topics::TIME_REPLY),
-    (PacketKind::Deck, &topics::DECK),
-    (PacketKind::Surroundings, &topics::SURROUNDINGS),
-    (PacketKind::Rtcm, &topics::RTCM),
-    (PacketKind::Command, &topics::OPERATOR),
-];
-/// A query to the vessel once it is there, for messages that come seldom.
-const ASKED: [PacketKind; 2] = [PacketKind::Wave, PacketKind::Surroundings];
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
@@ -55,8 +40,7 @@ async fn relay(args: &ProcessArgs) -> Result<Exit, CliError> {
 
 /// The drone's end of the radio.
 struct RadioEdge {
-    radio: Radio,
-    flows: RadioRates,
+    port: RadioPort,
     clock: ProcessClock,
     vessel: u32,
     second_sender: Option<u32>,
@@ -70,8 +54,7 @@ struct RadioEdge {
 impl RadioEdge {
     fn open(computer: &DroneComputerConfig) -> Result<RadioEdge, TransportError> {
         Ok(RadioEdge {
-            radio: open_radio(computer)?,
-            flows: RadioRates::of(&[&topics::TIME_REQUEST, &topics::DRONE_STATUS]),
+            port: open_radio(computer)?,
             clock: computer.clock,
             vessel: computer.bridge.vessel_id,
             second_sender: None,
@@ -85,18 +68,18 @@ impl RadioEdge {
 
 impl Edge<Bridge> for RadioEdge {
     fn read(&mut self, input: &mut BridgeIn) {
-        while let Some(packet) = self.radio.receive(Duration::ZERO) {
+        while let Some((kind, packet)) = self.port.receive() {
             self.received_bytes += packet.bytes.len() as u64;
-            if let Some((kind, _)) = SUBSCRIPTIONS.get(packet.subscription) {
-                let at = self.clock.read(packet.at_ns);
-                let (sender, bytes, kind) = (packet.sender, packet.bytes, *kind);
-                input
-                    .packets
-                    .push(Stamped::new(at, Packet { kind, sender, bytes }));
-            } else {
+            if kind == RadioTopic::Process {
                 let report = vessel_report(&packet.bytes);
                 self.rejected += u64::from(report.is_none());
                 self.shown.extend(report);
+            } else {
+                let at = self.clock.read(packet.at_ns);
+                let (sender, bytes) = (packet.sender, packet.bytes);
+                input
+                    .packets
+                    .push(Stamped::new(at, Packet { kind, sender, bytes }));
             }
         }
     }
@@ -108,26 +91,23 @@ impl Edge<Bridge> for RadioEdge {
 
 impl ProcessEdge<Bridge> for RadioEdge {
     fn stepped(&mut self, at: &Look<'_, Bridge>, step: &RowStep<Bridge>) {
-        let (radio, out) = (&mut self.radio, &step.out);
+        let out = &step.out;
         // Before the clocks agree an answer could not be dated.
         if at.node.offset(step.at).is_some() {
-            radio.ask();
+            self.port.radio.ask();
         }
         self.age_s = out.link.map_or(self.age_s, |l| l.age_s);
         if let Some(link) = out.link.filter(|l| l.second_sender != self.second_sender) {
             self.second_sender = link.second_sender;
             log_second_sender(self.vessel, link.second_sender);
         }
-        if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
-            radio.send(0, bytes);
-        }
-        if let Some(Ok(bytes)) = out.status.as_ref().map(wire::encode) {
-            radio.send(1, bytes);
-        }
+        self.port.send(RadioTopic::TimeRequest, &out.time_request);
+        self.port.send(RadioTopic::Status, &out.status);
     }
     /// With why the node rejected what.
     fn metrics(&mut self, at: &Look<'_, Bridge>) -> Vec<Metric> {
-        let counts = self.radio.counts();
+        let radio = &self.port.radio;
+        let counts = radio.counts();
         let vessel = Sender::Vessel(self.vessel);
         let mut metrics = vec![
             MetricName::BytesReceived.count(self.received_bytes),
@@ -135,20 +115,20 @@ impl ProcessEdge<Bridge> for RadioEdge {
             MetricName::SessionsReopened.count(counts.reopened),
             MetricName::VesselStatusRejected.count(self.rejected),
             MetricName::NewestAsked.count(counts.asked),
-            MetricName::VesselSession.count(self.radio.count_present(|s| *s == vessel) as u64),
+            MetricName::VesselSession.count(radio.count_present(|s| *s == vessel) as u64),
         ];
         let reasons = at.node.rejections().iter().filter(|(_, n)| *n > 0);
         metrics.extend(reasons.map(|(reason, n)| MetricName::Rejected(reason).count(n)));
         metrics
     }
     fn unsent(&self) -> u64 {
-        self.radio.counts().unsent
+        self.port.radio.counts().unsent
     }
     fn reports(&mut self, _at: &Look<'_, Bridge>, own: Option<ProcessState>) -> Vec<ProcessState> {
         let mut reports = core::mem::take(&mut self.shown);
         if let Some(mut own) = own {
-            own.flows = self.flows.since(&self.radio, own.at_ns);
-            self.radio.watch(self.age_s);
+            own.flows = self.port.flows(own.at_ns);
+            self.port.radio.watch(self.age_s);
             reports.push(own);
         }
         reports
@@ -158,33 +138,18 @@ impl ProcessEdge<Bridge> for RadioEdge {
 impl AwaitedEdge<Bridge> for RadioEdge {
     async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
         let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
-        let _late = timeout(max_wait, self.radio.arrival()).await;
+        let _late = timeout(max_wait, self.port.radio.arrival()).await;
         Ok(true)
     }
 }
 
-/// Opens the radio: the drone's publications, and the vessel's topics in the order of [`SUBSCRIPTIONS`].
-fn open_radio(computer: &DroneComputerConfig) -> Result<Radio, TransportError> {
+/// Opens the drone's end of its vessel's radio.
+fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportError> {
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
-    let publication =
-        |topic: &'static Topic, urgency| Publication::new(drone_key(&own, topic.name), urgency).of(topic);
-    let publications = vec![
-        publication(&topics::TIME_REQUEST, Urgency::State),
-        publication(&topics::DRONE_STATUS, Urgency::Status),
-    ];
-    let subscription = |(kind, topic): &(PacketKind, &Topic)| {
-        let key = vessel_key(vessel, topic.name);
-        if *kind == PacketKind::Command {
-            Subscription::order(key)
-        } else if ASKED.contains(kind) {
-            Subscription::asked(key)
-        } else {
-            key.into()
-        }
-    };
-    let mut keys: Vec<Subscription> = SUBSCRIPTIONS.iter().map(subscription).collect();
-    keys.push(vessel_key(vessel, topics::VESSEL_PROCESS.name).into());
-    Radio::open(&computer.radio, publications, keys)
+    RadioPort::open(&computer.radio, RadioEnd::Drone, |row| match row.from {
+        RadioEnd::Drone => drone_key(&own, row.topic.name),
+        RadioEnd::Vessel | RadioEnd::Operator => vessel_key(vessel, row.topic.name),
+    })
 }
 
 /// Logs that a second computer speaks as the vessel, by its boot, or no longer does.

@@ -14,6 +14,7 @@ pub mod metrics;
 pub mod notify;
 pub mod observer;
 pub mod radio_keys;
+pub mod radio_port;
 pub mod radio_rates;
 pub mod run;
 pub mod scheduling;

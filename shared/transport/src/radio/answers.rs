@@ -134,7 +134,7 @@ fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radio::publication::Urgency;
+    use alight_shared::radio::Urgency;
     use alight_shared::topics;
 
     #[test]

@@ -7,29 +7,16 @@ use zenoh::qos::Priority;
 
 use crate::radio::HEADER_BYTES;
 use crate::radio::held::NewestMessage;
+use alight_shared::radio::Urgency;
 use alight_shared::topics::Topic;
 
-/// How urgent a key's messages are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Urgency {
-    /// Orders: before everything else, in a queue of their own.
-    Order,
-    /// State and time.
-    State,
-    /// Models and predictions.
-    Model,
-    /// For people.
-    Status,
-}
-
-impl Urgency {
-    pub(super) fn priority(self) -> Priority {
-        match self {
-            Urgency::Order => Priority::RealTime,
-            Urgency::State => Priority::InteractiveHigh,
-            Urgency::Model => Priority::DataHigh,
-            Urgency::Status => Priority::Background,
-        }
+/// Zenoh's priority of messages.
+pub(super) fn priority(urgency: Urgency) -> Priority {
+    match urgency {
+        Urgency::Order => Priority::RealTime,
+        Urgency::State => Priority::InteractiveHigh,
+        Urgency::Model => Priority::DataHigh,
+        Urgency::Status => Priority::Background,
     }
 }
 

@@ -1,0 +1,95 @@
+//! An end of the radio with the topics that the table gives it ([`RadioTopic`]).
+
+use std::time::Duration;
+
+use alight_shared::msg::Seq;
+use alight_shared::process::{MAX_FLOWS, RadioFlow};
+use alight_shared::radio::{RadioEnd, RadioRow, RadioTopic, Urgency};
+use alight_shared::wire;
+use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription};
+use alight_transport::{Received, TransportError};
+use serde::Serialize;
+
+use crate::process::radio_rates::RadioRates;
+
+/// An end of the radio.
+pub struct RadioPort {
+    /// The session.
+    pub radio: Radio,
+    sent: Vec<RadioTopic>,
+    read: Vec<RadioTopic>,
+    rates: RadioRates,
+}
+
+impl RadioPort {
+    /// Opens the end `own`; `key` is that of a topic which it sends or reads.
+    pub fn open(
+        config: &RadioConfig,
+        own: RadioEnd,
+        key: impl Fn(RadioRow) -> String,
+    ) -> Result<RadioPort, TransportError> {
+        let of = |is_it: fn(RadioRow) -> RadioEnd| -> Vec<RadioTopic> {
+            let all = RadioTopic::ALL.iter().copied();
+            all.filter(|t| is_it(t.row()) == own).collect()
+        };
+        let (sent, read) = (of(|row| row.from), of(|row| row.to));
+        let publication = |row: RadioRow| {
+            let publication = Publication::new(key(row), row.urgency).of(row.topic);
+            if row.held { publication.held() } else { publication }
+        };
+        let subscription = |row: RadioRow| {
+            if row.urgency == Urgency::Order {
+                Subscription::order(key(row))
+            } else if row.held {
+                Subscription::asked(key(row))
+            } else {
+                key(row).into()
+            }
+        };
+        let topics: Vec<_> = sent.iter().map(|t| t.row().topic).collect();
+        Ok(RadioPort {
+            radio: Radio::open(
+                config,
+                sent.iter().map(|t| publication(t.row())).collect(),
+                read.iter().map(|t| subscription(t.row())).collect(),
+            )?,
+            sent,
+            read,
+            rates: RadioRates::of(&topics),
+        })
+    }
+    /// The next message that has come.
+    pub fn receive(&mut self) -> Option<(RadioTopic, Received)> {
+        let received = self.radio.receive(Duration::ZERO)?;
+        Some((*self.read.get(received.subscription)?, received))
+    }
+    /// Sends messages; one that does not encode is not sent: its receiver sees the gap.
+    pub fn send<'a, M: Serialize + 'a>(
+        &mut self,
+        topic: RadioTopic,
+        messages: impl IntoIterator<Item = &'a M>,
+    ) {
+        for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
+            self.put(topic, bytes);
+        }
+    }
+    /// Sends a message that is encoded.
+    pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>) {
+        if let Some(publication) = self.number(topic) {
+            self.radio.send(publication, bytes);
+        }
+    }
+    /// Holds a message for who asks.
+    pub fn hold(&mut self, topic: RadioTopic, bytes: Vec<u8>) {
+        if let Some(publication) = self.number(topic) {
+            self.radio.hold(publication, bytes);
+        }
+    }
+    fn number(&self, topic: RadioTopic) -> Option<usize> {
+        self.sent.iter().position(|t| *t == topic)
+    }
+    /// The rates of what it sends, with this look at `now_ns`.
+    pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
+        self.rates.since(&self.radio, now_ns)
+    }
+}
