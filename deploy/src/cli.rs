@@ -15,9 +15,14 @@ use alight_people::explain;
 use alight_people::status::command as status;
 use alight_people::tools::replay::Laboratory;
 use alight_people::tools::{
-    calibrate, check, command, config, estimate, flights, init, keys, replay, ros2, schema, signalk, tag,
-    view,
+    check, command, config, estimate, flights, init, keys, replay, schema, tag, view,
 };
+#[cfg(feature = "calibrate")]
+use alight_plugins::calibrate;
+#[cfg(feature = "ros2")]
+use alight_plugins::ros2::command as ros2;
+#[cfg(feature = "signalk")]
+use alight_plugins::signalk::command as signalk;
 use alight_uav::camera::CameraNode;
 use alight_uav::camera::uvdar::UvdarNode;
 use alight_uav::computer::Installed as _;
@@ -76,6 +81,17 @@ const GROUPS: [(&str, &[&str]); 3] = [
             "status", "view", "command", "ros2", "signalk", "flights", "replay",
         ],
     ),
+];
+
+/// Commands that a program may be built without, and the feature of each.
+const FEATURES: [(&str, &str); 7] = [
+    ("calibrate", "calibrate"),
+    ("land", "lab"),
+    ("rehearse", "lab"),
+    ("ros2", "ros2"),
+    ("signalk", "signalk"),
+    ("study", "lab"),
+    ("trial", "lab"),
 ];
 
 /// A line below the help of each command that has the flags of a scene.
@@ -202,6 +218,15 @@ impl Cli {
             e.remove(ContextKind::Usage);
             e.insert(ContextKind::SuggestedArg, ContextValue::String(flag));
         }
+        if let Some(ContextValue::String(typed)) = e.get(ContextKind::InvalidSubcommand)
+            && let Some((name, feature)) = FEATURES.iter().find(|(name, _)| name == typed)
+        {
+            let text = format!(
+                "error: this program was built without `{name}`; cargo build --release --features {feature} builds it"
+            );
+            terminal::note(true, text);
+            std::process::exit(e.exit_code());
+        }
         if e.kind() != ErrorKind::ValueValidation {
             e.exit();
         }
@@ -271,8 +296,10 @@ pub enum AlightCommand {
     /// Show deck, drone and alarms in a browser.
     View(view::ViewCommand),
     /// Be a node of ROS 2: poses, diagnostics, orders.
+    #[cfg(feature = "ros2")]
     Ros2(ros2::Ros2Args),
     /// Show deck, drone and alarms on Signal K.
+    #[cfg(feature = "signalk")]
     #[command(name = "signalk")]
     SignalK(signalk::SignalKArgs),
     /// All processes of the vessel's computer.
@@ -319,6 +346,7 @@ pub enum AlightCommand {
     /// List the deck's tags; print them at true scale.
     Tag(tag::TagArgs),
     /// Measure what the files of vessel and drone need.
+    #[cfg(feature = "calibrate")]
     Calibrate(calibrate::CalibrateArgs),
     /// Advice on a message of the mission.
     #[command(hide = true)]
@@ -359,7 +387,9 @@ impl AlightCommand {
             AlightCommand::Replay(a) => replay::run(a, &LABORATORY),
             AlightCommand::Status(a) => status::run(a),
             AlightCommand::View(a) => view::run(a),
+            #[cfg(feature = "ros2")]
             AlightCommand::Ros2(a) => ros2::run(a),
+            #[cfg(feature = "signalk")]
             AlightCommand::SignalK(a) => signalk::run(a),
             AlightCommand::Vessel(a) => vessel::run(a),
             AlightCommand::Drone(a) => drone::run(a),
@@ -377,6 +407,7 @@ impl AlightCommand {
             AlightCommand::Keys(a) => keys::run(a),
             AlightCommand::Check(a) => check::run(a),
             AlightCommand::Tag(a) => tag::run(a),
+            #[cfg(feature = "calibrate")]
             AlightCommand::Calibrate(a) => calibrate::run(a),
             AlightCommand::Explain(a) => explain::run(a),
             AlightCommand::Manual { directory } => {

@@ -1,7 +1,8 @@
 //! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
-//! The command line ([`cli`]) over three libraries: `alight-computer` (the processes of vessel and drone), `alight-people`
-//! (what people see and do), and `alight-lab` (simulation and experiments), which is no part of the packages.
+//! The command line ([`cli`]) over four libraries: `alight-computer` (the processes of vessel and drone), `alight-people`
+//! (what people see and do), `alight-plugins` (ROS 2, Signal K, calibration) and `alight-lab` (simulation and experiments),
+//! which is no part of the packages.
 
 mod cli;
 

@@ -26,12 +26,12 @@ const LAYERS: [(&str, &[&str]); 2] = [
     ),
     (
         "deploy/people",
-        &["explain", "status", "view", "ros2", "signalk", "tools"],
+        &["explain", "status", "view", "tools"],
     ),
 ];
 
 /// Every package of ours.
-const PACKAGES: [&str; 10] = [
+const PACKAGES: [&str; 11] = [
     "shared",
     "shared/transport",
     "usv-side",
@@ -40,14 +40,16 @@ const PACKAGES: [&str; 10] = [
     "tests",
     "deploy/computer",
     "deploy/people",
+    "deploy/plugins",
     "deploy/lab",
     "deploy",
 ];
 
 /// Packages of ours that a package must not depend on, not even through others.
-const APART: [(&str, &[&str]); 2] = [
-    ("deploy/people", &["alight-lab", "alight-sim"]),
-    ("deploy/lab", &["alight-people"]),
+const APART: [(&str, &[&str]); 3] = [
+    ("deploy/people", &["alight-lab", "alight-sim", "alight-plugins"]),
+    ("deploy/plugins", &["alight-lab", "alight-sim"]),
+    ("deploy/lab", &["alight-people", "alight-plugins"]),
 ];
 
 /// Imports of each file of a package: its module, and the modules of the others.

@@ -1,6 +1,5 @@
-//! Commands for people: flights, checks, certificates, configurations, calibration.
+//! Commands for people: flights, checks, certificates, configurations.
 
-pub mod calibrate;
 pub mod check;
 pub mod command;
 pub mod config;
@@ -9,9 +8,7 @@ pub mod flights;
 pub mod init;
 pub mod keys;
 pub mod replay;
-pub mod ros2;
 pub mod schema;
-pub mod signalk;
 pub mod tag;
 pub mod view;
 mod view_vessel;

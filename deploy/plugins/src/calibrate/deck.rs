@@ -22,7 +22,7 @@ use alight_uav::predictor::{PredictorConfig, PredictorIn};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::tools::calibrate::list;
+use crate::calibrate::list;
 
 /// Live topics are read this often.
 const POLL_PERIOD: Duration = Duration::from_millis(50);

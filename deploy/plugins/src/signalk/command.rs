@@ -17,7 +17,7 @@ use clap::Args;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 
 use crate::signalk::Deltas;
-use crate::status::Status;
+use alight_people::status::Status;
 
 /// Whose, and where the server is.
 #[derive(Args, Debug)]

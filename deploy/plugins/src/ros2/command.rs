@@ -24,7 +24,7 @@ use crate::ros2::names::{Distro, MAX_DOMAIN, RosNode};
 use crate::ros2::orders::{Caller, Orders, is_late};
 use crate::ros2::poses::Poses;
 use crate::ros2::session::{Request, RosConnection, RosSession, RosTopic};
-use crate::status::Status;
+use alight_people::status::Status;
 
 /// Whose node, and where ROS is.
 #[derive(Args, Debug)]

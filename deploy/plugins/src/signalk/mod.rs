@@ -7,6 +7,8 @@
 //! Nothing of it is a path that the vessel's sensors read (`alight_usv::sensors`): a server gives none of it back as a
 //! measurement. What a server sends is no order.
 
+pub mod command;
+
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,10 +16,10 @@ use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneContact, VesselStatus};
 use serde_json::{Value, json};
 
-use crate::status::Status;
-use crate::status::finding::{Finding, FindingLevel};
-use crate::status::go::Go;
-use crate::status::vessel::{LOST_CONTACT_S, own_go};
+use alight_people::status::Status;
+use alight_people::status::finding::{Finding, FindingLevel};
+use alight_people::status::go::Go;
+use alight_people::status::vessel::{LOST_CONTACT_S, own_go};
 
 /// A text that changes, ages in it, is sent again no more often than this, ns.
 const TEXT_NS: i64 = 10_000_000_000;
@@ -234,7 +236,7 @@ fn rounded(x: f64, steps: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::finding::FindingTopic;
+    use alight_people::status::finding::FindingTopic;
     use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
     use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;

@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 
 use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, KeyValue, RosHeader, RosTime, level};
-use crate::status::Status;
-use crate::status::finding::{Finding, FindingLevel};
+use alight_people::status::Status;
+use alight_people::status::finding::{Finding, FindingLevel};
 
 /// Reports on a computer.
 pub struct Diagnostics {
@@ -115,8 +115,8 @@ impl Diagnostics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::StateView;
-    use crate::status::finding::FindingTopic;
+    use alight_people::status::StateView;
+    use alight_people::status::finding::FindingTopic;
 
     fn status(findings: Vec<Finding>) -> Status {
         Status {

@@ -20,7 +20,7 @@ use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::tools::calibrate::list;
+use crate::calibrate::list;
 
 /// An antenna known to this is better than what a tape gives on a boat, m (ours).
 const USABLE_M: f64 = 0.1;
