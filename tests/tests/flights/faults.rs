@@ -1,5 +1,5 @@
-//! The fault matrix: a process of the drone's computer killed or frozen, or its cable silent, at every moment of a landing with
-//! one order, over both autopilots. `restarts` has the single cases; live, `alight land --fault` draws the same times.
+//! The fault matrix: a process of the drone's computer or all of it killed or frozen, or its cable silent, at every moment of a
+//! landing with one order, over both autopilots. Live, `alight land --fault` draws the same times.
 
 use std::path::Path;
 
@@ -32,6 +32,8 @@ const TILT_BEYOND_DEG: f64 = 10.0;
 const TILT_MEMORY_S: f64 = 0.5;
 /// Farthest from the deck's centre at rest, m.
 const REST_ERROR_M: f64 = 1.0;
+/// Holding no lower than this above the deck, m.
+const HOLDS_M: f64 = 4.0;
 /// Flown on after the mission gave up, s: it climbs clear of the deck.
 const CLIMB_S: f64 = 15.0;
 /// Flights of a hundred that end in a contact a little harder than the limit, at most. Of 200 landings of ArduCopter in this sea 2
@@ -40,15 +42,30 @@ const HARD_PERCENT: usize = 3;
 /// A contact a little harder: at most so much of a limit.
 const LITTLE_HARD: f64 = 1.2;
 
-/// The autopilot holds as it does while pilot or link stands still.
+/// The autopilot holds as it does while pilot, link or computer is away for longer than it waits.
 const fn is_uncommanded(fault: Option<Fault>) -> bool {
     matches!(
         fault,
         Some(Fault {
-            kind: FaultKind::PilotFrozen | FaultKind::LinkFrozen,
+            kind: FaultKind::PilotFrozen | FaultKind::LinkFrozen | FaultKind::ComputerKilled,
             ..
         })
     )
+}
+
+/// The successor of a mission has lost its checkpoint, and does not know of the landing.
+fn forgets(fault: &Fault) -> bool {
+    fault.kind == FaultKind::MissionKilled && fault.size > 0.0
+}
+/// The autopilot's own hold may take off from a deck that sinks; who comes back then is not pressed back onto it.
+fn may_take_off(fault: &Fault) -> bool {
+    fault.kind == FaultKind::ComputerKilled && fault.moment == Moment::In(State::Landed)
+}
+/// The landing goes on after this fault.
+fn must_land(fault: &Fault) -> bool {
+    use FaultKind::{ComputerKilled, MissionKilled, PredictorKilled};
+    let resumes = matches!(fault.kind, MissionKilled | PredictorKilled | ComputerKilled);
+    resumes && !forgets(fault) && !may_take_off(fault)
 }
 
 /// A landing with one order, and its fault.
@@ -69,6 +86,8 @@ struct Flown {
     fault_s: [Option<f64>; 2],
     landed: bool,
     armed: bool,
+    /// High over the deck in a state that stays there.
+    holds: bool,
     motors_on_deck_s: f64,
     tilt_beyond_deg: f64,
 }
@@ -141,10 +160,13 @@ impl Case {
             judged_s.is_some() && clear && !fails
         });
         let landed = rig.visited(0).contains(&State::Landed);
+        let o = rig.world.observation();
+        let stays = matches!(rig.state(0), State::GaveUp | State::Hold | State::Idle);
         Flown {
             outcome: judge.outcome(self.seed, "", "", rig.t_s()),
             fault_s,
             landed,
+            holds: o.motors_on && o.feet_height_m() > HOLDS_M && stays,
             armed: rig.world.linked(0).unwrap().autopilot.armed(),
             motors_on_deck_s,
             tilt_beyond_deg: tilt.beyond.to_degrees(),
@@ -179,11 +201,14 @@ impl Flown {
     fn is_safe(&self, fault: Option<Fault>) -> bool {
         let o = &self.outcome;
         let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
-        let landed = self.landed && !self.armed && rests && self.motors_on_deck_s <= MOTORS_ON_S;
-        let away = o.outcome == Ending::GaveUp && o.touchdown_speed_mps.is_none();
+        let forgot = fault.as_ref().is_some_and(forgets);
+        let landed = (self.landed || forgot) && !self.armed && rests && self.motors_on_deck_s <= MOTORS_ON_S;
+        let gave_up = o.outcome == Ending::GaveUp && o.touchdown_speed_mps.is_none();
+        let away = gave_up && !fault.as_ref().is_some_and(must_land);
+        let holds = self.holds && fault.as_ref().is_some_and(may_take_off);
         o.water_contacts == 0
             && (o.unsafe_contacts == 0 || is_uncommanded(fault) || self.is_little_hard())
-            && (landed || away)
+            && (landed || away || holds)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
     /// Whether its one unsafe contact was a little harder than the limit.
@@ -242,16 +267,20 @@ const KINDS: [FaultKind; 8] = [
     FaultKind::LinkFrozen,
 ];
 
-/// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots.
+/// Predictor, mission, pilot and link killed and frozen at each moment, and the cable, over both autopilots; the whole computer
+/// killed, and a mission whose checkpoint is lost.
 #[test]
-#[ignore = "66 flights: CI flies them by name"]
 fn faults_at_every_moment_over_both_autopilots() {
     let mut all = Vec::new();
     for firmware in BOTH {
         for moment in MOMENTS {
-            all.extend(KINDS.map(|kind| (firmware, kind, moment)));
+            all.extend(KINDS.map(|kind| (firmware, kind, moment, 0.0)));
         }
-        all.push((firmware, FaultKind::CableOut, Moment::Contact));
+        all.push((firmware, FaultKind::CableOut, Moment::Contact, 0.0));
+    }
+    for (moment, lost) in MOMENTS.into_iter().zip(BOTH.into_iter().cycle()) {
+        all.extend(BOTH.map(|firmware| (firmware, FaultKind::ComputerKilled, moment, 0.0)));
+        all.push((lost, FaultKind::MissionKilled, moment, 1.0));
     }
     let lasts = |fault: Fault| Fault {
         lasts_s: if fault.kind == FaultKind::CableOut {
@@ -261,15 +290,18 @@ fn faults_at_every_moment_over_both_autopilots() {
         },
         ..fault
     };
-    let case = |(seed, (firmware, kind, moment))| Case {
+    let case = |(seed, (firmware, kind, moment, size))| Case {
         firmware,
-        fault: Some(lasts(Fault::drawn(kind, moment, seed))),
+        fault: Some(Fault {
+            size,
+            ..lasts(Fault::drawn(kind, moment, seed))
+        }),
         seed,
         sea: SeaConfig::paper(0.5, 5.0),
         deck_motion: None,
     };
     let cases: Vec<_> = (300..).zip(all).map(case).collect();
-    assert_eq!(cases.len(), 66);
+    assert_eq!(cases.len(), 78);
     assert_all_safe(&cases);
 }
 

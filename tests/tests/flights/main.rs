@@ -27,7 +27,6 @@ mod places;
 mod predictor;
 mod radio_link;
 mod recorded_motion;
-mod restarts;
 mod review;
 mod sorties;
 mod stated_course;
