@@ -22,7 +22,6 @@ mod landing;
 mod link;
 mod moving_base;
 mod night;
-mod orders;
 mod places;
 mod predictor;
 mod radio_link;

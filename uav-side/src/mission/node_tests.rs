@@ -306,30 +306,6 @@ fn order_after_a_hold_of_a_person() {
     }
 }
 
-/// One reading of an empty battery, and one that lasts.
-#[test]
-fn lasting_empty_battery() {
-    let mut m = node();
-    let step = |m: &mut MissionNode, t: f64, battery: Option<f64>, commands| {
-        let mut input = fresh_input((t * 100.0) as u32, at(t), [60.0, 0.0, -16.3]);
-        input.autopilot = input.autopilot.map(|a| AutopilotState { battery, ..a });
-        m.step(at(t), &MissionIn { commands, ..input });
-        m.progress.low_battery.is_some()
-    };
-    assert!(!step(&mut m, 20.0, Some(0.8), vec![land(7, 1, 20.0)]));
-    for k in 1..100 {
-        let t = 20.0 + 0.1 * f64::from(k);
-        // A gauge that loses its reading, once a second.
-        let battery = if k % 10 == 0 { 0.0 } else { 0.8 };
-        assert!(!step(&mut m, t, Some(battery), Vec::new()), "{t}");
-    }
-    for k in 0..60 {
-        let t = 30.0 + 0.1 * f64::from(k);
-        let diverts = step(&mut m, t, Some(0.0), Vec::new());
-        assert_eq!(diverts, k >= 50, "{t}");
-    }
-}
-
 /// A repetition under the next sequence number is no order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
