@@ -35,7 +35,16 @@ mod takeoff;
 mod under_way;
 mod witnesses;
 
+use alight_sim::harness::scenario::Scenario;
 use alight_uav::autopilot::modes::Firmware;
 
 /// Both autopilots.
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+/// The default scene in this sea.
+fn at_sea(sea: &str) -> Scenario {
+    Scenario {
+        sea: sea.parse().unwrap(),
+        ..Scenario::default()
+    }
+}

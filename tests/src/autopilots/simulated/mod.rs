@@ -99,8 +99,6 @@ pub struct SimulatedAutopilot {
     pub muted: Vec<u32>,
     /// Fault: reports this landed state whatever its detector has.
     pub landed_report: Option<LandedState>,
-    /// Fault: answers no TIMESYNC.
-    pub no_timesync: bool,
     /// Fault: does not report its origin.
     pub no_origin: bool,
     /// The remote control's channels, us; None: it has no receiver.
@@ -180,7 +178,6 @@ impl SimulatedAutopilot {
             started_rps: truth.rates.norm(),
             muted: Vec::new(),
             landed_report: None,
-            no_timesync: false,
             no_origin: false,
             home: None,
             channels: None,

@@ -159,7 +159,7 @@ impl SimulatedAutopilot {
             MavlinkMessage::Timesync {
                 remote_ns: 0,
                 local_ns,
-            } if !self.no_timesync => self.outbox.push(MavlinkMessage::Timesync {
+            } => self.outbox.push(MavlinkMessage::Timesync {
                 remote_ns: self.own_time().nanos(),
                 local_ns: *local_ns,
             }),

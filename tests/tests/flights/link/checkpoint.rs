@@ -105,29 +105,3 @@ fn link_successor_after_the_failsafe() {
         p.assert_commanding();
     }
 }
-
-/// The successor has nothing of its predecessor: the hold that it finds counts as PX4's own. A pilot's, which set-points do not
-/// end, counts as that a few seconds later.
-#[test]
-fn link_successor_without_a_checkpoint_in_hold() {
-    for pilot in [false, true] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        p.mission = State::Tracking;
-        p.pilot = Some(lead);
-        p.run(1.0);
-        if pilot {
-            p.linked.cut = true;
-            assert!(p.choose(AutopilotMode::Hold));
-        }
-        p.kept = LinkCheckpoint::default();
-        p.restart_link(0.7);
-        (p.linked.cut, p.mission) = (false, State::GetAltitude);
-        assert_eq!(p.mode(), AutopilotMode::Hold);
-        let known = p.states.len();
-        p.run(15.0);
-        let first = p.states[known];
-        assert!(first.mode == AutopilotMode::Hold && first.lapsed, "{first:?}");
-        assert_eq!(p.authority().commands(), !pilot, "{}", p.authority());
-        assert!(!p.state().lapsed);
-    }
-}

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::{CommandResult, command, id};
+use alight_uav::autopilot::message::{CommandResult, command, severity};
 use alight_uav::autopilot::modes::Firmware;
 
 use super::rig::{LinkRig, press, stop};
@@ -65,6 +65,8 @@ fn denied_disarm_attempts_and_report() {
         p.texts
     );
     assert_eq!(still_armed(&p), ["3 s", "13 s"]);
+    let alarms = |(s, text): &(u8, String)| *s <= severity::WARNING && text.contains("still ARMED");
+    assert!(p.notes.iter().any(alarms), "{:?}", p.notes);
     // It stays on the deck with its thrust off: set-points go on.
     assert!(p.sent_since(p.t_s - 0.1) > 3 && p.on_deck);
     // The autopilot comes to its senses.
@@ -100,32 +102,6 @@ fn false_touchdown_in_the_air() {
     }
 }
 
-#[test]
-fn falling_drone_with_a_false_touchdown() {
-    // Pressed down from 1 m, and the pilot errs in the air on the way.
-    let mut p = LinkRig::commanding(Firmware::Px4, 2.5, &config());
-    p.run(4.0);
-    p.mission = State::Flare;
-    p.pilot = Some(press);
-    p.run(0.3);
-    p.pilot = Some(stop);
-    p.run(1.0);
-    assert!(p.commands_of(command::ARM_DISARM).is_empty());
-    assert!(!p.on_deck, "it was dropped");
-}
-
-#[test]
-fn disarm_left_to_a_person() {
-    let mut c = config();
-    c.disarm.on_deck = false;
-    let mut p = pressed(Firmware::Px4, &c);
-    p.pilot = Some(stop);
-    p.mission = State::Landed;
-    p.run(5.0);
-    assert!(p.commands_of(command::ARM_DISARM).is_empty() && p.linked.autopilot.armed() && p.on_deck);
-    assert_eq!(still_armed(&p), ["3 s"], "somebody has to do it");
-}
-
 /// For how long it was reported that the drone is landed and still armed.
 fn still_armed(p: &LinkRig) -> Vec<String> {
     let text = |t: &String| {
@@ -133,19 +109,6 @@ fn still_armed(p: &LinkRig) -> Vec<String> {
         Some(after.strip_suffix(": disarm by remote control")?.to_owned())
     };
     p.texts.iter().filter_map(text).collect()
-}
-
-#[test]
-fn disarm_commands_after_a_takeover() {
-    let mut p = pressed(Firmware::Px4, &config());
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
-    p.pilot = Some(stop);
-    p.run(0.3);
-    p.choose(AutopilotMode::Other);
-    p.run(0.1);
-    let n = p.commands_of(command::ARM_DISARM).len();
-    p.run(5.0);
-    assert_eq!(p.commands_of(command::ARM_DISARM).len(), n);
 }
 
 /// On the deck, stopped by the pilot, and the autopilot denies the first disarm.
@@ -221,27 +184,5 @@ fn abort_on_the_deck_restarts_the_disarm() {
         p.abort = Some([1, 1]);
         p.run(0.5);
         assert!(!p.linked.autopilot.armed() && p.on_deck, "{firmware:?}");
-    }
-}
-
-#[test]
-fn disarm_without_reports_of_the_thrust() {
-    for firmware in BOTH {
-        let mut p = pressed(firmware, &config());
-        p.linked.autopilot.muted = vec![id::ATTITUDE_TARGET];
-        p.run(1.0);
-        assert_eq!(p.state().thrust, None, "{firmware:?}");
-        p.pilot = Some(stop);
-        p.mission = State::Landed;
-        p.run(1.0);
-        assert!(!p.linked.autopilot.armed() && p.on_deck, "{firmware:?}");
-        // Not in the air.
-        let mut p = LinkRig::commanding(firmware, 1.2, &config());
-        p.linked.autopilot.muted = vec![id::ATTITUDE_TARGET];
-        p.run(1.0);
-        p.mission = State::Landed;
-        p.pilot = Some(stop);
-        p.run(10.0);
-        assert!(p.commands_of(command::ARM_DISARM).is_empty(), "{firmware:?}");
     }
 }

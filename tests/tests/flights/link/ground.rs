@@ -11,21 +11,14 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::wire::Encoder;
 
-use super::rig::{LinkRig, press, stop};
+use super::rig::LinkRig;
 use super::{BOTH, config};
 
 /// The channel that the switch is on.
 const CHANNEL: u8 = 7;
-const LOW: u16 = 1000;
 const MIDDLE: u16 = 1500;
 const HIGH: u16 = 2000;
 
-fn with_switch() -> AutopilotLinkConfig {
-    AutopilotLinkConfig {
-        rc_switch: CHANNEL,
-        ..config()
-    }
-}
 /// The remote control with its switch at this pulse, us.
 fn channels(us: u16) -> Option<[u16; 18]> {
     let mut all = [1500; 18];
@@ -104,105 +97,6 @@ fn ground_station_states_and_values() {
     }
 }
 
-#[test]
-fn ground_station_alarm_of_an_armed_drone() {
-    let mut c = config();
-    c.disarm.on_deck = false;
-    let mut p = LinkRig::commanding(alight_uav::autopilot::modes::Firmware::ArduCopter, 1.0, &c);
-    p.mission = State::Flare;
-    p.pilot = Some(press);
-    p.run(3.0);
-    p.mission = State::Landed;
-    p.pilot = Some(stop);
-    p.run(15.0);
-    let alarms: Vec<_> = p.notes.iter().filter(|(s, _)| *s <= severity::WARNING).collect();
-    assert!(
-        alarms.iter().any(|(_, t)| t.contains("still ARMED")),
-        "{:?}",
-        p.notes
-    );
-}
-
-#[test]
-fn rc_switch_commands() {
-    for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &with_switch());
-        // It was left on high, and that lands nothing.
-        p.linked.autopilot.channels = channels(HIGH);
-        p.run(6.0);
-        assert_eq!(p.orders, [], "{firmware:?}");
-        let kinds = |p: &mut LinkRig, us, seconds| {
-            p.linked.autopilot.channels = channels(us);
-            p.orders.clear();
-            p.run(seconds);
-            let mut kinds: Vec<CommandKind> = p.orders.iter().map(|c| c.kind).collect();
-            kinds.dedup();
-            kinds
-        };
-        assert_eq!(kinds(&mut p, MIDDLE, 3.0), []);
-        assert_eq!(kinds(&mut p, LOW, 1.5), [CommandKind::Abort], "{firmware:?}");
-        assert!(
-            p.notes
-                .contains(&(severity::WARNING, "the remote control commands an abort".into()))
-        );
-        // Without an acknowledgement it is repeated as the same command, and given up.
-        let first = p.orders[0];
-        assert!(
-            p.orders.len() > 2 && p.orders.iter().all(|c| *c == first),
-            "{:?}",
-            p.orders
-        );
-        kinds(&mut p, LOW, 5.0);
-        assert_eq!(kinds(&mut p, LOW, 3.0), []);
-        assert_eq!(kinds(&mut p, HIGH, 3.0), [CommandKind::Land], "{firmware:?}");
-        kinds(&mut p, MIDDLE, 6.0);
-        // The remote control is lost, and the receiver's failsafe moves the channel; it comes back there.
-        p.linked.autopilot.remote_control_lost = true;
-        assert_eq!(kinds(&mut p, HIGH, 4.0), [], "{firmware:?}");
-        p.linked.autopilot.remote_control_lost = false;
-        assert_eq!(kinds(&mut p, HIGH, 4.0), [], "{firmware:?}");
-        assert_eq!(kinds(&mut p, MIDDLE, 2.0), []);
-        assert_eq!(kinds(&mut p, LOW, 2.0), [CommandKind::Abort], "{firmware:?}");
-    }
-}
-
-#[test]
-fn rc_switch_not_configured() {
-    for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
-        for us in [MIDDLE, LOW, HIGH] {
-            p.linked.autopilot.channels = channels(us);
-            p.run(3.0);
-        }
-        assert_eq!(p.orders, [], "{firmware:?}");
-    }
-}
-
-#[test]
-fn landing_and_abort_by_rc_switch() {
-    let mut nodes = NodeConfigs::default();
-    nodes.autopilot.rc_switch = CHANNEL;
-    let mut rig = Rig::landing(&Scenario::default(), &nodes, 1).expect("a world");
-    let turn = |rig: &mut Rig, us: u16| {
-        rig.world.linked(0).expect("a link").autopilot.channels = channels(us);
-    };
-    turn(&mut rig, MIDDLE);
-    assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
-    turn(&mut rig, LOW);
-    assert!(rig.until(60.0, |r| {
-        r.state(0) == State::GaveUp || r.mission(0).waiting.code == ReasonCode::CompletesLanding
-    }));
-    let m = rig.mission(0);
-    assert!(
-        m.state == State::GaveUp && m.entered.code == ReasonCode::Operator,
-        "{m:?}"
-    );
-    assert!(m.abort.is_some());
-    turn(&mut rig, HIGH);
-    let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
-    assert!(landed, "{:?}", rig.state(0));
-}
-
 /// Order of a ground station to the companion.
 pub(super) fn order(number: u16) -> MavlinkMessage {
     MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
@@ -210,56 +104,6 @@ pub(super) fn order(number: u16) -> MavlinkMessage {
 pub(super) const STATION: Address = Address::new(255, 190);
 /// The simulated vehicle's system.
 pub(super) const VEHICLE: u8 = 3;
-
-#[test]
-fn orders_of_a_ground_station() {
-    for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
-        p.run(3.0);
-        // Without an acknowledgement it is repeated as one command, rejected after 5 s, and the reason reported.
-        p.waits_for_flight = false;
-        p.inject(STATION, &order(command::USER_1));
-        p.run(0.5);
-        p.inject(STATION, &order(command::USER_1));
-        p.run(6.0);
-        let results: Vec<CommandResult> = p.answers.iter().map(|(_, result)| *result).collect();
-        let (last, under_way) = results.split_last().expect("answers");
-        assert_eq!(*last, CommandResult::TemporarilyRejected);
-        // At once, to the repetition, and each second.
-        let all = under_way.iter().all(|r| *r == CommandResult::InProgress);
-        assert!(all && (5..=7).contains(&under_way.len()), "{under_way:?}");
-        assert!(
-            p.orders.len() > 2 && p.orders.iter().all(|c| *c == p.orders[0]),
-            "{:?}",
-            p.orders
-        );
-        assert!(
-            p.notes.iter().any(|(_, text)| text.contains("was not taken")),
-            "{:?}",
-            p.notes
-        );
-        // The mission takes it.
-        (p.waits_for_flight, p.answers) = (true, Vec::new());
-        p.inject(STATION, &order(command::USER_1));
-        p.run(1.0);
-        assert_eq!(
-            p.answers.last(),
-            Some(&(command::USER_1, CommandResult::Accepted)),
-            "{firmware:?}"
-        );
-        // What is not ours is answered, what is another's is not.
-        (p.answers, p.orders) = Default::default();
-        p.inject(STATION, &order(command::REQUEST_MESSAGE));
-        let elsewhere = CommandLong::new(Address::new(VEHICLE, 154), command::USER_2, []);
-        p.inject(STATION, &MavlinkMessage::Command(elsewhere));
-        p.run(1.0);
-        assert_eq!(
-            p.answers,
-            [(command::REQUEST_MESSAGE, CommandResult::Unsupported)]
-        );
-        assert_eq!(p.orders, []);
-    }
-}
 
 /// As shipped: an abort counts, whoever gives it; nothing else without a signature, and each is answered with the reason.
 #[test]
@@ -339,31 +183,6 @@ fn order_by_command_int() {
 }
 
 #[test]
-fn abort_given_again_after_its_answer() {
-    for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
-        p.run(3.0);
-        let (to, command) = (Address::new(VEHICLE, 191), command::USER_2);
-        p.inject(STATION, &by_int(to, command));
-        p.run(0.2);
-        let first = p.orders.first().expect("an order").header;
-        p.abort = Some([first.boot, first.sequence]);
-        p.run(0.2);
-        let accepted = Some(&(command, CommandResult::Accepted));
-        assert_eq!(p.answers.last(), accepted, "{firmware:?}");
-        // Somebody else orders a landing, of which no station is informed.
-        p.run(5.0);
-        p.orders.clear();
-        p.inject(STATION, &by_int(to, command));
-        p.run(0.2);
-        let again = p.orders.first().expect("an order");
-        assert_eq!(again.kind, CommandKind::Abort, "{firmware:?}");
-        assert_ne!(again.header.sequence, first.sequence);
-        assert_eq!(p.answers.last(), Some(&(command, CommandResult::InProgress)));
-    }
-}
-
-#[test]
 fn answers_to_another_station() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
@@ -395,26 +214,27 @@ pub(super) fn by_mavlink() -> NodeConfigs {
     }
 }
 
+/// Aborted by a ground station, landed by the switch.
 #[test]
-fn landing_and_abort_by_ground_station() {
-    let mut rig = Rig::landing(&Scenario::default(), &by_mavlink(), 1).expect("a world");
-    let send = |rig: &mut Rig, number: u16| {
-        let t = rig.world.physics().now();
-        rig.world
-            .linked(0)
-            .expect("a link")
-            .up
-            .send(t, STATION, &order(number));
-    };
+fn abort_by_ground_station_and_landing_by_rc_switch() {
+    let mut nodes = by_mavlink();
+    nodes.autopilot.rc_switch = CHANNEL;
+    let mut rig = Rig::landing(&Scenario::default(), &nodes, 1).unwrap();
+    let turn = |rig: &mut Rig, us: u16| rig.world.linked(0).unwrap().autopilot.channels = channels(us);
+    turn(&mut rig, MIDDLE);
     assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
-    send(&mut rig, command::USER_2);
-    assert!(rig.until(60.0, |r| {
-        r.state(0) == State::GaveUp || r.mission(0).waiting.code == ReasonCode::CompletesLanding
-    }));
-    assert!(rig.mission(0).abort.is_some(), "{:?}", rig.mission(0));
+    let t = rig.world.physics().now();
+    let up = &mut rig.world.linked(0).unwrap().up;
+    up.send(t, STATION, &order(command::USER_2));
+    assert!(rig.until(60.0, |r| r.state(0) == State::GaveUp));
+    let m = rig.mission(0);
+    assert!(
+        m.abort.is_some() && m.entered.code == ReasonCode::Operator,
+        "{m:?}"
+    );
     // The autopilot is not to be asked again before the abort was taken and answered.
     assert!(!rig.until(2.0, |r| r.state(0) == State::Descent));
-    send(&mut rig, command::USER_1);
+    turn(&mut rig, HIGH);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);
     assert!(landed, "{:?}", rig.state(0));
 }

@@ -44,11 +44,12 @@ fn home_on_the_deck() {
 }
 
 #[test]
-fn home_not_configured() {
+fn home_and_deck_not_configured() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.forecast = true;
         p.run(10.0);
         assert!(p.commands_of(command::SET_HOME).is_empty() && p.linked.autopilot.home.is_none());
+        assert!(p.targets.is_empty() && p.deck_messages == 0, "nor is the deck sent");
     }
 }

@@ -7,22 +7,20 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial::{self, Event, Watch, land};
 use alight_sim::harness::world::World;
-use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 
+use crate::at_sea;
+
 fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
-    let mut scenario = Scenario {
-        sea: "moderate".parse::<SeaConfig>().unwrap(),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("moderate");
     let a = &mut scenario.drone.autopilot;
     (a.firmware, a.wire_s) = (firmware, wire_s);
     trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
-/// Lands at Moderate on six seeds: all, nothing unsafe, within 0.15 m each.
-fn lands(firmware: Firmware, wire_s: f64) {
-    for seed in 300..306 {
+/// Lands at Moderate on two seeds over each wire: all, nothing unsafe, within 0.15 m each.
+fn lands(firmware: Firmware) {
+    for (wire_s, seed) in [0.005, 0.02, 0.04].repeat(2).into_iter().zip(300..) {
         let o = fly(firmware, wire_s, seed);
         let what = format!("{} over {wire_s} s: {o:?}", firmware.name());
         assert!(o.success && o.unsafe_contacts == 0, "{what}");
@@ -32,16 +30,12 @@ fn lands(firmware: Firmware, wire_s: f64) {
 
 #[test]
 fn px4_landing_with_5_to_40_ms_on_the_wire() {
-    for wire_s in [0.005, 0.02, 0.04] {
-        lands(Firmware::Px4, wire_s);
-    }
+    lands(Firmware::Px4);
 }
 
 #[test]
 fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
-    for wire_s in [0.005, 0.02, 0.04] {
-        lands(Firmware::ArduCopter, wire_s);
-    }
+    lands(Firmware::ArduCopter);
 }
 
 #[test]

@@ -22,10 +22,10 @@ use alight_shared::geoid;
 use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
-use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, MavlinkMessage, command, id};
+use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, MavlinkMessage, command};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
-use rig::{LinkRig, hold, hover, lead, press};
+use rig::{LinkRig, hold, lead, press};
 
 /// On a link that is not signed, and takes orders nevertheless.
 fn config() -> AutopilotLinkConfig {
@@ -143,47 +143,6 @@ fn takeover_by_a_person() {
 }
 
 #[test]
-fn authority_after_a_takeover() {
-    for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
-        p.choose(AutopilotMode::Other);
-        p.run(1.0);
-        let quiet = p.sent.len();
-        p.run(0.5);
-        assert_eq!(p.sent.len(), quiet, "streamed too early");
-        p.run(4.0);
-        p.give_the_mode();
-        p.run(0.6);
-        p.assert_commanding();
-    }
-}
-
-/// A ground station's return, and our mode again a moment later: PX4 takes it, for set-points are there.
-#[test]
-fn our_mode_again_after_a_short_return() {
-    for return_s in [0.2, 0.5, 1.0, 1.5] {
-        for mode in [AutopilotMode::Return, AutopilotMode::Land] {
-            let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-            p.mission = State::Flare;
-            p.run(0.3);
-            assert!(p.choose(mode));
-            p.run(0.1);
-            // The mission waits from now on.
-            p.mission = State::Idle;
-            p.pilot = Some(hold);
-            p.run(return_s);
-            assert!(
-                p.choose(AutopilotMode::Offboard),
-                "{mode:?} for {return_s} s: denied"
-            );
-            p.run(2.5);
-            assert_eq!(p.mode(), AutopilotMode::Offboard, "{mode:?} for {return_s} s");
-            p.assert_commanding();
-        }
-    }
-}
-
-#[test]
 fn autopilot_failsafes() {
     let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
     for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
@@ -224,32 +183,6 @@ fn silent_pilot_and_its_return() {
 }
 
 #[test]
-fn hold_by_a_person_in_a_lapse() {
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-    p.pilot = None;
-    p.run(1.0);
-    assert!(p.state().lapsed);
-    p.choose(AutopilotMode::Hold);
-    p.pilot = Some(hold);
-    // Set-points stream, and it does not come back.
-    p.run(5.0);
-    assert_eq!(p.mode(), AutopilotMode::Hold);
-    assert!(!p.state().lapsed);
-}
-
-#[test]
-fn lapse_of_a_restarted_link() {
-    for away_s in [0.7, 8.0] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        p.pilot = None;
-        p.restart_link(away_s);
-        p.run(1.0);
-        assert_eq!(p.state().mode, AutopilotMode::Hold);
-        assert!(p.state().lapsed, "{away_s} s");
-    }
-}
-
-#[test]
 fn link_without_heartbeats() {
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
@@ -287,109 +220,39 @@ fn link_with_a_restarted_autopilot() {
     }
 }
 
-#[test]
-fn link_after_a_cut_of_three_seconds() {
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-    p.linked.cut = true;
-    p.run(3.0);
-    assert_eq!(p.authority(), ControlAuthority::LinkLost);
-    p.linked.cut = false;
-    p.run(4.0);
-    p.assert_commanding();
-}
-
-#[test]
-fn link_without_timesync() {
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
-    p.linked.autopilot.no_timesync = true;
-    p.run(6.0);
-    assert_eq!(p.authority(), ControlAuthority::NoClock);
-    assert!(p.odometry.is_empty() && p.sent.is_empty());
-}
-
-#[test]
-fn firmware_without_optional_messages() {
-    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
-    p.run(5.0);
-    // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
-    let asked = p.commands_of(command::MESSAGE_INTERVAL);
-    assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
-    assert!(p.odometry.len() > 80, "{}", p.odometry.len());
-    // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
-    p.run(30.0);
-    assert_eq!(p.authority(), ControlAuthority::NoOdometry);
-    let rates = p.commands_of(command::MESSAGE_INTERVAL).len();
-    assert!(rates <= 3 * 8, "{rates}");
-    // The origin is asked for once a second, with the receiver's heights until they are known.
-    let single = p.commands_of(command::REQUEST_MESSAGE).len();
-    assert!(single <= 2 * 31 && p.commands.len() == rates + single, "{single}");
-}
-
-#[test]
-fn hover_thrust_identified_in_flight() {
-    for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
-        p.run(6.0);
-        let s = p.state();
-        assert!(
-            (s.hover_thrust - hover()).abs() < 0.01,
-            "{firmware:?}: {}",
-            s.hover_thrust
-        );
-        assert!((s.battery.unwrap() - 0.9).abs() < 0.011);
-    }
-}
-
+/// Where it is not permitted, on the deck, or where no deck is known, an order to land arms nothing: the crew has
+/// not cleared it. Else the link arms in its own mode, and once.
 #[test]
 fn arming_when_configured() {
-    for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
+    for (firmware, may_arm, away_m, forecast, denied, expected) in [
+        (Firmware::ArduCopter, false, 60.0, true, false, 0),
+        (Firmware::ArduCopter, true, 60.0, true, false, 1),
+        (Firmware::ArduCopter, true, 60.0, true, true, 3),
+        (Firmware::Px4, true, 0.0, true, false, 0),
+        (Firmware::ArduCopter, true, 0.0, true, false, 0),
+        (Firmware::Px4, true, 0.0, false, false, 0),
+        (Firmware::ArduCopter, true, 0.0, false, false, 0),
+    ] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
-        let mut p = LinkRig::new(Firmware::ArduCopter, 0.3, &c);
-        p.deck_offset = [60.0, 0.0];
+        let mut p = LinkRig::new(firmware, 0.3, &c);
+        (p.deck_offset, p.forecast, p.waits_for_flight) = ([away_m, 0.0], forecast, true);
         p.linked.autopilot.arm(false);
-        p.waits_for_flight = true;
+        let sent = |p: &LinkRig| p.commands_of(command::ARM_DISARM).len();
         p.run(5.0);
-        assert!(
-            p.commands_of(command::ARM_DISARM).is_empty(),
-            "armed in a pilot's mode"
-        );
+        assert_eq!(sent(&p), 0, "armed in a pilot's mode");
         p.linked.autopilot.answer = denied.then_some(CommandResult::Denied);
         p.choose(AutopilotMode::Offboard);
         p.run(20.0);
-        let sent = p.commands_of(command::ARM_DISARM).len();
-        let expected = match (may_arm, denied) {
-            (false, _) => 0,
-            (true, false) => 1,
-            (true, true) => 3,
-        };
-        assert_eq!(sent, expected);
-        assert_eq!(p.linked.autopilot.armed(), may_arm && !denied);
+        assert_eq!(
+            sent(&p),
+            expected,
+            "{firmware:?}, {away_m} m, forecast: {forecast}"
+        );
+        assert_eq!(p.linked.autopilot.armed(), expected == 1);
         // A person disarms: it is not armed again.
         p.linked.autopilot.arm(false);
         p.run(10.0);
-        assert_eq!(p.commands_of(command::ARM_DISARM).len(), expected);
-    }
-}
-
-/// On the deck, or where no deck is known, an order to land arms nothing: the crew has not cleared it.
-#[test]
-fn arming_on_the_deck() {
-    for (firmware, forecast) in BOTH.into_iter().flat_map(|f| [(f, true), (f, false)]) {
-        let c = AutopilotLinkConfig {
-            may_arm: true,
-            ..config()
-        };
-        let mut p = LinkRig::new(firmware, 0.3, &c);
-        p.forecast = forecast;
-        p.linked.autopilot.arm(false);
-        p.waits_for_flight = true;
-        p.run(5.0);
-        p.choose(AutopilotMode::Offboard);
-        p.run(20.0);
-        let sent = p.commands_of(command::ARM_DISARM).len();
-        assert_eq!(sent, 0, "{firmware:?}, forecast: {forecast}");
+        assert_eq!(sent(&p), expected, "{firmware:?}");
     }
 }
 
@@ -426,35 +289,6 @@ fn other_systems_on_the_link() {
             .skip(20)
             .all(|s| s.battery.is_some_and(|b| b > 0.5))
     );
-}
-
-#[test]
-fn deck_published_to_the_autopilot() {
-    let c = AutopilotLinkConfig {
-        publish_deck: true,
-        ..config()
-    };
-    for (c, some) in [(config(), false), (c, true)] {
-        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
-        p.run(5.0);
-        assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
-        assert_eq!(p.targets.is_empty(), !some);
-    }
-}
-
-#[test]
-fn autopilot_without_an_origin() {
-    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
-    p.linked.autopilot.no_origin = true;
-    p.run(3.0);
-    p.give_the_mode();
-    p.run(15.0);
-    assert_eq!(p.authority(), ControlAuthority::NoOrigin);
-    let before = p.states.len();
-    p.run(2.0);
-    assert!(p.states.len() > before + 10, "{} states", p.states.len() - before);
-    assert!(p.state().armed && p.state().mode == AutopilotMode::Other);
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use super::config;
 use super::rig::LinkRig;
 use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
+use alight_uav::autopilot::ControlAuthority;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 
 #[test]
 fn ardu_copter_without_the_thrust_option() {
@@ -61,30 +61,6 @@ fn unsuitable_parameters_until_set() {
         p.linked.autopilot.restart();
         p.run(5.0);
         assert_eq!(p.state().rejection, why, "{firmware:?}");
-    }
-}
-
-#[test]
-fn missing_parameter_and_disabled_check() {
-    for check_parameters in [true, false] {
-        let c = AutopilotLinkConfig {
-            check_parameters,
-            ..config()
-        };
-        let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
-        p.linked.autopilot.parameters.remove("MPC_ACC_UP_MAX");
-        p.run(8.0);
-        assert!(
-            p.texts.iter().any(|t| t.contains("MPC_ACC_UP_MAX")),
-            "{:?}",
-            p.texts
-        );
-        let why = p.state().rejection;
-        assert_eq!(
-            why.to_string().contains("has not reported MPC_ACC_UP_MAX"),
-            check_parameters,
-            "{why}"
-        );
     }
 }
 

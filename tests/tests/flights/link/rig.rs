@@ -69,11 +69,6 @@ pub struct LinkRig {
     /// When that state was entered.
     since: Time<DroneClock>,
     published: State,
-    /// The link's computer stands still: what arrives waits.
-    pub stands_still: bool,
-    /// Whether its clock is suspended with it, and by how much it is behind.
-    pub suspended: bool,
-    behind: Span,
     /// The mission publishes nothing any more.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -198,9 +193,6 @@ impl LinkRig {
             mission: State::Idle,
             since: Time::EPOCH,
             published: State::Idle,
-            stands_still: false,
-            suspended: false,
-            behind: Span::ZERO,
             mission_silent: false,
             low_battery: None,
             counted: None,
@@ -314,13 +306,7 @@ impl LinkRig {
             .step(t, STEP, &[deck; 2], 100.0, TURNS, |truth| linked.turn(truth));
         self.on_deck = reports.iter().any(|r| r.feet.contains(&true));
         self.t_s += STEP.secs();
-        if self.stands_still {
-            if self.suspended {
-                self.behind = self.behind + STEP;
-            }
-            return;
-        }
-        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s) - self.behind);
+        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s));
         let received = self.linked.received(t);
         self.step_link(
             (t, now),

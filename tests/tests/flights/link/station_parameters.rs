@@ -1,14 +1,10 @@
 //! Parameters of the companion that a ground station reads and sets.
 
-use super::ground::{STATION, VEHICLE, by_mavlink};
+use super::ground::{STATION, VEHICLE};
 use super::rig::LinkRig;
 use super::{BOTH, config};
-use alight_shared::msg::{AutopilotMode, CommandKind, LandingMode, State};
-use alight_sim::autopilots::simulated::mode_number;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::Scenario;
-use alight_uav::autopilot::message::{Address, MavlinkMessage, ParameterValue, severity};
-use nalgebra::Vector3;
+use alight_shared::msg::LandingMode;
+use alight_uav::autopilot::message::{Address, MavlinkMessage, ParameterValue};
 
 pub(super) fn set(component: u8, name: &str, value: f32) -> MavlinkMessage {
     MavlinkMessage::ParameterSet {
@@ -76,41 +72,6 @@ fn parameters_of_the_companion() {
 }
 
 #[test]
-fn parameter_set_back_while_its_change_is_under_way() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        let before_m = p.mission_settings.approach_height_m;
-        let ordered_m = |p: &mut LinkRig, value| {
-            p.inject(STATION, &set(191, "ALIGHT_APPR_H", value));
-            p.run(0.05);
-            let order = p.settings.last().expect("an order");
-            order.settings.approach_height_m
-        };
-        assert_eq!(ordered_m(&mut p, 12.0), 12.0, "{firmware:?}");
-        assert_eq!(ordered_m(&mut p, before_m as f32), before_m, "{firmware:?}");
-    }
-}
-
-#[test]
-fn mode_lost_with_mission_and_link() {
-    for firmware in BOTH {
-        let mut p = disarmed(firmware);
-        p.mission_settings.mode = LandingMode::Shadow;
-        p.run(1.0);
-        p.notes.clear();
-        // Both crash for so long that no checkpoint counts: the file's mode is back.
-        p.mission_settings.mode = LandingMode::Land;
-        p.restart_link(10.0);
-        p.run(3.0);
-        let reported = (
-            severity::WARNING,
-            "ALIGHT_MODE is 2 (land) now: mission restarted".into(),
-        );
-        assert!(p.notes.contains(&reported), "{firmware:?}: {:?}", p.notes);
-    }
-}
-
-#[test]
 fn parameters_that_stay() {
     for firmware in BOTH {
         let mut p = disarmed(firmware);
@@ -141,43 +102,4 @@ fn parameters_that_stay() {
         p.run(1.0);
         assert_eq!(rejected(&mut p, 191, 12.0, "no mission reports"), (true, 1));
     }
-}
-
-/// A person takes off from the pad and gives the mode that takes set-points.
-fn take_off(rig: &mut Rig) {
-    let autopilot = &mut rig.world.linked(0).expect("a link").autopilot;
-    let firmware = autopilot.firmware();
-    let [by_hand, offboard] =
-        [AutopilotMode::Other, AutopilotMode::Offboard].map(|mode| mode_number(firmware, mode));
-    autopilot.arm(true);
-    autopilot.choose(by_hand);
-    autopilot.hold_at(autopilot.position() - 3.0 * Vector3::z());
-    rig.run(5.0);
-    let mut given = false;
-    rig.each(5.0, |rig| {
-        given = rig.world.linked(0).expect("a link").autopilot.choose(offboard);
-        given
-    });
-    assert!(given, "the mode was denied");
-    rig.run(2.0);
-}
-
-#[test]
-fn landing_from_a_height_of_a_ground_station() {
-    // The file has 15 m.
-    let height_m = 25.0;
-    let mut rig = Rig::new(&Scenario::default(), &by_mavlink(), 1).expect("a world");
-    rig.world.stand_on_pad(0);
-    assert!(rig.until(5.0, |r| r.mission(0).settable));
-    let t = rig.world.physics().now();
-    let setting = set(191, "ALIGHT_APPR_H", height_m as f32);
-    rig.world.linked(0).expect("a link").up.send(t, STATION, &setting);
-    let is_set = rig.until(2.0, |r| r.mission(0).settings.approach_height_m == height_m);
-    assert!(is_set, "{:?}", rig.mission(0));
-    take_off(&mut rig);
-    rig.world.command(CommandKind::Land);
-    let over_deck = rig.until(90.0, |r| r.state(0) == State::Tracking);
-    assert!(over_deck, "{:?}", rig.mission(0));
-    let above_m = rig.world.observation().feet_height_m();
-    assert!((above_m - height_m).abs() < 4.0, "{above_m} m");
 }

@@ -5,7 +5,7 @@ use alight_sim::autopilots::simulated::own_mission_mode;
 use alight_uav::autopilot::message::{Address, Heartbeat, MavlinkMessage, command};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
-use super::rig::{LinkRig, STEP, hover, stop};
+use super::rig::{LinkRig, STEP, hover};
 use super::{BOTH, config};
 
 /// A pilot that stands on the deck.
@@ -120,27 +120,6 @@ fn take_off_with_two_autopilots_on_the_link() {
     assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
 
-/// A pilot that keeps the stop of a landing before lets nothing climb from the deck.
-#[test]
-fn stop_that_outlasts_its_landing() {
-    for firmware in BOTH {
-        let mut p = standing(firmware);
-        p.mission = State::SpinUp;
-        p.run(6.0);
-        p.assert_commanding();
-        p.pilot = Some(stop);
-        p.run(5.0);
-        assert!(
-            p.truth().position.0.z > -0.5,
-            "{firmware:?}: {}",
-            p.truth().position.0.z
-        );
-        p.mission = State::StandDown;
-        p.run(2.0);
-        assert!(!p.linked.autopilot.armed(), "{firmware:?}");
-    }
-}
-
 /// A person who chooses a mode meanwhile has the drone: it is neither taken back nor disarmed.
 #[test]
 fn person_who_takes_the_drone_over_while_it_spins_up() {
@@ -158,17 +137,6 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
         let mut commanded =
             since.filter(|(_, c)| matches!(c.command, command::SET_MODE | command::ARM_DISARM));
         assert!(commanded.next().is_none(), "{firmware:?}");
-    }
-}
-
-/// No drone is disarmed in the air, whatever the mission reports.
-#[test]
-fn stand_down_in_the_air() {
-    for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
-        p.mission = State::StandDown;
-        p.run(3.0);
-        assert!(p.linked.autopilot.armed(), "{firmware:?}");
     }
 }
 
