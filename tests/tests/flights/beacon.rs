@@ -1,29 +1,27 @@
 //! A vessel that is known by a beacon alone: the drone flies to its place, looks for the tags there and lands by them.
 
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
-use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::{Fault, FaultKind, Moment, Schedule};
-use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::beacon::BeaconConfig;
 
+use crate::{at_sea, judged};
+
 /// A silent vessel 300 m away with a beacon of 5 m, once a second.
 fn scenario() -> Scenario {
-    let mut scenario = Scenario {
-        sea: SeaConfig::paper(0.5, 5.0),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("0.5,5");
     scenario.radio.loss = 1.0;
     scenario.start.distance_m = [300.0, 300.0];
     scenario.start.height_m = [20.0, 30.0];
     scenario.sensors.beacon = Some(BeaconConfig::default());
     scenario
 }
-fn nodes(least_vessel: VesselLevel) -> NodeConfigs {
+fn nodes() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
-    nodes.drone.mission.least_vessel = least_vessel;
+    nodes.drone.mission.least_vessel = VesselLevel::Beacon;
     nodes
 }
 
@@ -37,10 +35,9 @@ struct Flown {
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let (mut judge, mut states, mut reasons) = (Judge::default(), Vec::new(), Vec::new());
+    let (mut states, mut reasons) = (Vec::new(), Vec::new());
     let (mut found_s, mut faults) = (None, Schedule::new(&scenario.faults));
-    rig.each(limit_s, |rig| {
+    let outcome = judged(&mut rig, seed, limit_s, |rig| {
         faults.act(rig);
         let m = *rig.mission(0);
         if states.last() != Some(&m.state) {
@@ -54,11 +51,10 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
         if m.state == State::Tracking && found_s.is_none() {
             found_s = Some(rig.t_s());
         }
-        judge.observe(&rig.world.observation(), half_deck)
     });
     Flown {
         found_s,
-        outcome: judge.outcome(seed, "", "", 0.0),
+        outcome,
         states,
         reasons,
     }
@@ -66,18 +62,9 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
 
 #[test]
 fn deck_found_by_its_beacon() {
-    for seed in 700..703 {
-        let f = flown(&scenario(), &nodes(VesselLevel::Beacon), seed, 120.0);
-        assert!(f.found_s.is_some(), "{seed}: {:?}, {:?}", f.states, f.reasons);
-        assert_eq!(f.outcome.unsafe_contacts, 0, "{seed}: {:?}", f.outcome);
-    }
-}
-
-#[test]
-fn beacon_that_the_mission_does_not_permit() {
-    let f = flown(&scenario(), &nodes(VesselLevel::Computer), 700, 20.0);
-    assert_eq!(f.states, [State::Idle], "{:?}", f.reasons);
-    assert!(f.reasons.contains(&ReasonCode::ForecastStale), "{:?}", f.reasons);
+    let f = flown(&scenario(), &nodes(), 700, 120.0);
+    assert!(f.found_s.is_some(), "{:?}, {:?}", f.states, f.reasons);
+    assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
 }
 
 /// Thirty metres to the side of its beacon no deck is found, and the search ends.
@@ -90,7 +77,7 @@ fn deck_that_is_not_at_its_beacon() {
         stated_factor: 0.1,
         ..BeaconConfig::default()
     });
-    let f = flown(&scenario, &nodes(VesselLevel::Beacon), 701, 150.0);
+    let f = flown(&scenario, &nodes(), 701, 150.0);
     assert!(f.found_s.is_none() && f.outcome.attempts == 0, "{:?}", f.states);
     assert!(
         f.states.ends_with(&[State::Search, State::GaveUp]),
@@ -100,37 +87,18 @@ fn deck_that_is_not_at_its_beacon() {
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
 }
 
-/// A vessel on a hull of a table, 150 m away and without ultraviolet markers, that is received until the drone is on its way, and
-/// never again.
-fn lost_on_the_way(least_vessel: VesselLevel) -> (Scenario, NodeConfigs) {
-    let (mut scenario, mut nodes) = (Scenario::default(), nodes(least_vessel));
+/// A vessel on a hull of a table, 150 m away and without ultraviolet markers, is received until the drone is on its way, and never
+/// again: it goes on to where the vessel was going, and looks for the tags there.
+#[test]
+fn radio_lost_for_good_on_the_way() {
+    let (mut scenario, mut nodes) = (Scenario::default(), nodes());
     scenario.sea = "jonswap:0.5,5".parse().unwrap();
     scenario.install_hull(&mut nodes, HULLS[1]).unwrap();
     scenario.start.distance_m = [150.0, 150.0];
     scenario.sensors.uvdar.max_range_m = 0.0;
-    scenario.faults = vec![Fault::new(
-        FaultKind::RadioLost,
-        Moment::In(State::GetAltitude),
-        0.0,
-        f64::INFINITY,
-    )];
-    (scenario, nodes)
-}
-
-#[test]
-fn radio_lost_for_good_on_the_way() {
-    // It goes on to where the vessel was going, and looks for the tags there.
-    let (scenario, nodes) = lost_on_the_way(VesselLevel::Beacon);
+    let on_its_way = Moment::In(State::GetAltitude);
+    scenario.faults = vec![Fault::new(FaultKind::RadioLost, on_its_way, 0.0, f64::INFINITY)];
     let f = flown(&scenario, &nodes, 500, 60.0);
-    assert!(
-        f.found_s.is_some() && f.outcome.unsafe_contacts == 0,
-        "{:?} {:?}",
-        f.states,
-        f.reasons
-    );
-    // Where the vessel's broadcast is asked for it waits.
-    let (scenario, nodes) = lost_on_the_way(VesselLevel::Computer);
-    let f = flown(&scenario, &nodes, 500, 60.0);
-    assert!(f.found_s.is_none() && f.outcome.attempts == 0, "{:?}", f.states);
-    assert_eq!(f.states.last(), Some(&State::Hold), "{:?}", f.reasons);
+    let found = f.found_s.is_some() && f.outcome.unsafe_contacts == 0;
+    assert!(found, "{:?} {:?}", f.states, f.reasons);
 }

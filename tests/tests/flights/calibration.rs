@@ -14,10 +14,11 @@ use alight_uav::calibrate::{
 };
 use alight_uav::predictor::PredictorIn;
 use alight_usv::ComputerIn;
-use alight_usv::calibrate::incline::{inertia, stiffness};
-use alight_usv::calibrate::{DOF_NAMES, NotObservable, Record, Weight};
+use alight_usv::calibrate::{DOF_NAMES, Record};
 use alight_usv::sensors::Readings;
 use nalgebra::{Matrix6, Vector3, Vector6};
+
+use crate::at_sea;
 
 /// Hands the calibration what the predictor reads, once the drone stands.
 struct Press {
@@ -30,13 +31,6 @@ impl Tap for Press {
         if let Some(input) = step.input::<PredictorIn>() {
             self.calibration.take(input, self.stands);
         }
-    }
-}
-
-fn at_sea(sea: &str) -> Scenario {
-    Scenario {
-        sea: sea.parse().unwrap(),
-        ..Scenario::default()
     }
 }
 
@@ -123,26 +117,6 @@ fn deck_calibration_of_a_displaced_deck() {
         }
         for (f, truth) in found.stood_at.iter().zip(truly_at) {
             within(f, truth, "stands at");
-        }
-    }
-}
-
-#[test]
-fn deck_calibration_with_receiver_offsets() {
-    let mut scenario = at_sea("slight");
-    scenario.deck.centre_m = [0.25, -0.1, -1.42];
-    scenario.deck.tag_side_m = Some(1.0);
-    let mut nodes = NodeConfigs::default();
-    nodes.drone.deck.tag_side_m = Some(1.0);
-    for seed in [4, 5] {
-        let (found, truly_at) = press(&scenario, &nodes, seed, 60.0, None);
-        let found = found.unwrap();
-        println!("{found:?}");
-        assert!(found.mount.is_none(), "a tag of 1 m is too near to be detected");
-        let at = [truly_at[0], truly_at[1], 0.0];
-        for k in 0..3 {
-            // Its place on the deck was not given to it.
-            within(&found.centre[k], scenario.deck.centre_m[k] + at[k], "place");
         }
     }
 }
@@ -254,70 +228,5 @@ fn vessel_calibration_from_pushes() {
         for (f, truth) in antenna.iter().zip(scenario.sensors.vessel_gnss.antenna_m) {
             assert!((f.value - truth).abs() < 3.0 * f.sd, "{f:?} {truth}");
         }
-    }
-}
-
-#[test]
-fn vessel_calibration_from_a_known_weight() {
-    let scenario = pushed(1.0);
-    let weight = Weight {
-        mass_kg: 60.0,
-        at_m: [1.4, 0.9],
-    };
-    let mut loaded = pushed(0.0);
-    let newton = weight.mass_kg * alight_shared::geometry::GRAVITY;
-    let [x, y] = weight.at_m;
-    loaded.vessel.pushes = vec![VesselLoad {
-        at_s: 0.0,
-        for_s: 1000.0,
-        by_n_nm: [0.0, 0.0, newton, newton * y, -newton * x, 0.0],
-    }];
-    let v = &scenario.vessel;
-    let truth = Hull::new(v, alight_shared::geometry::GRAVITY).stiffness;
-    for seed in [1, 2, 3] {
-        let (without, with) = (recorded(&scenario, seed, 140.0), recorded(&loaded, seed, 60.0));
-        let found = stiffness(&weight, &without.level, &with.level);
-        for (k, dof) in [ROLL, PITCH].into_iter().enumerate() {
-            let g = found[k].unwrap_or_else(|e| panic!("{}: {e:?}", DOF_NAMES[dof]));
-            let m = inertia(&g, &without.decays[dof].unwrap()).unwrap();
-            let true_m = truth[k + 1] / linear(v)[dof][1];
-            println!(
-                "{} G {g:?} truth {:.0}, M {m:?} truth {true_m:.0}",
-                DOF_NAMES[dof],
-                truth[k + 1]
-            );
-            // The hull is no linear model: 5 % are its own.
-            assert!((g.value - truth[k + 1]).abs() <= 3.0 * g.sd + 0.05 * truth[k + 1]);
-            assert!((m.value - true_m).abs() <= 3.0 * m.sd + 0.05 * true_m);
-        }
-    }
-}
-
-#[test]
-fn vessel_calibration_at_rest_or_in_waves() {
-    let found = recorded(&pushed(0.0), 1, 60.0);
-    assert!(
-        found
-            .decays
-            .iter()
-            .all(|d| matches!(d, Err(NotObservable::NotPushed { .. }))),
-        "{found:?}"
-    );
-    assert!(
-        found.antenna_m.is_none_or(|a| a.iter().all(|f| f.sd > 0.1)),
-        "{found:?}"
-    );
-    // Waves make the antenna's place observable, and nothing else.
-    let mut scenario = at_sea("moderate");
-    scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
-    let found = recorded(&scenario, 2, 180.0);
-    assert!(found.decays.iter().all(Result::is_err), "{found:?}");
-    let antenna = found.antenna_m.unwrap();
-    println!("{antenna:?}");
-    for (f, truth) in antenna.iter().zip(scenario.sensors.vessel_gnss.antenna_m) {
-        assert!(
-            (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.15,
-            "{f:?} {truth}"
-        );
     }
 }

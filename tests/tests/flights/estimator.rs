@@ -11,6 +11,8 @@ use alight_usv::review::review;
 use alight_usv::sensors::Mount;
 use rayon::prelude::*;
 
+use crate::at_sea;
+
 fn run(seed: u64, sea: &str, course: VesselCourse, span_s: f64) -> EstimatorRun {
     let scenario = Scenario {
         sea: sea.parse().unwrap(),
@@ -27,7 +29,7 @@ fn rms(squares: &[f64]) -> f64 {
 }
 
 #[test]
-fn estimate_accuracy_and_covariance() {
+fn estimate_and_prediction_accuracy() {
     let runs: Vec<EstimatorRun> = (0..3)
         .map(|s| run(s, "moderate", VesselCourse::Drift, 60.0))
         .collect();
@@ -50,14 +52,7 @@ fn estimate_accuracy_and_covariance() {
     for (d, mean) in errors.nees.iter().enumerate() {
         assert!((0.5..=4.0).contains(mean), "NEES of {d}: {mean} (ideal 2)");
     }
-}
-
-#[test]
-fn prediction_against_constant_state_and_velocity() {
-    let runs: Vec<EstimatorRun> = (10..13)
-        .map(|s| run(s, "moderate", VesselCourse::Drift, 60.0))
-        .collect();
-    // Heave carries the 0.09 m of the receiver's wander.
+    // Prediction against constant state and velocity. Heave carries the 0.09 m of the receiver's wander.
     for dof in [2, 3, 4] {
         for horizon in [0.5, 1.0, 2.0] {
             let e = prediction_error(&runs, dof, horizon);
@@ -76,10 +71,7 @@ fn prediction_against_constant_state_and_velocity() {
 /// each other cannot be distinguished.
 #[test]
 fn estimate_of_a_slamming_hull() {
-    let mut scenario = Scenario {
-        sea: "0.8,5".parse().unwrap(),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("0.8,5");
     scenario.vessel.sideways_coupling = 0.0;
     let mut runs = Vec::new();
     for seed in [301, 302, 304, 305, 463] {
@@ -96,10 +88,7 @@ fn estimate_of_a_slamming_hull() {
 /// Heave (m) and tilt (rad) a second ahead of a hull that is not carried along by the water's particles, and meets
 /// crests sharper than any sum of the waves.
 fn among_sharp_crests() -> [f64; 2] {
-    let mut scenario = Scenario {
-        sea: "0.8,5".parse().unwrap(),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("0.8,5");
     scenario.vessel.sideways_coupling = 0.0;
     let mut all = Scores::default();
     for seed in [301, 302, 304, 305, 463] {
@@ -119,10 +108,7 @@ fn prediction_in_sharp_crests() {
 
 #[test]
 fn heave_prediction_at_1_s() {
-    let scenario = Scenario {
-        sea: "0.5,5".parse().unwrap(),
-        ..Scenario::default()
-    };
+    let scenario = at_sea("0.5,5");
     let mut sum = Scores::default();
     for seed in 30..34 {
         sum = sum.and(vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap());
@@ -138,10 +124,7 @@ fn prediction_covariance_at_1_s() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
     // sea has harmonics that are not identified, and where there are no waves.
     for sea in ["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"] {
-        let scenario = Scenario {
-            sea: sea.parse().unwrap(),
-            ..Scenario::default()
-        };
+        let scenario = at_sea(sea);
         // A vessel has one trim and one set of biases: it takes many for a share.
         let runs: Vec<_> = (100..124)
             .into_par_iter()

@@ -1,18 +1,16 @@
 //! Another boat with the same tags alongside the vessel: the drone lands on its own deck, or waits and reports why.
 
-use alight_shared::msg::{ReasonCode, VesselLevel};
-use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_shared::msg::ReasonCode;
+use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::sea::SeaConfig;
 use alight_sim::sensors::noise::Windows;
 
+use crate::{at_sea, judged};
+
 fn with_neighbour(neighbour_m: f64) -> Scenario {
-    let mut scenario = Scenario {
-        sea: SeaConfig::paper(0.5, 5.0),
-        neighbour_m: Some(neighbour_m),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("0.5,5");
+    scenario.neighbour_m = Some(neighbour_m);
     // Markers on one of the boats would distinguish them.
     scenario.sensors.uvdar.outages_s = Windows(vec![[0.0, 1e9]]);
     scenario
@@ -28,9 +26,8 @@ struct Flown {
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let (mut judge, mut over_other_m, mut reasons) = (Judge::default(), f64::INFINITY, Vec::new());
-    rig.each(limit_s, |rig| {
+    let (mut over_other_m, mut reasons) = (f64::INFINITY, Vec::new());
+    let outcome = judged(&mut rig, seed, limit_s, |rig| {
         let m = *rig.mission(0);
         for code in [m.entered.code, m.waiting.code] {
             if !reasons.contains(&code) {
@@ -40,14 +37,13 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
         let physics = rig.world.physics();
         if let (Some(other), Some(drone)) = (physics.neighbour_deck(), physics.drone(0)) {
             let from = drone.position.0 - other.position.0;
-            if from.xy().norm() < half_deck[1] {
+            if from.xy().norm() < scenario.deck.width_m / 2.0 {
                 over_other_m = over_other_m.min(-from.z);
             }
         }
-        judge.observe(&rig.world.observation(), half_deck)
     });
     Flown {
-        outcome: judge.outcome(seed, "", "", 0.0),
+        outcome,
         over_other_m,
         reasons,
     }
@@ -81,26 +77,4 @@ fn own_deck_near_another_with_its_tags() {
     // Nearer than both receivers err it may wait for long; it never goes down to the other.
     landed(3.0, 801..802);
     assert_eq!(landed(10.0, 802..803), 1);
-}
-
-#[test]
-#[ignore = "60 flights: minutes"]
-fn sixty_landings_alongside_another_boat() {
-    let all: u32 = [3.0, 10.0, 30.0].map(|m| landed(m, 820..840)).iter().sum();
-    println!("{all} of 60");
-    assert!(all >= 40, "{all} of 60");
-}
-
-/// Without radio and beacon two decks that are in sight from the beginning are not distinguished.
-#[test]
-fn two_decks_without_any_other_knowledge() {
-    let mut scenario = with_neighbour(4.0);
-    scenario.radio.loss = 1.0;
-    scenario.start.distance_m = [0.0, 1.0];
-    scenario.start.height_m = [9.0, 10.0];
-    let mut nodes = NodeConfigs::default();
-    nodes.drone.mission.least_vessel = VesselLevel::Tag;
-    let f = flown(&scenario, &nodes, 810, 60.0);
-    assert_eq!(f.outcome.attempts, 0);
-    assert!(f.reasons.contains(&ReasonCode::SeveralDecks), "{:?}", f.reasons);
 }

@@ -1,9 +1,10 @@
 //! Interruptions near the deck of a vessel under way, by an operator or by the end of the planner's process: the drone
 //! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
 
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::sea::SeaConfig;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::studies::aborts::{Interruption, drive, fly};
+
+use crate::at_sea;
 
 /// The flights that end in an unsafe way when the landing is interrupted at these heights (m) on these seeds.
 fn unsafe_flights(
@@ -11,10 +12,7 @@ fn unsafe_flights(
     heights_m: &[f64],
     seeds: core::ops::Range<u64>,
 ) -> Vec<String> {
-    let mut scenario = Scenario {
-        sea: SeaConfig::paper(0.3, 5.0),
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("0.3,5");
     drive(&mut scenario, 7.0);
     let mut wrong = Vec::new();
     for height_m in heights_m {
@@ -31,17 +29,17 @@ fn unsafe_flights(
 }
 
 #[test]
-#[ignore = "12 flights: CI flies them by name"]
+#[ignore = "6 flights: CI flies them by name"]
 fn plans_lost_near_a_deck_at_7_mps() {
-    let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..64);
-    assert!(wrong.is_empty(), "{} of 12:\n{}", wrong.len(), wrong.join("\n"));
+    let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 60..62);
+    assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));
 }
 
 #[test]
-#[ignore = "12 flights: CI flies them by name"]
+#[ignore = "8 flights: CI flies them by name"]
 fn abort_and_hold_near_a_deck_at_7_mps() {
     for interruption in [Interruption::Abort, Interruption::Hold] {
-        let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..64);
-        assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));
+        let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..63);
+        assert!(wrong.is_empty(), "{} of 4:\n{}", wrong.len(), wrong.join("\n"));
     }
 }

@@ -5,17 +5,12 @@ use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::sea::SeaConfig;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_uav::mission::MissionIn;
 use nalgebra::Vector3;
 
-fn moderate() -> Scenario {
-    Scenario {
-        sea: SeaConfig::paper(0.5, 5.0),
-        ..Scenario::default()
-    }
-}
+use crate::at_sea;
+
 fn nodes(mode: LandingMode) -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.mode = mode;
@@ -51,58 +46,56 @@ fn by_hand(t: f64) -> f64 {
 
 #[test]
 fn shadow_while_a_person_lands() {
-    let (scenario, nodes) = (moderate(), nodes(LandingMode::Shadow));
-    for seed in [71, 72] {
-        let mut received = Received::default();
-        let mut rig = Rig::tapped(&scenario, &nodes, seed, &mut received).unwrap();
-        rig.world.command(CommandKind::Land);
-        let mut landed_for = 0;
-        for _ in 0..(90.0 / TICK.secs()) as u32 {
-            rig.tick(&mut received);
-            let (t, world) = (rig.t_s(), &mut rig.world);
-            let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
-            let apart = over - world.physics().drone(0).unwrap().position.0;
-            let on_deck = world.observation().feet_height_m() < 0.05;
-            let autopilot = &mut world.linked(0).unwrap().autopilot;
-            autopilot.hold_at(autopilot.position() + apart);
-            // Once it stands, the person disarms.
-            landed_for = if on_deck { landed_for + 1 } else { 0 };
-            if landed_for > 30 {
-                autopilot.arm(false);
-            }
+    let (scenario, nodes) = (at_sea("0.5,5"), nodes(LandingMode::Shadow));
+    let mut received = Received::default();
+    let mut rig = Rig::tapped(&scenario, &nodes, 71, &mut received).unwrap();
+    rig.world.command(CommandKind::Land);
+    let mut landed_for = 0;
+    for _ in 0..(90.0 / TICK.secs()) as u32 {
+        rig.tick(&mut received);
+        let (t, world) = (rig.t_s(), &mut rig.world);
+        let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
+        let apart = over - world.physics().drone(0).unwrap().position.0;
+        let on_deck = world.observation().feet_height_m() < 0.05;
+        let autopilot = &mut world.linked(0).unwrap().autopilot;
+        autopilot.hold_at(autopilot.position() + apart);
+        // Once it stands, the person disarms.
+        landed_for = if on_deck { landed_for + 1 } else { 0 };
+        if landed_for > 30 {
+            autopilot.arm(false);
         }
-        let linked = rig.world.linked(0).unwrap();
-        assert!(!linked.autopilot.armed(), "seed {seed}: never landed");
-        assert_eq!(linked.commanded, 0, "seed {seed}");
-        let visited = rig.visited(0);
-        // It would have flown the whole way, and the person's disarm ends it.
-        for state in [
-            State::GetAltitude,
-            State::Approach,
-            State::TrackingStable,
-            State::Descent,
-        ] {
-            assert!(visited.contains(&state), "seed {seed}: {visited:?}");
-        }
-        assert_eq!(visited.last(), Some(&State::Idle), "seed {seed}: {visited:?}");
-        let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
-        assert!(compared.len() > 300, "seed {seed}: {}", compared.len());
-        assert!(compared.iter().all(|s| !s.stops), "seed {seed}");
-        // Above the deck both hover.
-        let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
-        apart.sort_by(f64::total_cmp);
-        let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);
-        println!("seed {seed}: apart by {median:.1} deg in the median, 9 of 10 below {most:.1} deg");
-        assert!((0.01..10.0).contains(&median), "seed {seed}: {median} deg");
     }
+    let linked = rig.world.linked(0).unwrap();
+    assert!(!linked.autopilot.armed(), "never landed");
+    assert_eq!(linked.commanded, 0);
+    let visited = rig.visited(0);
+    // It would have flown the whole way, and the person's disarm ends it.
+    for state in [
+        State::GetAltitude,
+        State::Approach,
+        State::TrackingStable,
+        State::Descent,
+    ] {
+        assert!(visited.contains(&state), "{visited:?}");
+    }
+    assert_eq!(visited.last(), Some(&State::Idle), "{visited:?}");
+    let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
+    assert!(compared.len() > 300, "{}", compared.len());
+    assert!(compared.iter().all(|s| !s.stops));
+    // Above the deck both hover.
+    let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
+    apart.sort_by(f64::total_cmp);
+    let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);
+    println!("apart by {median:.1} deg in the median, 9 of 10 below {most:.1} deg");
+    assert!((0.01..10.0).contains(&median), "{median} deg");
 }
 
 #[test]
 fn match_over_the_deck() {
-    let (scenario, nodes) = (moderate(), nodes(LandingMode::Match));
+    let (scenario, nodes) = (at_sea("0.5,5"), nodes(LandingMode::Match));
     let c = &nodes.drone.mission;
     let mut flown = Vec::new();
-    for seed in 81..87 {
+    for seed in 81..83 {
         let mut rig = Rig::landing(&scenario, &nodes, seed).unwrap();
         let (mut lowest_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
         rig.each(180.0, |rig| {

@@ -23,7 +23,6 @@ mod link;
 mod moving_base;
 mod night;
 mod places;
-mod predictor;
 mod radio_link;
 mod recorded_motion;
 mod review;
@@ -35,11 +34,24 @@ mod takeoff;
 mod under_way;
 mod witnesses;
 
+use alight_sim::harness::outcome::{Judge, Outcome};
+use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::autopilot::modes::Firmware;
 
 /// Both autopilots.
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+/// Outcome of a flight with `each` after every tick, for `limit_s` at most.
+fn judged(rig: &mut Rig, seed: u64, limit_s: f64, mut each: impl FnMut(&mut Rig)) -> Outcome {
+    let half_deck = [rig.scenario.deck.length_m / 2.0, rig.scenario.deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    rig.each(limit_s, |rig| {
+        each(rig);
+        judge.observe(&rig.world.observation(), half_deck)
+    });
+    judge.outcome(seed, "", "", 0.0)
+}
 
 /// The default scene in this sea.
 fn at_sea(sea: &str) -> Scenario {

@@ -1,8 +1,8 @@
 //! The vessel's GNSS receiver as the moving base of the drone's: a place to centimetres before a tag is in view and after it is
 //! lost, and fixes that are false.
 
-use alight_shared::msg::{CommandKind, State};
-use alight_sim::harness::outcome::{Judge, Outcome, TIME_LIMIT_S};
+use alight_shared::msg::State;
+use alight_sim::harness::outcome::{Outcome, TIME_LIMIT_S};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::FaultKind;
@@ -12,7 +12,9 @@ use alight_sim::sensors::noise::Windows;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// The drone hovers for so long before it is ordered to land, s.
+use crate::judged;
+
+/// The drone hovers for so long, s.
 const HOVERS_S: f64 = 40.0;
 /// Tags are lost for good below this, m.
 const BLIND_M: f64 = 3.0;
@@ -27,22 +29,9 @@ fn fixed() -> MovingBaseConfig {
 }
 /// A Moderate sea.
 fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
-    let mut scenario = Scenario {
-        sea: "moderate".parse().unwrap(),
-        ..Scenario::default()
-    };
+    let mut scenario = crate::at_sea("moderate");
     scenario.sensors.moving_base = moving_base;
     scenario
-}
-/// Outcome of a flight with `each` after every tick.
-fn judged(rig: &mut Rig, seed: u64, mut each: impl FnMut(&mut Rig)) -> Outcome {
-    let half_deck = [rig.scenario.deck.length_m / 2.0, rig.scenario.deck.width_m / 2.0];
-    let mut judge = Judge::default();
-    rig.each(TIME_LIMIT_S, |rig| {
-        each(rig);
-        judge.observe(&rig.world.observation(), half_deck)
-    });
-    judge.outcome(seed, "", "", 0.0)
 }
 
 /// Distance between the deck's place from the drone as it is forecast for now and as it is, m.
@@ -54,12 +43,11 @@ fn error_m(rig: &Rig) -> Option<f64> {
     let truth = physics.deck().position.0 - physics.drone(0)?.position.0;
     Some((deck - drone - truth).norm())
 }
-/// Mean of that over the last 10 s of a hover at a height of 10 m without a detection, m, and the outcome of the landing after it.
-fn hovered(moving_base: Option<MovingBaseConfig>, seed: u64) -> (f64, Outcome) {
+/// Mean of that over the last 10 s of a hover at a height of 10 m without a detection, m.
+fn hovered_error_m(moving_base: Option<MovingBaseConfig>, seed: u64) -> f64 {
     let mut scenario = at_sea(moving_base);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0; 2], [10.0; 2]);
-    let order_s = scenario.start.warm_up_s + HOVERS_S;
-    scenario.sensors.tag.outages_s = Windows(vec![[0.0, order_s]]);
+    scenario.sensors.tag.outages_s = Windows(vec![[0.0, 1e3]]);
     scenario.sensors.uvdar.max_range_m = 0.0;
     let mut rig = Rig::new(&scenario, &NodeConfigs::default(), seed).unwrap();
     rig.run(HOVERS_S - 10.0);
@@ -69,26 +57,12 @@ fn hovered(moving_base: Option<MovingBaseConfig>, seed: u64) -> (f64, Outcome) {
     });
     let errors: Vec<f64> = errors.collect();
     assert!(errors.len() > 90, "{} forecasts", errors.len());
-    rig.world.command(CommandKind::Land);
-    let outcome = judged(&mut rig, seed, |_| {});
-    (errors.iter().sum::<f64>() / errors.len() as f64, outcome)
+    errors.iter().sum::<f64>() / errors.len() as f64
 }
 
 #[test]
 fn forecast_at_10_m_before_a_tag_is_in_view() {
-    let median_m = |moving_base: Option<MovingBaseConfig>| {
-        let seeds = (4100..4103_u64).into_par_iter();
-        let mut errors: Vec<f64> = seeds
-            .map(|seed| {
-                let (error_m, o) = hovered(moving_base, seed);
-                assert!(o.success, "{seed}: {}", o.reason);
-                error_m
-            })
-            .collect();
-        errors.sort_by(f64::total_cmp);
-        errors[1]
-    };
-    let (with, without) = (median_m(Some(fixed())), median_m(None));
+    let [with, without] = [Some(fixed()), None].map(|base| hovered_error_m(base, 4100));
     println!("with a moving base {with:.3} m, without {without:.3} m");
     assert!(with < 0.1 && without > 0.3, "{with} {without}");
 }
@@ -97,7 +71,7 @@ fn forecast_at_10_m_before_a_tag_is_in_view() {
 fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
     let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
     let mut blind = false;
-    judged(&mut rig, seed, |rig| {
+    judged(&mut rig, seed, TIME_LIMIT_S, |rig| {
         let low = rig.state(0) == State::Descent && rig.world.observation().feet_height_m() < BLIND_M;
         if low && !blind {
             blind = true;
@@ -131,25 +105,14 @@ fn tags_lost_for_good_low_over_the_deck() {
 }
 
 /// Landings by fixes that are half a metre off: none is unsafe.
-fn falsely_fixed(seeds: core::ops::Range<u64>) {
+#[test]
+fn false_fixes_without_an_unsafe_contact() {
     let config = MovingBaseConfig {
         false_fix_m: 0.5,
         ..fixed()
     };
-    let scenario = at_sea(Some(config));
-    seeds.into_par_iter().for_each(|seed| {
-        let o = trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap();
+    (4120..4122_u64).into_par_iter().for_each(|seed| {
+        let o = trial::outcome(&at_sea(Some(config)), &NodeConfigs::default(), seed, "moderate").unwrap();
         assert!(!o.is_unsafe() && o.unsafe_contacts == 0, "{seed}: {}", o.reason);
     });
-}
-
-#[test]
-fn false_fixes_without_an_unsafe_contact() {
-    falsely_fixed(4120..4124);
-}
-
-#[test]
-#[ignore = "rate over seeds: 40 landings"]
-fn false_fixes_over_40_seeds() {
-    falsely_fixed(4120..4160);
 }

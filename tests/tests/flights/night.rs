@@ -7,7 +7,6 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::night::NightConfig;
-use alight_sim::sensors::uvdar::UvdarConfig;
 
 /// Under stars, tags that glow like a telephone's screen.
 fn lit() -> NightConfig {
@@ -50,12 +49,12 @@ fn landed(all: &[Outcome]) -> usize {
 }
 
 #[test]
-#[ignore = "20 flights: CI flies them by name"]
+#[ignore = "10 flights: CI flies them by name"]
 fn landings_by_night_on_lit_tags() {
-    let all = pooled(0..20, lit());
+    let all = pooled(0..10, lit());
     let failed = all.iter().filter(|o| o.is_unsafe()).count();
     assert!(
-        landed(&all) >= 18 && failed == 0,
+        landed(&all) >= 9 && failed == 0,
         "{} landed, {failed} unsafe",
         landed(&all)
     );
@@ -79,7 +78,7 @@ fn landing_by_night_in_rendered_images() {
 
 #[test]
 fn printed_tags_by_night_with_the_reason() {
-    for (render, limit_s) in [(false, 120.0), (true, 30.0)] {
+    for (render, limit_s) in [(false, 60.0), (true, 15.0)] {
         let (mut scenario, nodes) = at_night(None, NightConfig::default());
         scenario.sensors.render.on = render;
         let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
@@ -96,20 +95,6 @@ fn printed_tags_by_night_with_the_reason() {
         let text = rig.mission(0).waiting.to_string();
         assert!(text.contains("4.0 ms and gain at their limits"), "{text}");
     }
-}
-
-#[test]
-#[ignore = "half a minute"]
-fn printed_tags_by_night_with_uv_markers() {
-    // The markers lead to the deck; what is landed without a tag is landed as where the camera failed.
-    let (mut scenario, nodes) = at_night(None, NightConfig::default());
-    scenario.sensors.uvdar = UvdarConfig::default();
-    let all = (0..6).map(|seed| trial::outcome(&scenario, &nodes, seed, "night").unwrap());
-    let all: Vec<Outcome> = all.collect();
-    for o in &all {
-        println!("seed {}: {} {:?} m", o.seed, o.reason, o.position_error_m);
-    }
-    assert!(all.iter().all(|o| !o.is_unsafe()), "{} landed", landed(&all));
 }
 
 #[test]
@@ -131,39 +116,25 @@ fn lamp_on_the_deck_into_the_lens() {
         lamp_cd: 3e4,
         ..lit()
     };
-    let all = pooled(0..3, lamp);
+    let all = pooled(0..2, lamp);
     assert!(all.iter().all(|o| !o.is_unsafe() && o.unsafe_contacts == 0));
     // Behind an infra-red filter the same lamp is a hundredth.
     let filtered = NightConfig { filter: 0.01, ..lamp };
     assert_eq!(landed(&pooled(0..2, filtered)), 2);
 }
 
-/// Flights with a lamp a metre from the tags' middle: so many land, and those that do not wait with the reason.
-fn blinded(lamp_cd: f64, seeds: core::ops::Range<u64>) -> usize {
-    let blinding = NightConfig {
-        lamp_cd,
-        lamp_m: [0.0, 1.0, -0.3],
-        ..lit()
-    };
-    let all = pooled(seeds, blinding);
-    for o in &all {
-        assert!(!o.is_unsafe() && o.unsafe_contacts == 0, "{o:?}");
-        assert!(o.success || o.reason.contains("blinded"), "{}", o.reason);
-    }
-    println!("{lamp_cd} cd: {} of {} landed", landed(&all), all.len());
-    landed(&all)
-}
-
+/// With a lamp a metre from the tags' middle the drone lands, or waits with the reason.
 #[test]
 fn lamp_that_blinds_with_the_reason() {
-    assert_eq!(blinded(1e5, 3..4), 1);
-    assert_eq!(blinded(1e6, 4..5), 0);
-}
-
-#[test]
-#[ignore = "a minute"]
-fn lamps_on_the_deck_that_blind() {
-    // They veil the tags by several times their own light near the deck.
-    assert!(blinded(1e5, 0..6) >= 5);
-    blinded(1e6, 0..6);
+    for (lamp_cd, seed, lands) in [(1e5, 3, true), (1e6, 4, false)] {
+        let blinding = NightConfig {
+            lamp_cd,
+            lamp_m: [0.0, 1.0, -0.3],
+            ..lit()
+        };
+        let o = &pooled(seed..seed + 1, blinding)[0];
+        assert!(!o.is_unsafe() && o.unsafe_contacts == 0, "{o:?}");
+        let explained = o.success || o.reason.contains("blinded");
+        assert!(explained && o.success == lands, "{lamp_cd} cd: {}", o.reason);
+    }
 }

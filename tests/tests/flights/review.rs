@@ -6,20 +6,18 @@ use alight_shared::estimation::moments;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
 use alight_sim::harness::physics::Physics;
-use alight_sim::harness::scenario::Scenario;
 use alight_usv::VesselNodeConfig;
 use alight_usv::estimator::InnovationChannel;
 use alight_usv::log::{self, SensorRecording};
 use alight_usv::review::{Review, review};
 use alight_usv::sensors::{Measurement, Mount};
 
+use crate::at_sea;
+
 /// Recordings of the vessel's sensors and of a motion sensor at 10 Hz, and the standard
 /// deviations of the true heave (m), roll and pitch (rad), and the period of the highest wave (s).
 fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRecording, [f64; 4]) {
-    let scenario = Scenario {
-        sea: sea.parse().unwrap(),
-        ..Scenario::default()
-    };
+    let scenario = at_sea(sea);
     let mut physics = Physics::new(&scenario, seed).unwrap();
     let (mut real, mut motion) = (SensorRecording::default(), SensorRecording::default());
     let mut truth = Vec::new();

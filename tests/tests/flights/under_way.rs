@@ -3,27 +3,78 @@
 use std::path::Path;
 
 use alight_shared::estimation::moments;
-use alight_shared::frames::wrap_angle;
-use alight_shared::time::Span;
-use alight_sim::harness::scenario::Scenario;
+use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
+use alight_shared::step::Step;
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::world::World;
+use alight_sim::physics::body::RigidState;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
+use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
-
-use crate::predictor::{PredictorFlight, fly_above};
 
 /// Time above her, s; of it the first part is not judged: the filters begin.
 const FLOWN_S: f64 = 38.0;
 const BEGINS_S: f64 = 10.0;
 
-/// Above the boat of the recording, kept level with her by truth.
-fn above_the_boat(start_s: f64, seed: u64) -> PredictorFlight {
+/// A forecast and its tick.
+struct ForecastSample {
+    t: usize,
+    forecast: DeckForecast,
+}
+
+/// Record that a tap collects from the warm-up on.
+#[derive(Default)]
+struct PredictorFlight {
+    /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
+    frames: Vec<Vector3<f64>>,
+    /// Deck, per tick.
+    truth: Vec<RigidState<Deck>>,
+    samples: Vec<ForecastSample>,
+    /// The vessel's estimates as the drone received them.
+    estimates: Vec<VesselEstimate<DroneClock>>,
+    /// Tick at which the test begins to fly.
+    began: usize,
+    /// True position of the drone.
+    drone: Vector3<f64>,
+}
+
+impl Tap for PredictorFlight {
+    fn truth(
+        &mut self,
+        _: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
+    ) {
+        self.truth.push(vessel.at(DeckGeometry::default().centre()));
+        self.frames.push(self.frames.last().copied().unwrap_or_default());
+        self.drone = drone.map_or(self.drone, |(d, _)| d.position.0);
+    }
+    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+        let (Some(i), Some(o)) = (step.input::<PredictorIn>(), step.output::<PredictorOut>()) else {
+            return;
+        };
+        if let (Some(odometry), Some(frame)) = (i.drone, self.frames.last_mut()) {
+            *frame = odometry.position() - self.drone;
+        }
+        self.estimates.extend(i.estimate);
+        let t = self.truth.len() - 1;
+        self.samples
+            .extend(o.forecast.map(|forecast| ForecastSample { t, forecast }));
+    }
+}
+
+/// Above the boat of the recording, kept level with her by truth: at 7 m, then down to 1.5 m.
+fn above_the_boat() -> PredictorFlight {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/flights/data/figure-of-eight.csv");
     let mut scenario = Scenario {
         sea: SeaConfig::paper(0.0, 5.0),
         deck_motion: Some(DeckMotionConfig {
             file,
-            start_s,
             keep_mean: true,
             ..DeckMotionConfig::default()
         }),
@@ -31,12 +82,29 @@ fn above_the_boat(start_s: f64, seed: u64) -> PredictorFlight {
     };
     // Past half of it she heels to the other side, and the recording has 100 s.
     scenario.start.warm_up_s = 60.0;
-    fly_above(scenario, [FLOWN_S, f64::INFINITY], seed, |deck| {
-        (
-            deck.position.0,
-            Vector3::new(deck.velocity.0.x, deck.velocity.0.y, 0.0),
-        )
-    })
+    scenario.start.distance_m = [0.0; 2];
+    scenario.start.height_m = [9.0; 2];
+    let mut world = World::new(&scenario, &NodeConfigs::default(), 100).unwrap();
+    let mut flight = PredictorFlight::default();
+    world.warm_up(&mut flight);
+    flight.began = flight.truth.len();
+    for tick in 0..(FLOWN_S * 100.0) as u32 {
+        let since = f64::from(tick) * 0.01;
+        let deck = world.physics().deck();
+        let height_m = (7.0 - (since - 20.0).max(0.0)).max(1.5);
+        let above = Vector3::new(deck.position.0.x, deck.position.0.y, -1.3 - height_m);
+        let set_point = SetPoint {
+            kind: SetPointKind::Trajectory,
+            motors: Motors::Run,
+            position: (above + flight.frames[flight.frames.len() - 1]).into(),
+            velocity: [deck.velocity.0.x, deck.velocity.0.y, 0.0],
+            yaw: deck.euler().z,
+            ..SetPoint::default()
+        };
+        world.fly_by_set_point(0, set_point);
+        world.tick(&mut flight);
+    }
+    flight
 }
 
 /// Standard deviation of the forecasts' roll and pitch errors, so far ahead (s), deg: an error that stays is the
@@ -83,7 +151,7 @@ fn beginning_deg(flight: &PredictorFlight) -> f64 {
 
 #[test]
 fn forecast_over_a_boat_that_turns() {
-    let flight = above_the_boat(0.0, 100);
+    let flight = above_the_boat();
     let begins = beginning_deg(&flight);
     let errors = [0.0, 0.5, 1.0, 2.0].map(|ahead| errors_deg(&flight, ahead));
     println!("begins {begins:.3} deg from the estimate; roll, pitch {errors:.3?} deg");

@@ -2,9 +2,11 @@
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::failing::Failing;
-use alight_sim::harness::outcome::{Ending, Judge, Outcome};
+use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+
+use crate::judged;
 
 /// Outcome of a flight, largest disagreement about the height on the way down, and reported reasons of the two witnesses.
 struct Flown {
@@ -16,9 +18,8 @@ struct Flown {
 fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig)) -> Flown {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     mislead(&mut rig);
-    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
-    let (mut judge, mut height_sd, mut reported) = (Judge::default(), 0.0_f64, Vec::new());
-    rig.each(limit_s, |rig| {
+    let (mut height_sd, mut reported) = (0.0_f64, Vec::new());
+    let outcome = judged(&mut rig, seed, limit_s, |rig| {
         let m = *rig.mission(0);
         for code in [m.waiting.code, m.entered.code] {
             let names = matches!(code, ReasonCode::DeckElsewhere | ReasonCode::HeightContradicted);
@@ -30,19 +31,19 @@ fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig
             let newest = rig.world.drones()[0].forecast.and_then(|f| f.height_nis);
             height_sd = height_sd.max(newest.unwrap_or(0.0).sqrt());
         }
-        judge.observe(&rig.world.observation(), half_deck)
     });
     Flown {
-        outcome: judge.outcome(seed, "", "", 0.0),
+        outcome,
         height_sd,
         reported,
     }
 }
 
 /// In a sound world no contradiction of two witnesses is reported.
-fn agreement(seeds: core::ops::Range<u64>) {
+#[test]
+fn witnesses_that_agree_in_a_sound_world() {
     let mut refused = Vec::new();
-    for seed in seeds {
+    for seed in 300..302 {
         let f = flown(&Scenario::default(), seed, 200.0, |_| {});
         println!("sound {seed}: {:.2} sd, {:?}", f.height_sd, f.outcome.outcome);
         if !f.reported.is_empty() || f.outcome.outcome != Ending::Success {
@@ -52,23 +53,13 @@ fn agreement(seeds: core::ops::Range<u64>) {
     assert!(refused.is_empty(), "{refused:#?}");
 }
 
-#[test]
-fn witnesses_that_agree_in_a_sound_world() {
-    agreement(300..303);
-}
-
-#[test]
-#[ignore = "40 landings: a minute"]
-fn forty_landings_with_witnesses_that_agree() {
-    agreement(400..440);
-}
-
 /// Images that take 0.3 s and are stamped 0.25 s after their exposure: no hard contact.
-fn late_images(seeds: core::ops::Range<u64>) {
+#[test]
+fn images_stamped_late() {
     let mut scenario = Scenario::default();
     (scenario.sensors.tag.latency_s, scenario.sensors.uvdar.latency_s) = (0.3, 0.3);
     let mut hard = Vec::new();
-    for seed in seeds {
+    for seed in 320..322 {
         let f = flown(&scenario, seed, 90.0, |rig| {
             let mut failing = Failing::default();
             failing.drone.images_late_s = 0.25;
@@ -83,17 +74,6 @@ fn late_images(seeds: core::ops::Range<u64>) {
         }
     }
     assert!(hard.is_empty(), "{hard:#?}");
-}
-
-#[test]
-fn images_stamped_late() {
-    late_images(320..324);
-}
-
-#[test]
-#[ignore = "20 flights: a minute"]
-fn twenty_flights_with_images_stamped_late() {
-    late_images(340..360);
 }
 
 #[test]
