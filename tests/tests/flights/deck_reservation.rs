@@ -1,19 +1,18 @@
 //! Reservation of the deck in the whole world: drones ask the vessel's arbiter over the radio before
 //! they descend.
 
-use alight_shared::msg::{BatteryPlace, CommandKind, DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
+use alight_shared::msg::{DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::studies::fleet;
 use alight_usv::deck::DeckInputs;
 
+use crate::at_sea;
+
 /// Drones above one deck in a slight sea, each commanded to land.
 fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
-    let scenario = Scenario {
-        sea: "slight".parse().unwrap(),
-        drones,
-        ..Scenario::default()
-    };
+    let mut scenario = at_sea("slight");
+    scenario.drones = drones;
     Rig::landing(&scenario, nodes, seed).unwrap()
 }
 /// Two drones, flown until one descends: who does, and who waits.
@@ -85,46 +84,6 @@ fn two_drones_one_after_the_other() {
 }
 
 #[test]
-fn vessel_restart_during_a_descent() {
-    let (mut fleet, first, second) = pair(22);
-    fleet.restart_vessel();
-    fleet.run(40.0);
-    assert_state(&fleet, first, State::Landed);
-    assert_never_descended(&fleet, second);
-}
-
-#[test]
-fn two_drones_without_radio() {
-    let (mut fleet, first, second) = pair(23);
-    fleet.until(60.0, |f| {
-        place(f, second)[1] > 15.0 || f.state(first) == State::Landed
-    });
-    (0..2).for_each(|k| fleet.world.radio_outage(k, f64::INFINITY));
-    fleet.run(40.0);
-    assert_state(&fleet, first, State::Landed);
-    assert_never_descended(&fleet, second);
-    // It holds at the height that it was given.
-    assert_state(&fleet, second, State::Hold);
-    assert!(place(&fleet, second)[1] > 11.0, "{:?}", place(&fleet, second));
-}
-
-#[test]
-fn deck_of_a_drone_landed_without_radio() {
-    let (mut fleet, first, second) = pair(26);
-    fleet.world.radio_outage(first, f64::INFINITY);
-    // Half way the vessel is restarted.
-    fleet.run(60.0);
-    fleet.restart_vessel();
-    fleet.run(60.0);
-    assert_state(&fleet, first, State::Landed);
-    assert_never_descended(&fleet, second);
-    // A person carries it off, and reports it.
-    fleet.world.deck_order(DeckOrder::Open);
-    fleet.restart_drone(first);
-    fly_to(&mut fleet, 120.0, second, State::Landed);
-}
-
-#[test]
 fn deck_closed_by_the_crew() {
     let (mut fleet, first, _) = pair(27);
     fleet.world.deck_order(DeckOrder::Closed);
@@ -173,108 +132,11 @@ fn deck_occupied_during_a_descent() {
 }
 
 #[test]
-fn reservation_of_a_lone_drone() {
-    let mut fleet = fleet(1, &reserving(), 24);
-    fly_to(&mut fleet, 120.0, 0, State::Landed);
-}
-
-#[test]
-fn operator_abort_through_the_vessel() {
-    let mut fleet = fleet(1, &reserving(), 25);
-    fleet.until(120.0, |f| f.state(0) == State::Descent);
-    fleet.world.operator_command(0, CommandKind::Abort);
-    fleet.until(2.0, |f| f.state(0) != State::Descent);
-    assert_state(&fleet, 0, State::GaveUp);
-}
-
-#[test]
-fn deck_after_an_abort() {
-    let (mut fleet, first, second) = pair(28);
-    fleet.world.operator_command(first, CommandKind::Abort);
-    fly_to(&mut fleet, 60.0, second, State::Descent);
-    assert_state(&fleet, first, State::GaveUp);
-    assert_waits_aside(&fleet, first);
-    fly_to(&mut fleet, 60.0, second, State::Landed);
-    assert_eq!(fleet.world.physics().collisions(), 0);
-}
-
-#[test]
 fn fleet_with_random_orders_aborts_and_outages() {
-    for (seed, drones) in [(31, 2), (32, 3)] {
-        let report = fleet::fly(&Scenario::default(), &NodeConfigs::default(), seed, drones).unwrap();
-        assert!(report.safe(), "seed {seed}: {report:?}");
-        assert!(
-            report.landings > 0 && report.stops + report.outages > 0,
-            "seed {seed}: {report:?}"
-        );
-    }
-}
-
-/// A drone whose battery reaches its reserve 0.5 s after it has first entered a state.
-fn low_battery_in(state: State, nodes: &NodeConfigs, seed: u64) -> Rig {
-    let mut fleet = fleet(1, nodes, seed);
-    fly_to(&mut fleet, 120.0, 0, state);
-    fleet.run(0.5);
-    let linked = fleet.world.linked(0).unwrap();
-    // Reported in whole percents.
-    linked.autopilot.battery = nodes.drone.mission.battery_reserve - 0.01;
-    fleet
-}
-
-#[test]
-fn low_battery_above_the_deck() {
-    let mut nodes = NodeConfigs::default();
-    // A descent takes less than the time for which a low charge has to last.
-    nodes.drone.mission.battery_lasts_s = 0.5;
-    for seed in 51..54 {
-        for state in [State::Tracking, State::Descent] {
-            let mut fleet = low_battery_in(state, &nodes, seed);
-            let mut hardest: f64 = 0.0;
-            fleet.until(60.0, |f| f.mission(0).low_battery.is_some());
-            let chosen = fleet.mission(0);
-            assert_eq!(
-                chosen.low_battery,
-                Some(BatteryPlace::Deck),
-                "{:?}",
-                fleet.visited(0)
-            );
-            assert_eq!(chosen.entered.code, ReasonCode::BatteryDeck);
-            fleet.each(30.0, |f| {
-                for c in f.world.observation().contacts {
-                    assert!(c.foot && c.on_deck);
-                    hardest = hardest.max(c.normal_mps.hypot(c.tangential_mps));
-                }
-                false
-            });
-            assert_state(&fleet, 0, State::Landed);
-            assert!(
-                place(&fleet, 0)[0] < 0.8 && hardest < 1.0,
-                "seed {seed}: {hardest} m/s"
-            );
-        }
-    }
-}
-
-/// A deck that is closed while the battery is low is awaited, and taken once it is open again.
-#[test]
-fn low_battery_near_a_closed_deck() {
-    let mut fleet = low_battery_in(State::Tracking, &reserving(), 55);
-    fleet.world.deck_order(DeckOrder::Closed);
-    fleet.run(15.0);
-    let m = fleet.mission(0);
-    assert_eq!(
-        m.low_battery,
-        Some(BatteryPlace::Deck),
-        "{:?}, {}, {:?}",
-        fleet.visited(0),
-        m.waiting,
-        m.battery
-    );
-    assert_never_descended(&fleet, 0);
-    fleet.world.deck_order(DeckOrder::Open);
+    let report = fleet::fly(&Scenario::default(), &NodeConfigs::default(), 32, 3).unwrap();
+    assert!(report.safe(), "{report:?}");
     assert!(
-        fleet.until(60.0, |f| f.state(0) == State::Landed),
-        "{:?}",
-        fleet.visited(0)
+        report.landings > 0 && report.stops + report.outages > 0,
+        "{report:?}"
     );
 }

@@ -2,19 +2,17 @@
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::scenario::NodeConfigs;
 
-/// A drone in a slight sea that tracks the deck of a vessel whose helm has stated this.
-fn tracking(stated: Option<DeckOrder>) -> Rig {
+use crate::at_sea;
+
+/// A drone in a slight sea that tracks the deck.
+fn tracking() -> Rig {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;
-    let scenario = Scenario {
-        sea: "slight".parse().unwrap(),
-        ..Scenario::default()
-    };
+    let scenario = at_sea("slight");
     let mut rig = Rig::landing(&scenario, &nodes, 31).unwrap();
     assert!(reaches(&mut rig, 60.0, State::Tracking));
-    stated.into_iter().for_each(|order| rig.world.deck_order(order));
     rig
 }
 /// Flown until the drone is in this state, `limit_s` at most; whether it is.
@@ -23,26 +21,12 @@ fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
 }
 
 #[test]
-fn landing_within_a_promise_of_60_s_or_none() {
-    for stated in [Some(DeckOrder::Steady(60)), None] {
-        let mut rig = tracking(stated);
-        assert!(!rig.world.wants_steady());
-        assert!(reaches(&mut rig, 20.0, State::Descent), "{stated:?}");
-        assert!(reaches(&mut rig, 30.0, State::Flare), "{stated:?}");
-        assert!(rig.world.wants_steady());
-        assert!(reaches(&mut rig, 30.0, State::Landed), "{stated:?}");
-        reaches(&mut rig, 2.0, State::Idle);
-        assert!(!rig.world.wants_steady());
-    }
-}
-
-#[test]
 fn descent_with_a_turn_or_a_short_promise() {
     for (stated, why) in [
         (DeckOrder::Turning, ReasonCode::VesselTurns),
         (DeckOrder::Steady(10), ReasonCode::CourseEnds),
     ] {
-        let mut rig = tracking(None);
+        let mut rig = tracking();
         // Given before a descent can have begun.
         rig.world.deck_order(stated);
         assert!(!reaches(&mut rig, 8.0, State::Descent), "{stated:?}");
@@ -51,13 +35,4 @@ fn descent_with_a_turn_or_a_short_promise() {
         rig.world.deck_order(DeckOrder::Steady(60));
         assert!(reaches(&mut rig, 30.0, State::Landed), "{stated:?}");
     }
-}
-
-#[test]
-fn turn_stated_in_a_descent() {
-    let mut rig = tracking(Some(DeckOrder::Steady(60)));
-    assert!(reaches(&mut rig, 20.0, State::Descent));
-    rig.world.deck_order(DeckOrder::Turning);
-    assert!(reaches(&mut rig, 1.0, State::Tracking));
-    assert!(!reaches(&mut rig, 10.0, State::Descent));
 }
