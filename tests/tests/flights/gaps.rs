@@ -1,82 +1,19 @@
-//! Gaps in what a flight rests on, in every state in which rotors turn: the drone goes on, or reports what it does; orders act, and
-//! nothing is disarmed in the air or left low over the deck.
+//! Gaps in what a flight rests on while rotors turn: the drone goes on, or reports what it does; orders act, and nothing is disarmed in
+//! the air or left low over the deck. Storms draw the others.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_sim::harness::failing::Failing;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::storm::{Effect, FaultKind, Takes};
-use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::VesselCourse;
-use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
 use super::BOTH;
 use super::takeoff::{armed, on_deck};
-
-/// In what state the gap begins, reached how.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum When {
-    SpinUp,
-    TakeOff,
-    ClimbOut,
-    StandDown,
-    /// In the hold after a take-off, and on a station.
-    Hold,
-    Station,
-    /// In a hold that was ordered, and after an abort, on the way to the deck.
-    Stopped,
-    GaveUp,
-    /// Handed over, without an order.
-    Idle,
-    GetAltitude,
-    Approach,
-    Tracking,
-    Descent,
-    Flare,
-    Landed,
-}
-use When::{
-    Approach, ClimbOut, Descent, Flare, GaveUp, GetAltitude, Hold, Idle, Landed, SpinUp, StandDown,
-    Station as OnStation, Stopped, TakeOff, Tracking,
-};
-
-const ALL: [When; 15] = [
-    SpinUp,
-    TakeOff,
-    ClimbOut,
-    StandDown,
-    Hold,
-    OnStation,
-    Stopped,
-    GaveUp,
-    Idle,
-    GetAltitude,
-    Approach,
-    Tracking,
-    Descent,
-    Flare,
-    Landed,
-];
-/// Who is gone.
-const GONE: [FaultKind; 13] = [
-    FaultKind::RadioLost,
-    FaultKind::PilotFrozen,
-    FaultKind::PilotKilled,
-    FaultKind::PlannerFrozen,
-    FaultKind::MissionFrozen,
-    FaultKind::MissionKilled,
-    FaultKind::LinkFrozen,
-    FaultKind::LinkKilled,
-    FaultKind::ComputerFrozen,
-    FaultKind::ComputerKilled,
-    FaultKind::CableOut,
-    FaultKind::AutopilotSilent,
-    FaultKind::StreamStops,
-];
-
+use crate::at_sea;
 const ABEAM: Station = Station {
     ahead_m: 0,
     right_m: 20,
@@ -87,7 +24,8 @@ const ABEAM: Station = Station {
 /// A flight with one gap.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    when: When,
+    /// The state in which it begins; [`State::Hold`]: on a station, where a take-off has led.
+    when: State,
     /// After it entered that state, s.
     after_s: f64,
     gone: FaultKind,
@@ -96,15 +34,6 @@ struct Cell {
     /// Given 2 s after the gap.
     order: Option<CommandKind>,
     seed: u64,
-}
-
-/// Ending of a flight.
-#[derive(Debug, Default)]
-struct End {
-    bad: Option<String>,
-    state: State,
-    /// On the deck and disarmed.
-    stands: bool,
 }
 
 /// The drone is commanded again within this time after a gap, s.
@@ -118,19 +47,14 @@ const AIR_M: f64 = 0.25;
 
 impl Cell {
     fn takes_off(&self) -> bool {
-        matches!(
-            self.when,
-            SpinUp | TakeOff | ClimbOut | StandDown | Hold | OnStation
-        )
+        use State::{ClimbOut, Hold, SpinUp, StandDown};
+        matches!(self.when, SpinUp | ClimbOut | StandDown | Hold)
     }
     fn rig(&self) -> Rig {
         let (mut scenario, nodes) = if self.takes_off() {
             on_deck(0.5, self.firmware)
         } else {
-            let mut scenario = Scenario {
-                sea: SeaConfig::paper(0.5, 5.0),
-                ..Scenario::default()
-            };
+            let mut scenario = at_sea("0.5,5");
             scenario.drone.autopilot.firmware = self.firmware;
             scenario.start.height_m = [6.0, 6.5];
             (scenario, NodeConfigs::default())
@@ -145,7 +69,7 @@ impl Cell {
             rig.world.deck_order(DeckOrder::TakeOff(1));
             rig.run(1.0);
             rig.world.command(CommandKind::TakeOff);
-        } else if self.when != Idle {
+        } else {
             rig.world.command(CommandKind::Land);
         }
         rig
@@ -153,53 +77,36 @@ impl Cell {
     /// Goes on to the state in which the gap begins.
     fn reach(&self, rig: &mut Rig) -> bool {
         let due = |rig: &mut Rig, state: State, after_s: f64| rig.until(90.0, |r| r.is_due(state, after_s));
-        let armed_in = |rig: &mut Rig, state: State| rig.until(90.0, |r| r.state(0) == state && armed(r, 0));
-        let ordered = |rig: &mut Rig, kind: CommandKind, state: State| {
-            rig.world.command(kind);
-            due(rig, state, self.after_s)
-        };
+        let spins = |rig: &mut Rig| rig.until(90.0, |r| r.state(0) == State::SpinUp && armed(r, 0));
         match self.when {
-            SpinUp => {
-                armed_in(rig, State::SpinUp) && {
+            State::SpinUp => {
+                spins(rig) && {
                     rig.run(self.after_s);
                     rig.state(0) == State::SpinUp
                 }
             }
-            StandDown => armed_in(rig, State::SpinUp) && ordered(rig, CommandKind::Abort, State::StandDown),
-            TakeOff => due(rig, State::TakeOff, self.after_s),
-            ClimbOut => due(rig, State::ClimbOut, self.after_s),
-            Hold => due(rig, State::Hold, self.after_s),
-            OnStation => {
+            State::StandDown => {
+                spins(rig) && {
+                    rig.world.command(CommandKind::Abort);
+                    due(rig, State::StandDown, self.after_s)
+                }
+            }
+            State::Hold => {
                 due(rig, State::Hold, 1.0) && {
                     rig.world.command(CommandKind::Station(ABEAM));
                     rig.run(self.after_s + 1.0);
                     rig.mission(0).station.is_some()
                 }
             }
-            Stopped => due(rig, State::Approach, 0.5) && ordered(rig, CommandKind::Hold, State::Hold),
-            GaveUp => due(rig, State::Tracking, 0.5) && ordered(rig, CommandKind::Abort, State::GaveUp),
-            Idle => {
-                rig.run(self.after_s);
-                true
-            }
-            GetAltitude => due(rig, State::GetAltitude, self.after_s),
-            Approach => due(rig, State::Approach, self.after_s),
-            Tracking => due(rig, State::Tracking, self.after_s),
-            Descent => due(rig, State::Descent, self.after_s),
-            Flare => due(rig, State::Flare, self.after_s.min(0.3)),
-            Landed => due(rig, State::Landed, 0.0),
+            State::Landed => due(rig, State::Landed, 0.0),
+            state => due(rig, state, self.after_s),
         }
     }
     fn begin(&self, rig: &mut Rig) {
         match self.gone.effect() {
             Effect::Lasting(fail) => {
                 let mut failing = Failing::default();
-                let size = match (self.gone, self.firmware) {
-                    (FaultKind::StreamStops, Firmware::Px4) => id::ODOMETRY,
-                    (FaultKind::StreamStops, Firmware::ArduCopter) => id::LOCAL_POSITION_NED,
-                    _ => 0,
-                };
-                fail(&mut failing, f64::from(size));
+                fail(&mut failing, 0.0);
                 rig.world.fail(&failing);
             }
             Effect::Events(begin, _) => begin(rig, 0.0),
@@ -212,14 +119,11 @@ impl Cell {
         }
     }
 
-    fn fly(&self) -> End {
+    /// What ended badly.
+    fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
-            let bad = Some(format!("never came so far: {:?}", rig.visited(0)));
-            return End {
-                bad,
-                ..End::default()
-            };
+            return Some(format!("never came so far: {:?}", rig.visited(0)));
         }
         let began_s = rig.t_s();
         self.begin(&mut rig);
@@ -239,17 +143,40 @@ impl Cell {
                 }
             }
             watch.look(self, rig, t_s - over_s);
-            watch.end.bad.is_some() || watch.rests(rig)
+            watch.bad.is_some() || watch.rests(rig)
         });
-        watch.judge(self, &rig);
-        watch.end
+        watch.bad.or_else(|| self.judge(&rig))
+    }
+
+    /// What is wrong with how it ended.
+    fn judge(&self, rig: &Rig) -> Option<String> {
+        let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
+        let height_m = o.feet_height_m();
+        let stands = !armed(rig, 0) && height_m.abs() < AIR_M && !o.in_water;
+        let held = matches!(state, State::Hold | State::GaveUp);
+        let low = armed(rig, 0) && height_m < 3.0 && o.horizontal_m < 4.0;
+        let bad = if stands {
+            return None;
+        } else if self.order.is_some() && !held {
+            "the order did not act"
+        } else if low && !matches!(state, State::Descent | State::Flare) {
+            "is left low over the deck"
+        } else if state == State::StandDown || state == State::SpinUp {
+            "stands there armed"
+        } else {
+            return None;
+        };
+        Some(format!(
+            "{bad}: {state:?}, {height_m:.1} m, {}, waits: {}",
+            m.entered, m.waiting
+        ))
     }
 }
 
 /// Observations of a flight.
 #[derive(Default)]
 struct Watched {
-    end: End,
+    bad: Option<String>,
     turned: bool,
     rested: u32,
 }
@@ -286,7 +213,7 @@ impl Watched {
         };
         if let Some(bad) = bad {
             let (state, entered) = (rig.state(0), rig.mission(0).entered);
-            self.end.bad = Some(format!(
+            self.bad = Some(format!(
                 "{bad}, {since_s:.2} s after the gap in {state:?}: {entered}"
             ));
         }
@@ -298,110 +225,47 @@ impl Watched {
         self.rested = if rests { self.rested + 1 } else { 0 };
         self.rested > 100
     }
-    fn judge(&mut self, cell: &Cell, rig: &Rig) {
-        let o = rig.world.observation();
-        let (state, m) = (rig.state(0), rig.mission(0));
-        let height_m = o.feet_height_m();
-        self.end.state = state;
-        self.end.stands = !armed(rig, 0) && height_m.abs() < AIR_M && !o.in_water;
-        if self.end.bad.is_some() {
-            return;
-        }
-        let held = matches!(state, State::Hold | State::GaveUp);
-        let low = armed(rig, 0) && height_m < 3.0 && o.horizontal_m < 4.0;
-        let bad = if self.end.stands {
-            None
-        } else if cell.order.is_some() && !held {
-            Some("the order did not act")
-        } else if low && !matches!(state, State::Descent | State::Flare) {
-            Some("is left low over the deck")
-        } else if state == State::StandDown || state == State::SpinUp {
-            Some("stands there armed")
-        } else {
-            None
-        };
-        if let Some(bad) = bad {
-            let (entered, waiting) = (m.entered, m.waiting);
-            self.end.bad = Some(format!(
-                "{bad}: {state:?}, {height_m:.1} m, {entered}, waits: {waiting}"
-            ));
-        }
-    }
 }
-
-/// Flies them; the bad ones.
-fn bad(cells: &[Cell]) -> Vec<String> {
-    let fly = |cell: &Cell| {
-        let bad = cell.fly().bad?;
-        println!("{cell:?}: {bad}");
-        Some(format!("{cell:?}: {bad}"))
-    };
-    cells.par_iter().filter_map(fly).collect()
-}
-const ORDERS: [Option<CommandKind>; 3] = [None, Some(CommandKind::Hold), Some(CommandKind::Abort)];
 
 #[test]
 fn gaps_that_ended_badly_once() {
-    let cell = |when, after_s, gone, gap_s, firmware, order, seed| Cell {
-        when,
-        after_s,
-        gone,
-        gap_s,
-        firmware,
-        order,
-        seed,
+    use FaultKind::{
+        AutopilotSilent, ComputerFrozen, ComputerKilled, LinkFrozen, LinkKilled, MissionFrozen, PilotFrozen,
+        PilotKilled,
     };
+    use State::{ClimbOut, Descent, Flare, Hold, Landed, SpinUp, StandDown};
     let [px4, copter] = BOTH;
     let (hold, abort) = (Some(CommandKind::Hold), Some(CommandKind::Abort));
-    let found = bad(&[
-        cell(ClimbOut, 0.5, FaultKind::PilotFrozen, 0.8, px4, hold, 80),
-        cell(ClimbOut, 0.5, FaultKind::ComputerFrozen, 0.95, px4, None, 81),
-        cell(SpinUp, 0.5, FaultKind::PilotKilled, 1.0, px4, None, 82),
-        cell(SpinUp, 0.5, FaultKind::ComputerFrozen, 2.0, px4, None, 83),
-        cell(SpinUp, 2.8, FaultKind::LinkKilled, 1.0, copter, None, 84),
-        cell(StandDown, 0.05, FaultKind::LinkFrozen, 1.0, px4, None, 85),
-        cell(OnStation, 1.0, FaultKind::PilotFrozen, 0.8, px4, hold, 86),
+    let cells = [
+        (ClimbOut, 0.5, PilotFrozen, 0.8, px4, hold, 80),
+        (ClimbOut, 0.5, ComputerFrozen, 0.95, px4, None, 81),
+        (SpinUp, 0.5, PilotKilled, 1.0, px4, None, 82),
+        (SpinUp, 0.5, ComputerFrozen, 2.0, px4, None, 83),
+        (SpinUp, 2.8, LinkKilled, 1.0, copter, None, 84),
+        (StandDown, 0.05, LinkFrozen, 1.0, px4, None, 85),
+        (Hold, 1.0, PilotFrozen, 0.8, px4, hold, 86),
         // It hovers by a thrust that was taken for less than hover; stands by a hover thrust that was learned on the deck.
-        cell(SpinUp, 0.5, FaultKind::AutopilotSilent, 0.8, px4, abort, 913),
-        cell(SpinUp, 0.5, FaultKind::ComputerKilled, 0.5, px4, abort, 910),
+        (SpinUp, 0.5, AutopilotSilent, 0.8, px4, abort, 913),
+        (SpinUp, 0.5, ComputerKilled, 0.5, px4, abort, 910),
         // The autopilot alone slides it to the deck's edge.
-        cell(Flare, 0.1, FaultKind::ComputerFrozen, 1.5, px4, abort, 924),
-        cell(Landed, 0.5, FaultKind::ComputerFrozen, 1.5, px4, abort, 925),
-        cell(Descent, 1.0, FaultKind::MissionFrozen, 0.5, px4, None, 917),
-    ]);
-    assert!(found.is_empty(), "{} of 12: {found:#?}", found.len());
-}
-
-/// Every state, every gap, whoever is gone, both characters: 1950 flights, or every 13th with ALIGHT_GAPS_PART=0 to 12.
-#[test]
-#[ignore = "minutes"]
-fn gaps_in_every_state() {
-    let mut cells = Vec::new();
-    for (k, when) in ALL.into_iter().enumerate() {
-        for (l, gone) in GONE.into_iter().enumerate() {
-            for (j, gap_s) in [0.2, 0.5, 0.8, 1.5, 3.0].into_iter().enumerate() {
-                for (i, firmware) in BOTH.into_iter().enumerate() {
-                    let n = k + l + j + i;
-                    cells.push(Cell {
-                        when,
-                        after_s: [0.1, 0.5, 1.0][n % 3],
-                        gone,
-                        gap_s,
-                        firmware,
-                        order: ORDERS[(n / 2 + l) % 3],
-                        seed: 900 + n as u64,
-                    });
-                }
-            }
-        }
-    }
-    let only = |name: &str| std::env::var(name).ok();
-    let part: Option<usize> = only("ALIGHT_GAPS_PART").and_then(|v| v.parse().ok());
-    let some: Vec<Cell> = match part {
-        Some(n) => cells.into_iter().skip(n).step_by(13).collect(),
-        None => cells,
-    };
-    let found = bad(&some);
-    println!("{} of {} end badly", found.len(), some.len());
-    assert!(found.is_empty(), "{} of {}: {found:#?}", found.len(), some.len());
+        (Flare, 0.1, ComputerFrozen, 1.5, px4, abort, 924),
+        (Landed, 0.5, ComputerFrozen, 1.5, px4, abort, 925),
+        (Descent, 1.0, MissionFrozen, 0.5, px4, None, 917),
+    ];
+    let found = cells
+        .into_par_iter()
+        .filter_map(|(when, after_s, gone, gap_s, firmware, order, seed)| {
+            let cell = Cell {
+                when,
+                after_s,
+                gone,
+                gap_s,
+                firmware,
+                order,
+                seed,
+            };
+            Some(format!("{cell:?}: {}", cell.fly()?))
+        });
+    let found: Vec<String> = found.collect();
+    assert!(found.is_empty(), "{found:#?}");
 }
