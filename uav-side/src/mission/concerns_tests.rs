@@ -10,7 +10,7 @@ use super::tests::*;
 use super::*;
 
 /// Every state, with the progress that it usually has.
-fn states() -> Vec<(MissionPhase, MissionProgress)> {
+pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     let (at, yaw) = (Vector3::new(0.0, 0.0, -16.3), 0.0);
     let hold = |cause| MissionPhase::Hold {
         cause,

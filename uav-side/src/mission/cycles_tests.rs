@@ -9,18 +9,12 @@ use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, OwnMission};
 use nalgebra::Vector2;
 
 use super::cycles::Cycles;
-use super::lift_off::{LiftOff, Moments};
 use super::situation::SilentVessel;
-use super::tests::{at, config, with};
+use super::take_off_tests::{permits, standing};
+use super::tests::{at, with};
 use super::*;
+const LANDED: MissionPhase = MissionPhase::STANDS;
 
-fn permits() -> MissionConfig {
-    MissionConfig {
-        takeoff: true,
-        sorties_max: 3,
-        ..config()
-    }
-}
 /// In cycles of which one sortie has begun.
 fn cycling() -> MissionProgress {
     MissionProgress {
@@ -33,35 +27,17 @@ fn cycling() -> MissionProgress {
         ..MissionProgress::default()
     }
 }
-/// A drone that stands disarmed on its deck, cleared and with every check passed.
-fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
-    let sure = LiftOff {
-        along: 1.0,
-        clear: 1.0,
-    };
-    let mut s = with(|s| {
-        (s.flight, s.on_ground) = (ControlState::Disarmed, true);
-        s.leaving.lift_off = Some(Moments {
-            now: sure,
-            later: None,
-        });
-    });
-    change(&mut s);
-    s
-}
 fn step(
     phase: MissionPhase,
     progress: MissionProgress,
     command: Option<CommandKind>,
     s: &Situation,
 ) -> Decision {
-    decide(phase, progress, command, s, &permits())
-}
-fn landed() -> MissionPhase {
-    MissionPhase::Landed {
-        disarmed: true,
-        airborne: None,
-    }
+    let c = MissionConfig {
+        sorties_max: 3,
+        ..permits()
+    };
+    decide(phase, progress, command, s, &c)
 }
 fn hold() -> MissionPhase {
     MissionPhase::Hold {
@@ -75,12 +51,12 @@ fn hold() -> MissionPhase {
 #[test]
 fn next_sortie_by_charge_or_by_order() {
     // Charged for 30 s.
-    let d = step(landed(), cycling(), None, &standing(|_| {}));
-    assert_eq!((d.phase, d.waiting.code), (landed(), NotReady));
+    let d = step(LANDED, cycling(), None, &standing(|_| {}));
+    assert_eq!((d.phase, d.waiting.code), (LANDED, NotReady));
     let later = standing(|s| s.now = at(39.0));
-    assert_eq!(step(landed(), d.progress, None, &later).waiting.code, NotReady);
+    assert_eq!(step(LANDED, d.progress, None, &later).waiting.code, NotReady);
     let later = standing(|s| s.now = at(41.0));
-    let d = step(landed(), d.progress, None, &later);
+    let d = step(LANDED, d.progress, None, &later);
     assert_eq!(
         (d.phase, d.entered.unwrap().code),
         (MissionPhase::Preparing, SortieBegins)
@@ -88,22 +64,22 @@ fn next_sortie_by_charge_or_by_order() {
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
     // By the order, once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
-    let d = step(landed(), cycling(), Some(CommandKind::Ready), &standing(low));
+    let d = step(LANDED, cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
     let cleared = standing(|s| s.battery = Some(0.5));
-    let d = step(landed(), d.progress, None, &cleared);
+    let d = step(LANDED, d.progress, None, &cleared);
     assert_eq!(d.entered.unwrap().code, SortieBegins);
     // The order is for nothing else.
     let d = step(
-        landed(),
+        LANDED,
         MissionProgress::default(),
         Some(CommandKind::Ready),
         &standing(|_| {}),
     );
-    assert_eq!(d.phase, landed());
+    assert_eq!(d.phase, LANDED);
     assert_eq!(d.progress.rejected.map(|order| order.why.code), Some(SortiesDone));
     let armed = standing(|s| s.flight = ControlState::OnGround);
-    let d = step(landed(), cycling(), Some(CommandKind::Ready), &armed);
+    let d = step(LANDED, cycling(), Some(CommandKind::Ready), &armed);
     assert!(d.progress.rejected.is_some() && !d.progress.cycles.ready, "{d:?}");
 }
 
@@ -167,7 +143,7 @@ fn endings_of_unattended_cycles() {
     let flight = |f: ControlState| standing(|s| s.flight = f);
     let hard = with(|s| (s.motors_stopped, s.hard_contact_mps) = (true, Some(2.0)));
     for (phase, progress, command, s, expected) in [
-        (landed(), cycling(), abort, standing(|_| {}), Operator),
+        (LANDED, cycling(), abort, standing(|_| {}), Operator),
         (
             MissionPhase::Preparing,
             cycling(),
@@ -177,13 +153,13 @@ fn endings_of_unattended_cycles() {
         ),
         (MissionPhase::Idle, on_sortie, abort, flight(away), Operator),
         (
-            landed(),
+            LANDED,
             cycling(),
             None,
             flight(ControlState::OnGround),
             ArmedAgain,
         ),
-        (landed(), third, None, standing(|_| {}), SortiesDone),
+        (LANDED, third, None, standing(|_| {}), SortiesDone),
         (MissionPhase::Idle, on_sortie, None, standing(|_| {}), NotOnDeck),
         (spins, cycling(), None, standing(|_| {}), ArmingRejected),
         (MissionPhase::DESCENT, on_sortie, None, hard, HardContact),

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::ReasonCode::{
     Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
-    NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, TooLong, Touchdown,
+    NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, Touchdown,
 };
 use alight_shared::msg::{AutopilotMode, CommandKind};
 use nalgebra::Vector3;
@@ -339,29 +339,6 @@ fn hard_contact_that_is_not_repeated() {
         State::Hold,
         Commanded,
     );
-}
-
-#[test]
-fn mission_time_limit() {
-    let late = Situation {
-        now: at(601.0),
-        ..with_deck(|d| d.vision_age_s = f64::INFINITY)
-    };
-    let d = step(MissionPhase::APPROACH, &late);
-    goes(&d, State::GaveUp, TooLong);
-}
-
-#[test]
-fn loss_of_control_authority() {
-    let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
-    let d = step(COMMITTED, &s);
-    goes(&d, State::Idle, NotFlying);
-    assert!(!d.progress.landing, "a pilot flies: nothing resumes by itself");
-    // Also a Hold or a Brake that the pilot chose.
-    let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Hold));
-    assert!(!step(TRACKING, &s).progress.landing);
-    let s = with(|s| s.flight = ControlState::Disarmed);
-    goes(&step(TRACKING, &s), State::Idle, NotFlying);
 }
 
 #[test]

@@ -7,7 +7,8 @@ use alight_shared::msg::ReasonCode::{
 use alight_shared::msg::{AutopilotMode, CommandKind, KeptStation, Station};
 use nalgebra::Vector3;
 
-use super::phase::{HoldCause, Search, climbing_out, gave_up, holding};
+use super::concerns_tests::states;
+use super::phase::{HoldCause, holding};
 use super::situation::Deck;
 use super::tests::*;
 use super::*;
@@ -18,39 +19,12 @@ fn phases() -> Vec<MissionPhase> {
         station: Station::USUAL.of_approach(c.approach_height_m),
         until: at(600.0),
     };
-    vec![
-        MissionPhase::Idle,
-        MissionPhase::GetAltitude { from: [0.0; 2] },
-        MissionPhase::APPROACH,
-        MissionPhase::Search(Search::default()),
-        MissionPhase::Seek,
-        TRACKING,
-        MissionPhase::TrackingStable,
-        DESCENT,
+    let more = [
         FREE_FLARE,
-        COMMITTED,
         MissionPhase::LANDED,
-        MissionPhase::STANDS,
-        holding(HoldCause::Operator, &s, &c),
-        holding(HoldCause::Data, &s, &c),
         holding(HoldCause::Station(kept), &s, &c),
-        gave_up(&s, &c),
-        MissionPhase::Preparing,
-        MissionPhase::Countdown { since: at(9.0) },
-        MissionPhase::SpinUp {
-            since: at(9.0),
-            armed: None,
-        },
-        MissionPhase::TakeOff {
-            since: at(9.0),
-            left: true,
-        },
-        climbing_out(&s, &c),
-        MissionPhase::StandDown {
-            since: at(9.0),
-            unarmed: None,
-        },
-    ]
+    ];
+    states().into_iter().map(|(phase, _)| phase).chain(more).collect()
 }
 
 const FLIGHTS: [ControlState; 7] = [

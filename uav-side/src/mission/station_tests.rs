@@ -36,6 +36,14 @@ fn radio_age(s: &mut Situation, age_s: f64) {
         (deck.radio_age_s, deck.vision_age_s) = (age_s, 1e3);
     }
 }
+/// One step of a drone that needs the deck's reservation.
+fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> Decision {
+    let shared = MissionConfig {
+        reservation_required: true,
+        ..config()
+    };
+    decide(phase, MissionProgress::default(), command, s, &shared)
+}
 /// On the station of [`ABEAM`].
 fn on_station() -> Decision {
     let d = commanded(TRACKING, ORDER, &flying(|_| ()));
@@ -126,21 +134,17 @@ fn station_refused_with_its_reason() {
         (TRACKING, ABEAM, |s| radio_age(s, 2.0), NoVessel),
         (TRACKING, ABEAM, |s| radio_age(s, f64::NAN), NoVessel),
     ];
-    let shared = MissionConfig {
-        reservation_required: true,
-        ..config()
-    };
     for (phase, station, change, why) in cases {
         let mut s = flying(change);
         // The eighth place is at 71 m, the first at 15 m.
         s.others.reverse();
         let order = CommandKind::Station(station);
-        let d = decide(phase, MissionProgress::default(), Some(order), &s, &shared);
+        let d = decided(phase, Some(order), &s);
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
         // The link arms, and ends a mission of the autopilot's, by what is waited for: that is as without the order.
-        let without = decide(phase, MissionProgress::default(), None, &s, &shared);
+        let without = decided(phase, None, &s);
         assert_eq!(
             (d.phase.state(), d.waiting),
             (without.phase.state(), without.waiting)
@@ -151,10 +155,6 @@ fn station_refused_with_its_reason() {
 /// Two drones, one station: it is its first holder's by the vessel's grant, and who has to leave it goes to its own height.
 #[test]
 fn station_of_another_drone() {
-    let shared = MissionConfig {
-        reservation_required: true,
-        ..config()
-    };
     let order = |height_m| CommandKind::Station(Station { height_m, ..ABEAM });
     let place = alight_shared::msg::WaitingPlace::of(1);
     let flies = |other_m| {
@@ -164,13 +164,7 @@ fn station_of_another_drone() {
         })
     };
     for (other_m, height_m, taken) in [(30, 30, true), (34, 30, true), (35, 30, false), (0, 30, false)] {
-        let d = decide(
-            TRACKING,
-            MissionProgress::default(),
-            Some(order(height_m)),
-            &flies(other_m),
-            &shared,
-        );
+        let d = decided(TRACKING, Some(order(height_m)), &flies(other_m));
         let why = d.progress.rejected.map(|order| order.why.code);
         assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
         assert_eq!(d.phase.station().is_none(), taken);
@@ -183,16 +177,10 @@ fn station_of_another_drone() {
         }),
         ..flies(other_m)
     };
-    let kept = decide(
-        TRACKING,
-        MissionProgress::default(),
-        Some(order(30)),
-        &high(0),
-        &shared,
-    );
+    let kept = decided(TRACKING, Some(order(30)), &high(0));
     for command in [None, Some(CommandKind::Hold), Some(CommandKind::Abort)] {
         let other_m = if command.is_none() { 30 } else { 0 };
-        let d = decide(kept.phase, kept.progress, command, &high(other_m), &shared);
+        let d = decided(kept.phase, command, &high(other_m));
         assert_eq!(d.phase.station(), None);
         let (MissionPhase::Hold { at, .. } | MissionPhase::GaveUp { at, .. }) = d.phase else {
             panic!("{:?}", d.phase);
@@ -204,13 +192,7 @@ fn station_of_another_drone() {
         place: None,
         ..flies(0)
     };
-    let d = decide(
-        TRACKING,
-        MissionProgress::default(),
-        Some(order(30)),
-        &none,
-        &shared,
-    );
+    let d = decided(TRACKING, Some(order(30)), &none);
     assert_eq!(d.progress.rejected.map(|order| order.why.code), Some(NoPlace));
 }
 
@@ -218,13 +200,7 @@ fn station_of_another_drone() {
 fn refusal_is_shown_and_forgotten() {
     let low = CommandKind::Station(Station { height_m: 5, ..ABEAM });
     let hold = holding(HoldCause::Operator, &flying(|_| ()), &config());
-    let d = decide(
-        hold,
-        MissionProgress::default(),
-        Some(low),
-        &flying(|_| ()),
-        &config(),
-    );
+    let d = decided(hold, Some(low), &flying(|_| ()));
     let shown = |d: &Decision, s: &Situation| d.progress.rejected.and_then(|order| order.shown(s.now));
     assert_eq!(d.phase.station(), None);
     assert_eq!(
@@ -232,7 +208,7 @@ fn refusal_is_shown_and_forgotten() {
         Some(StationTooLow)
     );
     // What it waits for is what others go by.
-    let without = decide(hold, MissionProgress::default(), None, &flying(|_| ()), &config());
+    let without = decided(hold, None, &flying(|_| ()));
     assert_eq!(d.waiting, without.waiting);
     let later = flying(|s| s.now += Span::from_secs(16.0));
     assert_eq!(shown(&step(&d, &later), &later), None);

@@ -21,7 +21,7 @@ const SURE: LiftOff = LiftOff {
 };
 const STEEP: LiftOff = LiftOff { along: 0.4, ..SURE };
 
-fn permits() -> MissionConfig {
+pub(super) fn permits() -> MissionConfig {
     MissionConfig {
         takeoff: true,
         ..config()
@@ -31,7 +31,7 @@ fn moments(now: LiftOff) -> Option<Moments> {
     Some(Moments { now, later: None })
 }
 /// A drone that stands disarmed on a deck from which it may take off.
-fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
+pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
         s.on_ground = true;
@@ -72,11 +72,7 @@ fn follows(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> 
 #[test]
 fn order_to_take_off() {
     let order = Some(CommandKind::TakeOff);
-    let landed = MissionPhase::Landed {
-        disarmed: true,
-        airborne: None,
-    };
-    for phase in [MissionPhase::Idle, landed] {
+    for phase in [MissionPhase::Idle, MissionPhase::STANDS] {
         let s = standing(|_| {});
         assert_eq!(follows(phase, order, &s), (State::Preparing, TakeOffCommanded));
         // Off as shipped, and where nothing is commanded.

@@ -1,11 +1,11 @@
 //! The planner's solver against a dense one, and sides that it has to keep.
 
 use alight_shared::geometry::DroneGeometry;
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::SVector;
 
 use super::condensed::{Condensed, StageCost};
 use super::mpc_faa::{Side, heading_free};
-use super::qp::{ChainLimits, NO_CEILING, QpInstance, SlackCost, SparseForm};
+use super::qp::NO_CEILING;
 use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
 use super::tests::naive;
 use super::*;
@@ -78,57 +78,6 @@ fn qp_solution_against_dense_optimum() {
     assert!(compared > 20, "{compared}");
     // Of a range of 0.6 in tilt; our gap is 1e-9.
     assert!(worst < 2e-3, "{worst}");
-}
-
-#[test]
-fn sparse_form_against_condensed_form() {
-    // The sparse form's optimality conditions without inequalities, by a dense LU.
-    let model = heading_free(&DroneGeometry::default()).x_chain().discrete(0.1);
-    let limits = ChainLimits {
-        input: [-0.3, 0.3],
-        slew: 0.3,
-        state: [None, Some(8.0), Some(0.8), Some(2.0)],
-        ceiling: false,
-        floor: false,
-    };
-    let slack = SlackCost {
-        linear: 1.0,
-        quadratic: 1.0,
-    };
-    let mut form = SparseForm::new(model, 20, 0.1, limits, slack);
-    let cost = weights_that_grow();
-    let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
-    form.fill(&QpInstance {
-        state,
-        previous_input: 0.02,
-        cost: &cost,
-        ceiling: &[NO_CEILING; 20],
-        floor: &[],
-    });
-    let (n, m) = (form.q.len(), form.equalities);
-    let mut kkt = DMatrix::zeros(n + m, n + m);
-    let mut rhs = DVector::zeros(n + m);
-    for j in 0..n {
-        rhs[j] = -form.q[j];
-        for i in form.p.colptr[j]..form.p.colptr[j + 1] {
-            kkt[(form.p.rowval[i], j)] = form.p.nzval[i];
-            kkt[(j, form.p.rowval[i])] = form.p.nzval[i];
-        }
-        for i in form.a.colptr[j]..form.a.colptr[j + 1] {
-            let row = form.a.rowval[i];
-            if row < m {
-                kkt[(n + row, j)] = form.a.nzval[i];
-                kkt[(j, n + row)] = form.a.nzval[i];
-            }
-        }
-    }
-    rhs.rows_mut(n, m).copy_from_slice(&form.b[..m]);
-    let sparse = kkt.lu().solve(&rhs).expect("regular");
-    let mut inputs = [0.0; 20];
-    assert!(Condensed::new(model, 20, 0.1).solve(&state, 0.02, &cost, &mut inputs));
-    for (k, u) in inputs.iter().enumerate() {
-        assert!((u - sparse[k * 6]).abs() < 1e-8, "{k}: {u} {}", sparse[k * 6]);
-    }
 }
 
 #[test]

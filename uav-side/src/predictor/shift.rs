@@ -90,7 +90,7 @@ mod tests {
     use super::super::{Predictor, PredictorConfig, PredictorIn};
     use super::*;
     use crate::odometry::{Odometry, OdometryConfig};
-    use alight_shared::frames::body_from_camera;
+    use alight_shared::frames::{DroneNed, Vector, VesselNed, body_from_camera};
     use alight_shared::msg::{CarrierSolution, DroneState, Header, RelativePlace, UvdarFix, VesselEstimate};
     use alight_shared::node::Node;
     use alight_shared::time::{DroneClock, Time};
@@ -107,6 +107,10 @@ mod tests {
         yaw: f64,
         /// The deck by radio, about the datum.
         deck: Vector3<f64>,
+        /// Boot of the vessel, and where its datum lies.
+        vessel: (u32, Vector3<f64>),
+        /// Where the autopilot's origin lies.
+        origin: Vector3<f64>,
         /// Place of the deck from the drone, in its own axes, where the camera sees it.
         sight: Option<Vector3<f64>>,
         /// Place of the deck from the drone, NED, as a receiver measures it.
@@ -124,6 +128,8 @@ mod tests {
                 place,
                 yaw,
                 deck,
+                vessel: (1, Vector3::zeros()),
+                origin: Vector3::zeros(),
                 sight: None,
                 relative: None,
                 newest: None,
@@ -139,17 +145,21 @@ mod tests {
             let now = Time::<DroneClock>::from_secs(10.0 + 0.01 * f64::from(self.tick));
             let header = Header::new(1, 1, 1, self.tick, now);
             let q = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
+            let first = DroneState::default().datum;
             let reported = DroneState {
                 header,
-                position: self.place.into(),
+                datum: first.at(&Vector::<DroneNed>::from(self.origin)),
+                position: (self.place - self.origin).into(),
                 attitude: [q.w, q.i, q.j, q.k],
                 specific_force: [0.0, 0.0, -9.806_65],
                 ..DroneState::default()
             };
             let drone = self.odometry.step(&reported, false);
-            let [x, y, z]: [f64; 3] = (self.deck + DroneState::default().position()).into();
+            let (boot, from) = self.vessel;
+            let [x, y, z]: [f64; 3] = (self.deck - from).into();
             let estimate = self.tick.is_multiple_of(5).then(|| VesselEstimate {
-                header,
+                header: Header { boot, ..header },
+                datum: first.at(&Vector::<VesselNed>::from(from)),
                 eta: [x, y, z, 0.0, 0.0, 0.4],
                 ..VesselEstimate::default()
             });
@@ -250,6 +260,33 @@ mod tests {
         b.yaw = 2.0;
         b.place += Vector3::new(3.0, -4.0, 1.0);
         b.run(0.1);
+        assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
+    }
+
+    #[test]
+    fn deck_through_a_restart_of_the_vessel() {
+        let mut b = Bench::new(Vector3::new(0.0, 0.0, -4.0), 0.0, Vector3::new(2.0, 0.0, 0.0));
+        b.run(3.0);
+        let before = b.apart();
+        b.vessel = (2, Vector3::new(0.7, -0.9, -2.2));
+        for _ in 0..20 {
+            b.run(0.1);
+            assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
+        }
+    }
+
+    #[test]
+    fn deck_in_sight_through_a_move_of_the_origin() {
+        let mut b = Bench::new(Vector3::new(0.0, 0.0, -4.0), 0.0, Vector3::new(2.0, 0.0, 0.0));
+        b.run(2.0);
+        b.sight = Some(b.apart());
+        b.run(2.0);
+        let before = b.apart();
+        b.origin = Vector3::new(-20.0, 35.0, 1.0);
+        b.newest = None;
+        b.run(0.1);
+        assert!((b.apart() - before).norm() < 0.2, "{:?}", b.apart() - before);
+        b.run(1.0);
         assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
     }
 

@@ -4,11 +4,14 @@ use super::*;
 use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Time;
 
+use CommandOutcome::{Answered, Order, Rejected};
+use CommandResult::{Accepted, Denied, Failed, InProgress, Other, TemporarilyRejected, Unsupported};
+
 fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
 const STATION: Address = Address::new(255, 190);
-const REJECTED: CommandOutcome = CommandOutcome::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
+const REJECTED: CommandOutcome = Rejected(TemporarilyRejected, UNAWARE);
 /// The remote control does not bar orders, and those of the link count.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
@@ -22,6 +25,10 @@ fn asked(number: u16, repetition: Repetition) -> StationCommand {
         first: [0.0; 4],
         repetition,
     }
+}
+/// Header of an order by the companion.
+fn given(sequence: u32, s: f64) -> Header<DroneClock> {
+    Header::new(0, 1, 7, sequence, at(s))
 }
 const LAND: (u16, CommandKind) = (command::USER_1, CommandKind::Land);
 fn tracking(s: f64) -> MissionState {
@@ -41,34 +48,15 @@ fn station_orders_and_repetitions() {
     let (land, abort) = (command::USER_1, command::USER_2);
     assert_eq!(
         answered(&mut orders, 9.9, command::SET_MODE),
-        CommandOutcome::Answered(CommandResult::Unsupported)
+        Answered(Unsupported)
     );
-    assert_eq!(
-        answered(&mut orders, 9.9, land),
-        CommandOutcome::Order(CommandKind::Land)
-    );
-    assert_eq!(
-        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0))),
-        None
-    );
-    assert_eq!(
-        answered(&mut orders, 10.0, land),
-        CommandOutcome::Answered(CommandResult::InProgress)
-    );
+    assert_eq!(answered(&mut orders, 9.9, land), Order(CommandKind::Land));
+    assert_eq!(orders.give(LAND, STATION, given(1, 10.0)), None);
+    assert_eq!(answered(&mut orders, 10.0, land), Answered(InProgress));
     // An abort takes its place, and bars what is no abort.
-    assert_eq!(
-        answered(&mut orders, 10.1, abort),
-        CommandOutcome::Order(CommandKind::Abort)
-    );
-    let replaced = orders.give(
-        (abort, CommandKind::Abort),
-        STATION,
-        Header::new(0, 1, 7, 2, at(10.1)),
-    );
-    assert_eq!(
-        replaced.map(|a| (a.number, a.result)),
-        Some((land, CommandResult::Other))
-    );
+    assert_eq!(answered(&mut orders, 10.1, abort), Order(CommandKind::Abort));
+    let replaced = orders.give((abort, CommandKind::Abort), STATION, given(2, 10.1));
+    assert_eq!(replaced.map(|a| (a.number, a.result)), Some((land, Other)));
     assert!(orders.aborts());
     assert_eq!(answered(&mut orders, 10.2, land), REJECTED);
 }
@@ -80,7 +68,7 @@ fn station_orders_unaware_of_an_abort() {
     let lands = |orders: &mut StationOrders, s, repetition| {
         orders.received(at(s), STATION, &asked(command::USER_1, repetition), FREE)
     };
-    let ordered = CommandOutcome::Order(CommandKind::Land);
+    let ordered = Order(CommandKind::Land);
     let first = Repetition::No;
     assert_eq!(
         [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
@@ -99,7 +87,7 @@ fn station_orders_unaware_of_an_abort() {
     );
     assert_eq!(
         orders.received(at(10.1), STATION, &new(command::USER_2), BARRED),
-        CommandOutcome::Order(CommandKind::Abort)
+        Order(CommandKind::Abort)
     );
 }
 
@@ -109,13 +97,13 @@ fn station_order_whose_answer_was_lost() {
     let again = |orders: &mut StationOrders, s, from, repetition| {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
-    let ordered = CommandOutcome::Order(CommandKind::Land);
+    let ordered = Order(CommandKind::Land);
     // Whose answer was lost is answered again, and orders nothing.
-    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(30.0)));
+    orders.give(LAND, STATION, given(1, 30.0));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
         again(&mut orders, 33.0, STATION, Repetition::Yes),
-        CommandOutcome::Answered(CommandResult::Accepted)
+        Answered(Accepted)
     );
     // Another's, one that is new, and one that may be.
     let other = Address::new(254, 190);
@@ -134,13 +122,13 @@ fn station_order_whose_answer_was_lost() {
 #[test]
 fn station_order_refused_and_given_again() {
     let mut orders = StationOrders::default();
-    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+    orders.give(LAND, STATION, given(1, 10.0));
     let (_, answer) = orders.poll(at(16.0), None);
-    assert_eq!(answer.map(|a| a.result), Some(CommandResult::Failed));
+    assert_eq!(answer.map(|a| a.result), Some(Failed));
     for (repetition, expected) in [
-        (Repetition::Yes, CommandOutcome::Answered(CommandResult::Failed)),
-        (Repetition::No, CommandOutcome::Order(CommandKind::Land)),
-        (Repetition::Perhaps, CommandOutcome::Order(CommandKind::Land)),
+        (Repetition::Yes, Answered(Failed)),
+        (Repetition::No, Order(CommandKind::Land)),
+        (Repetition::Perhaps, Order(CommandKind::Land)),
     ] {
         let received = orders.received(at(17.0), STATION, &asked(command::USER_1, repetition), FREE);
         assert_eq!(received, expected, "{repetition:?}");
@@ -150,7 +138,7 @@ fn station_order_refused_and_given_again() {
 #[test]
 fn station_abort_after_a_landing_from_elsewhere() {
     let mut orders = StationOrders::default();
-    let header = Header::new(0, 1, 7, 1, at(10.0));
+    let header = given(1, 10.0);
     orders.give((command::USER_2, CommandKind::Abort), STATION, header);
     let mission = MissionState {
         abort: Some([header.boot, header.sequence]),
@@ -158,32 +146,28 @@ fn station_abort_after_a_landing_from_elsewhere() {
         ..tracking(10.1)
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
-    assert_eq!(answer.map(|a| a.result), Some(CommandResult::Accepted));
+    assert_eq!(answer.map(|a| a.result), Some(Accepted));
     // Somebody else orders a landing meanwhile: no station is informed of it.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
-        assert_eq!(
-            received,
-            CommandOutcome::Order(CommandKind::Abort),
-            "{repetition:?}"
-        );
+        assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
     }
 }
 
 #[test]
 fn station_order_answered_to_all_who_gave_it() {
     let mut orders = StationOrders::default();
-    orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+    orders.give(LAND, STATION, given(1, 10.0));
     let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
     for other in [&STATION].into_iter().chain(&others) {
         let answered = orders.received(at(10.1), *other, &new(command::USER_1), FREE);
-        assert_eq!(answered, CommandOutcome::Answered(CommandResult::InProgress));
+        assert_eq!(answered, Answered(InProgress));
     }
     let (_, answer) = orders.poll(at(20.0), None);
     let reported: Vec<MavlinkMessage> = answer.iter().flat_map(Answer::messages).collect();
     let expected = [STATION, others[0], others[1], others[2]].map(|to| MavlinkMessage::CommandAck {
         command: command::USER_1,
-        result: CommandResult::Failed,
+        result: Failed,
         to,
     });
     assert_eq!(reported, expected);
@@ -200,7 +184,7 @@ fn station_order_answers() {
     };
     let result = |mission: Option<&MissionState>| {
         let mut orders = StationOrders::default();
-        orders.give(LAND, STATION, Header::new(0, 1, 7, 1, at(10.0)));
+        orders.give(LAND, STATION, given(1, 10.0));
         let (mut published, mut answers) = (0, Vec::new());
         for k in 0..600 {
             let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);
@@ -209,24 +193,20 @@ fn station_order_answers() {
         }
         // It is answered each second.
         let answer = answers.pop().unwrap();
-        let under_way = answers.iter().all(|a| a.result == CommandResult::InProgress);
+        let under_way = answers.iter().all(|a| a.result == InProgress);
         assert!(under_way && answers.len() == published.min(5), "{answers:?}");
         (published, answer.result, answer.text.unwrap_or_default())
     };
     assert_eq!(
         result(Some(&mission(ReasonCode::NotFlying, Some([7, 1])))),
-        (0, CommandResult::Accepted, String::new())
+        (0, Accepted, String::new())
     );
     let (published, refused, text) = result(Some(&mission(ReasonCode::Operator, None)));
-    assert_eq!((published, refused), (21, CommandResult::TemporarilyRejected));
+    assert_eq!((published, refused), (21, TemporarilyRejected));
     assert!(text.starts_with("a landing was not taken: Idle"), "{text}");
     assert_eq!(
         result(None),
-        (
-            21,
-            CommandResult::Failed,
-            "a landing was not taken: no mission reports".into()
-        )
+        (21, Failed, "a landing was not taken: no mission reports".into())
     );
 }
 
@@ -271,7 +251,7 @@ fn station_of_a_command() {
         [20.0, 0.0, 20.0, 31.0],
         [20.0, 0.0, 20.0, -1.0],
     ] {
-        assert_eq!(ordered(wrong), Err(CommandResult::Denied), "{wrong:?}");
+        assert_eq!(ordered(wrong), Err(Denied), "{wrong:?}");
     }
 }
 
@@ -281,27 +261,12 @@ fn orders_of_an_unsigned_link() {
     let mut orders = StationOrders::default();
     let unsigned = [false, false];
     for (number, expected) in [
-        (
-            command::USER_1,
-            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
-        ),
-        (
-            command::USER_3,
-            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
-        ),
-        (
-            command::USER_4,
-            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
-        ),
-        (
-            command::NAV_TAKEOFF,
-            CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
-        ),
-        (command::USER_2, CommandOutcome::Order(CommandKind::Abort)),
-        (
-            command::SET_MODE,
-            CommandOutcome::Answered(CommandResult::Unsupported),
-        ),
+        (command::USER_1, Rejected(Denied, UNSIGNED)),
+        (command::USER_3, Rejected(Denied, UNSIGNED)),
+        (command::USER_4, Rejected(Denied, UNSIGNED)),
+        (command::NAV_TAKEOFF, Rejected(Denied, UNSIGNED)),
+        (command::USER_2, Order(CommandKind::Abort)),
+        (command::SET_MODE, Answered(Unsupported)),
     ] {
         assert_eq!(
             orders.received(at(9.0), STATION, &new(number), unsigned),
@@ -317,28 +282,21 @@ fn station_in_place_of_another() {
         first: [0.0, 0.0, m, 0.0],
         ..new(command::USER_4)
     };
-    let CommandOutcome::Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
+    let Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
         panic!("no order");
     };
-    orders.give(
-        (command::USER_4, first),
-        STATION,
-        Header::new(0, 1, 7, 1, at(10.0)),
-    );
+    orders.give((command::USER_4, first), STATION, given(1, 10.0));
     let again = orders.received(at(10.1), STATION, &right(20.0), FREE);
-    assert_eq!(again, CommandOutcome::Answered(CommandResult::InProgress));
+    assert_eq!(again, Answered(InProgress));
     let other = orders.received(at(10.2), STATION, &right(30.0), FREE);
-    assert!(
-        matches!(other, CommandOutcome::Order(kind) if kind != first),
-        "{other:?}"
-    );
+    assert!(matches!(other, Order(kind) if kind != first), "{other:?}");
 }
 
 /// The mission acknowledges what it does not carry out, too.
 #[test]
 fn station_order_that_the_mission_rejects() {
     let mut orders = StationOrders::default();
-    let header = Header::new(0, 1, 7, 1, at(10.0));
+    let header = given(1, 10.0);
     let kind = CommandKind::Station(Station::USUAL);
     orders.give((command::USER_4, kind), STATION, header);
     let mission = MissionState {
@@ -348,7 +306,7 @@ fn station_order_that_the_mission_rejects() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     let answer = answer.unwrap();
-    assert_eq!(answer.result, CommandResult::TemporarilyRejected);
+    assert_eq!(answer.result, TemporarilyRejected);
     assert!(answer.text.unwrap().starts_with("no station from here: "));
 }
 
@@ -356,9 +314,9 @@ fn station_order_that_the_mission_rejects() {
 #[test]
 fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();
-    let header = Header::new(0, 1, 7, 1, at(10.0));
+    let header = given(1, 10.0);
     let asked = orders.received(at(10.0), STATION, &new(command::USER_1), FREE);
-    assert_eq!(asked, CommandOutcome::Order(CommandKind::Land));
+    assert_eq!(asked, Order(CommandKind::Land));
     orders.give(LAND, STATION, header);
     let mission = MissionState {
         state: State::Landed,
@@ -368,7 +326,7 @@ fn landing_ordered_of_a_drone_that_stands() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     let answer = answer.unwrap();
-    assert_eq!(answer.result, CommandResult::TemporarilyRejected);
+    assert_eq!(answer.result, TemporarilyRejected);
     assert!(
         answer
             .text

@@ -2,7 +2,6 @@
 //! would send them, then its forecast for now and for a second ahead.
 
 mod arbitrary;
-mod frames;
 mod kernels;
 mod moving_base;
 mod world;

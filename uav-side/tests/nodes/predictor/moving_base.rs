@@ -114,30 +114,6 @@ impl Bench {
 }
 
 #[test]
-fn deck_by_the_relative_place_alone() {
-    let mut b = Bench::new(CarrierSolution::Fixed, Vector3::zeros());
-    b.run(3.0);
-    for _ in 0..50 {
-        b.run(0.2);
-        assert!(b.off_m() < 0.05, "{}", b.off_m());
-    }
-    let s = b.state();
-    assert!(s.used_age_s < 0.3 && !s.confirmed, "{s:?}");
-    assert_eq!(b.forecast.vision_age_s, f64::INFINITY);
-    // The tags confirm it, and what is confirmed goes on without them.
-    b.vision = true;
-    b.run(2.0);
-    assert!(b.state().confirmed && b.off_m() < 0.05, "{:?}", b.state());
-    b.vision = false;
-    b.run(20.0);
-    assert!(b.state().confirmed && b.off_m() < 0.05, "{}", b.off_m());
-    // The receiver is gone.
-    b.solution = None;
-    b.run(11.0);
-    assert_eq!(b.forecast.relative, None);
-}
-
-#[test]
 fn false_fix_before_the_tags() {
     let mut b = Bench::new(CarrierSolution::Fixed, FALSE_FIX);
     b.run(20.0);
@@ -161,35 +137,4 @@ fn false_fix_before_the_tags() {
     b.vision = true;
     b.run(1.5);
     assert!(b.state().confirmed && b.off_m() < 0.05, "{:?}", b.state());
-}
-
-#[test]
-fn false_fix_with_the_tags_in_view() {
-    let mut b = Bench::new(CarrierSolution::Float, FALSE_FIX);
-    b.vision = true;
-    b.run(5.0);
-    assert!(b.off_m() < 0.05, "{}", b.off_m());
-    b.solution = Some(CarrierSolution::Fixed);
-    for _ in 0..30 {
-        b.run(0.1);
-        assert!(b.off_m() < 0.05, "{}", b.off_m());
-    }
-    assert!(b.state().contradicted_m.is_some(), "{:?}", b.state());
-}
-
-#[test]
-fn float_solution_that_is_not_used() {
-    let [with, without] = [Some(CarrierSolution::Float), None].map(|solution| {
-        let mut b = Bench::new(CarrierSolution::Float, Vector3::zeros());
-        b.solution = solution;
-        b.run(10.0);
-        b
-    });
-    let s = with.state();
-    assert_eq!(
-        (s.solution, s.used_age_s),
-        (CarrierSolution::Float, f64::INFINITY)
-    );
-    assert!(with.off_m() > 1.0, "{}", with.off_m());
-    assert_eq!(with.forecast.stages, without.forecast.stages);
 }
