@@ -241,40 +241,6 @@ fn drone_without_a_firmware_on_its_pad() {
 }
 
 #[test]
-fn px4_plant_lock_step_samples() {
-    let config = FirmwareConfig::default();
-    let streams = crate::physics::streams::Streams::new(1);
-    let sensors = FirmwareSensors::new(
-        &config,
-        &NavigationConfig::default(),
-        Default::default(),
-        &streams,
-    );
-    let mut plant = Px4Plant::new(&config, sensors);
-    let mut physics = Physics::new(&calm(), 4).expect("a world");
-    physics.place_drone_on_pad(0);
-    // As PX4 does: at first each sample, then, where its rate loop runs half as often, every second.
-    let (mut slice, mut waits) = (0_u32, Vec::new());
-    for _ in 0..100 {
-        physics.advance_with(EXCHANGES_PER_TICK, |_, truth| {
-            plant.encode_sensors(truth, RATE_HZ);
-            let every = if slice < 200 { 1 } else { 2 };
-            slice += 1;
-            let answers = slice.is_multiple_of(every);
-            waits.push((plant.due(), answers));
-            if answers {
-                let time_us = 1_000_000 + (truth.at.nanos() / 1000).unsigned_abs();
-                assert!(plant.decode(&stand_in::motor_answer(time_us, [0.0; MAX_ROTORS], false)));
-            }
-            None
-        });
-    }
-    // No answer is missed, and in vain it waited once: when the rate changed.
-    assert!(waits.iter().all(|(due, answers)| *due || !answers), "{waits:?}");
-    assert_eq!(waits.iter().filter(|(due, answers)| *due && !answers).count(), 1);
-}
-
-#[test]
 fn exchange_rates_of_the_firmwares() {
     let hz = |exchange_hz| FirmwareConfig {
         exchange_hz,

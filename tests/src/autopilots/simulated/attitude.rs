@@ -155,24 +155,6 @@ mod tests {
     }
 
     #[test]
-    fn mixer_priorities_at_the_upper_limit() {
-        let mut l = RateLoop::new(&DroneGeometry::default(), RotorFrame::QuadX);
-        let wanted = Vector3::new(4.0, 0.0, 1.0);
-        let (thrust, m) = moments(&l, &l.clone().mix(1.0, &wanted));
-        assert!(
-            (m.x - 4.0).abs() < 1e-9 && m.z.abs() < 0.5 && thrust < 1.0,
-            "{thrust} {m}"
-        );
-        let out = l.mix(0.02, &wanted);
-        let (thrust, m) = moments(&l, &out);
-        assert!(
-            (thrust - 0.02).abs() < 1e-9 && m.x > 0.0 && m.x < 4.0,
-            "{thrust} {m}"
-        );
-        assert!(l.saturated[0]);
-    }
-
-    #[test]
     fn attitude_loop_rates_towards_the_target() {
         let config = AutopilotConfig {
             attitude_lag_s: Some(0.2),

@@ -154,24 +154,6 @@ fn hover_with_default_errors_and_gusty_wind() {
 }
 
 #[test]
-fn estimate_with_its_stated_errors() {
-    let mut f = Flown::new(&DroneConfig::default(), 5, Vector3::new(0.0, 0.0, -10.0));
-    f.rest(5.0);
-    // The estimate is that of the last outer period.
-    let (p, v) = f.a.estimator.sd();
-    let error = f.a.position() - f.position() - f.a.frame_offset();
-    assert!(
-        error.norm() < 6.0 * p && (0.02..0.2).contains(&p),
-        "{error} sd {p}"
-    );
-    let error = f.velocity() - f.a.estimator.now().velocity;
-    assert!(
-        error.norm() < 6.0 * v && (0.01..0.1).contains(&v),
-        "{error} sd {v}"
-    );
-}
-
-#[test]
 fn position_step_without_much_overshoot() {
     for firmware in BOTH {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -10.0));

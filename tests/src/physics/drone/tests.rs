@@ -1,6 +1,5 @@
 //! Behaviour of the drone as a body: contact, free fall, water.
 
-use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -365,15 +364,4 @@ fn foot_below_the_water_surface() {
     let mut w = drone(&ideal(), 1, Vector3::new(0.0, 0.0, -5.0));
     assert!(!tick(&mut w, 0.0, &nowhere(), &nowhere(), -4.6).in_water);
     assert!(tick(&mut w, DT, &nowhere(), &nowhere(), -4.8).in_water);
-}
-
-#[test]
-fn drone_configuration_toml_and_rejection() {
-    let c = DroneConfig::default();
-    let text = toml::to_string(&c).unwrap();
-    let back: DroneConfig = alight_shared::config::parse(&text, "test").unwrap();
-    assert_eq!(c, back);
-    let e = alight_shared::config::parse::<DroneConfig>("[contact]\nrestitution = 1.5", "test");
-    assert!(e.unwrap_err().to_string().contains("contact.restitution"));
-    assert!(DroneConfig::default().check(&Keys::ROOT).is_ok());
 }

@@ -348,12 +348,4 @@ mod tests {
             assert!(e.contains("A,T") || e.contains("sea."), "{bad}: {e}");
         }
     }
-
-    #[test]
-    fn sea_toml_round_trip() {
-        let text = toml::to_string(&SeaConfig::default()).unwrap();
-        let back: SeaConfig = alight_shared::config::parse(&text, "test").unwrap();
-        assert_eq!(back, SeaConfig::default());
-        assert!(alight_shared::config::parse::<SeaConfig>("height = 1", "test").is_err());
-    }
 }

@@ -180,47 +180,11 @@ fn vessel_in_ten_minutes_of_steep_seas() {
 }
 
 #[test]
-fn vessel_autopilot_in_waves() {
-    let sea = Sea::new(&SeaConfig::paper(0.5, 5.0), &Streams::new(3));
-    let config = VesselConfig {
-        course: VesselCourse::Straight,
-        ..heading_north()
-    };
-    let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
-    let (mut off, mut far) = (0.0_f64, 0.0);
-    run(&mut vessel, &sea, 100.0, |_, s| {
-        off = off.max(s.position.0.y.abs());
-        far = s.position.0.x;
-    });
-    assert!(off < 5.0, "{off} m off the line");
-    assert!((150.0..250.0).contains(&far), "{far} m in 100 s at 2 m/s");
-}
-
-#[test]
-fn vessel_square_course_at_2_mps() {
-    let sea = calm();
-    let config = VesselConfig {
-        course: VesselCourse::Square,
-        ..heading_north()
-    };
-    let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
-    let mut legs = [0_u32; 4];
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-    run(&mut vessel, &sea, 90.0, |_, s| {
-        let quarter = (s.euler().z.rem_euclid(TAU) / (TAU / 4.0)).round() as usize % 4;
-        legs[quarter] += 1;
-        (low, high) = (low.inf(&s.position.0), high.sup(&s.position.0));
-    });
-    assert!(legs.iter().all(|n| *n > 1600), "{legs:?}");
-    for i in 0..2 {
-        assert!((38.0..52.0).contains(&(high[i] - low[i])), "{low} {high}");
-    }
-}
-
-#[test]
 fn vessel_mean_path_on_every_course() {
     let sea = Sea::new(&SeaConfig::paper(0.4, 5.0), &Streams::new(3));
     for course in [
+        VesselCourse::Straight,
+        VesselCourse::Square,
         VesselCourse::Zigzag,
         VesselCourse::Turn,
         VesselCourse::SpeedChange,
@@ -261,26 +225,6 @@ fn vessel_mean_path_on_every_course() {
                 "{course:?} {seed}: {place} m"
             );
         }
-    }
-}
-
-#[test]
-fn vessel_toml_and_bad_values() {
-    use alight_shared::config::parse;
-    let text = toml::to_string(&VesselConfig::default()).unwrap();
-    assert_eq!(
-        parse::<VesselConfig>(&text, "test").unwrap(),
-        VesselConfig::default()
-    );
-    for (bad, key) in [
-        ("mass_kg = 5000.0", "mass_kg"),
-        ("sideways_coupling = 1.5", "sideways_coupling"),
-        ("speed_mps = nan", "speed_mps"),
-        ("inertia_kgm2 = [0.0, 1.0, 1.0]", "inertia_kgm2"),
-        ("speed = 1.0", "unknown field"),
-    ] {
-        let e = parse::<VesselConfig>(bad, "test").unwrap_err().to_string();
-        assert!(e.contains(key), "{bad}: {e}");
     }
 }
 

@@ -164,65 +164,6 @@ fn tag_detection_by_size() {
 }
 
 #[test]
-fn tag_losses_for_the_configured_time() {
-    let mut config = ideal();
-    config.tag.loss.glare_duration_s = 1.0;
-    config.tag.loss.glare_interval_s = 4.0;
-    let seconds = 1000;
-    let tags = watch(
-        &config,
-        &still([0.0, 0.0, -4.0], [0.0; 3]),
-        &deck(),
-        seconds * 100,
-    )
-    .tags;
-    let lost = 1.0 - tags.len() as f64 / (seconds * 30) as f64;
-    // 200 losses: their share is known to 9 %, their mean length to 7 %.
-    assert!((lost / 0.2 - 1.0).abs() < 0.25, "{lost}");
-    let gaps = tags.windows(2).map(|w| (w[1].header.at - w[0].header.at).secs());
-    let gaps: Vec<f64> = gaps.filter(|gap| *gap > 0.05).collect();
-    assert!((moments(&gaps).0 - 1.0).abs() < 0.2, "{} s", moments(&gaps).0);
-}
-
-#[test]
-fn tag_detection_variance() {
-    let mut config = SensorConfig::default();
-    config.camera_mount.angle_sd_deg = 0.0;
-    config.camera_mount.position_sd_m = 0.0;
-    // Where the stated deviation is not the minimum one.
-    config.tag.corner_sd_px = 1.0;
-    for height in [1.5, 3.0, 7.0, 12.0] {
-        let drone = still([0.3, -0.2, -height], [0.05, 0.1, 0.6]);
-        let tags = watch(&config, &drone, &deck(), 4000).tags;
-        let exact = watch(&ideal(), &drone, &deck(), 20).tags[0];
-        let quaternion = |m: &TagPose| {
-            let [w, i, j, k] = m.attitude;
-            UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k))
-        };
-        let (mut square, mut stated) = ([0.0; 6], [0.0; 6]);
-        for m in &tags {
-            assert_eq!(m.check(), Ok(()));
-            let r = (quaternion(m) * quaternion(&exact).inverse()).scaled_axis();
-            for i in 0..3 {
-                square[i] += (m.position[i] - exact.position[i]).powi(2);
-                square[i + 3] += r[i].powi(2);
-            }
-            for i in 0..6 {
-                stated[i] += m.variance[i];
-            }
-        }
-        for i in 0..6 {
-            let ratio = (stated[i] / square[i]).sqrt();
-            assert!((0.5..2.0).contains(&ratio), "{height} m, component {i}: {ratio}");
-        }
-        // The scale of it, from one pixel on the tag's side: relative distance 1/(side in px).
-        let sd = (square[2] / tags.len() as f64).sqrt();
-        let side_px = 320.0 / height;
-        assert!((0.2..1.5).contains(&(sd / height * side_px)), "{height} m: {sd}");
-    }
-}
-
-#[test]
 fn camera_mount_errors() {
     let config = SensorConfig::default();
     let (mut turns, mut shifts) = (vec![], vec![]);

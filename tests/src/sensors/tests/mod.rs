@@ -6,7 +6,6 @@ mod uvdar;
 mod vessel;
 
 use super::*;
-use alight_shared::config::{Check, Keys};
 use alight_shared::estimation::moments;
 use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
 
@@ -151,34 +150,4 @@ fn sensor_determinism() {
     assert!(count(|r| r.1.tags.len()) > 130, "{}", count(|r| r.1.tags.len()));
     // 58 of 100 images of the markers give a fix.
     assert!((40..76).contains(&count(|r| r.1.uvdar.len())) && count(|r| r.1.ranges.len()) > 240);
-}
-
-#[test]
-fn sensor_defaults_toml_round_trip() {
-    let c = SensorConfig::default();
-    assert!(c.check(&Keys::ROOT).is_ok());
-    assert!(ideal().check(&Keys::ROOT).is_ok());
-    let text = toml::to_string(&c).unwrap();
-    assert_eq!(
-        alight_shared::config::parse::<SensorConfig>(&text, "test").unwrap(),
-        c
-    );
-}
-
-#[test]
-fn sensor_configuration_errors() {
-    let rejected = |text: &str| {
-        alight_shared::config::parse::<SensorConfig>(text, "test")
-            .unwrap_err()
-            .to_string()
-    };
-    let e = rejected("[vessel_gnss.error]\nbias_sd_m = -1.0");
-    assert!(
-        e.contains("vessel_gnss.error.bias_sd_m") && e.contains("-1"),
-        "{e}"
-    );
-    assert!(rejected("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
-    assert!(rejected("[tag]\nfov = 90.0").contains("unknown field"));
-    assert!(rejected("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
-    assert!(rejected("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
 }
