@@ -102,11 +102,11 @@ fn texts(code: ReasonCode) -> Vec<String> {
 
 /// A text with `…` for each figure that is not part of a name; what stands in braces is one.
 fn pattern(text: &str) -> String {
-    let figures = |part: &str| {
+    let number = |part: &str| {
         part.split_once('}')
             .map_or(part.into(), |(_, rest)| format!("0{rest}"))
     };
-    let text: String = text.split('{').map(figures).collect();
+    let text: String = text.split('{').map(number).collect();
     let mut out = String::new();
     for c in text.chars() {
         let in_name = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');

@@ -28,7 +28,7 @@ fn fixes(settings: &UvdarSettings, glints: usize, seed: u64) -> Vec<Option<[Vect
         position: Vector3::zeros(),
         attitude: body_from_camera(),
     };
-    let mut draw = Noise::new(&Streams::new(seed), "test.uvdar");
+    let mut draw = Noise::new(&Streams::new(seed), "study.uvdar");
     let mut fixes = Vec::new();
     for flight in 0..4 {
         let mut camera = Ultraviolet::new(settings, glints, &Streams::new(1000 * seed + flight));
@@ -36,6 +36,7 @@ fn fixes(settings: &UvdarSettings, glints: usize, seed: u64) -> Vec<Option<[Vect
         let mut between = |low: f64, high: f64| low + (high - low) * draw.uniform();
         let (up, bearing, heading) = (between(0.35, 1.3), between(-3.1, 3.1), between(-3.1, 3.1));
         let (phase, speed, rock) = (between(0.0, 6.2), between(0.0, 2.0), between(0.02, 0.12));
+        let begin = between(0.0, 600.0);
         let side = Vector3::new(-bearing.sin(), bearing.cos(), 0.0);
         let from = Vector3::new(-bearing.cos() * up.cos(), -bearing.sin() * up.cos(), -up.sin()) * RANGE_M;
         for k in 0..IMAGES {
@@ -53,7 +54,7 @@ fn fixes(settings: &UvdarSettings, glints: usize, seed: u64) -> Vec<Option<[Vect
                 attitude: Rotation::from_euler(0.05 * wave(0.5, 2.0), 0.05 * wave(1.5, 2.3), bearing),
                 ..Default::default()
             };
-            let t = Time::from_nanos((s * 1e9) as i64);
+            let t = Time::from_nanos(((begin + s) * 1e9) as i64);
             let shot = Shot {
                 t,
                 at: Time::from_nanos(t.nanos()),
