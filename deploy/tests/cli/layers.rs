@@ -24,10 +24,7 @@ const LAYERS: [(&str, &[&str]); 2] = [
             "playback",
         ],
     ),
-    (
-        "deploy/people",
-        &["explain", "status", "view", "tools"],
-    ),
+    ("deploy/people", &["explain", "status", "view", "tools"]),
 ];
 
 /// Every package of ours.

@@ -236,11 +236,11 @@ fn rounded(x: f64, steps: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_people::status::finding::FindingTopic;
     use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
     use alight_computer::process::facts::Facts;
     use alight_computer::process::snapshot::Snapshot;
     use alight_computer::situation::ObservedSituation;
+    use alight_people::status::finding::FindingTopic;
     use alight_shared::msg::{AutopilotState, DroneState, DroneStatus, Header, Seq};
     use alight_shared::time::Time;
 
