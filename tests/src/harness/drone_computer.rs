@@ -7,7 +7,7 @@ use core::cell::Cell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::bus::{BusSide, LockStep, LockStepSender, Receiver};
+use super::bus::{BusSide, LockStep, LockStepSender};
 use super::cameras::SimulatedCameras;
 use super::failing::{Failing, Spoiled, spoil_sensors};
 use super::foresight::Foresight;
@@ -21,7 +21,7 @@ use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
 use alight_bridge::{BridgeConfig, Packet};
-use alight_shared::bus::{Reader as _, Row, Wired, Writer as _};
+use alight_shared::bus::{Reader as _, Row, Wired, Writer as _, readers};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
     AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState, DroneStatus,
@@ -80,27 +80,16 @@ impl Outside {
     }
 }
 
-/// Receivers on the bus from outside the rows.
-struct Observer {
-    odometry: Receiver<DroneState>,
-    autopilot: Receiver<AutopilotState>,
-    forecast: Receiver<DeckForecast>,
-    mission: Receiver<MissionState>,
-    set_point: Receiver<SetPoint>,
-    /// Frames for the receiver.
-    rtcm: Receiver<RtcmFrames<DroneClock>>,
-}
-
-impl Observer {
-    fn join(bus: &LockStep) -> Observer {
-        Observer {
-            odometry: bus.receiver(),
-            autopilot: bus.receiver(),
-            forecast: bus.receiver(),
-            mission: bus.receiver(),
-            set_point: bus.receiver(),
-            rtcm: bus.receiver(),
-        }
+readers! {
+    /// Receivers on the bus from outside the rows.
+    struct Observer {
+        odometry: DroneState,
+        autopilot: AutopilotState,
+        forecast: DeckForecast,
+        mission: MissionState,
+        set_point: SetPoint,
+        // Frames for the receiver.
+        rtcm: RtcmFrames<DroneClock>,
     }
 }
 
@@ -138,7 +127,7 @@ pub struct SimulatedDroneComputer {
     /// A plan takes so much longer than that.
     pub(super) slower: Span,
     outside: Outside,
-    observer: Observer,
+    observer: Observer<LockStep>,
     /// The defect of its nodes.
     mutant: Option<Mutant>,
     /// The vessel's clock is so far ahead of this one's since the start.
@@ -247,9 +236,12 @@ impl SimulatedDroneComputer {
         let forced = scenario.begin_anyway.then(moment);
         let render = &scenario.sensors.render;
         let Ok(kept) = Republisher::join(&bus, Keeper::default());
-        let mut rows = DroneRows::default();
-        // The mission has run since before this flight.
-        rows.mission = row(&bus, made.mission(boot).forced_descent(forced));
+        let Ok(observer) = Observer::join(&bus);
+        let mut rows = DroneRows {
+            // It has run since before this flight.
+            mission: row(&bus, made.mission(boot).forced_descent(forced)),
+            ..DroneRows::default()
+        };
         let others = [
             (ProcessKind::Mission, false),
             (ProcessKind::Autopilot, false),
@@ -280,7 +272,7 @@ impl SimulatedDroneComputer {
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             slower: Span::ZERO,
             outside: Outside::join(&bus),
-            observer: Observer::join(&bus),
+            observer,
             bus,
             mutant: None,
             apart: Rc::default(),

@@ -1,5 +1,6 @@
 //! Observer of the reports of an instance's processes.
 
+use alight_shared::bus::readers;
 use alight_shared::msg::{
     AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
     SetPoint, SourceReport, VesselStatus, WaveModel,
@@ -7,27 +8,34 @@ use alight_shared::msg::{
 use alight_shared::process::ProcessState;
 use alight_shared::time::DroneClock;
 use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Subscriber};
+use alight_transport::memory::{Instance, Memory};
 
 use crate::exit::CliError;
 use crate::process::instance::{is_running, owner};
 use crate::process::snapshot::Snapshot;
 
+readers! {
+    /// Topics of the reports.
+    struct Reports {
+        processes: ProcessState,
+        mission: MissionState,
+        autopilot: AutopilotState,
+        drone: DroneState,
+        forecast: DeckForecast,
+        link: LinkState,
+        plan: Plan,
+        grant: DeckGrant<DroneClock>,
+        wave: WaveModel<DroneClock>,
+        set_point: SetPoint,
+        vessel: VesselStatus,
+        sources: SourceReport,
+        computer: ComputerReport,
+    }
+}
+
 /// Receives the reports of an instance's processes.
 pub struct Observer {
-    processes: Subscriber<ProcessState>,
-    mission: Subscriber<MissionState>,
-    autopilot: Subscriber<AutopilotState>,
-    drone: Subscriber<DroneState>,
-    forecast: Subscriber<DeckForecast>,
-    link: Subscriber<LinkState>,
-    plan: Subscriber<Plan>,
-    grant: Subscriber<DeckGrant<DroneClock>>,
-    wave: Subscriber<WaveModel<DroneClock>>,
-    set_point: Subscriber<SetPoint>,
-    vessel: Subscriber<VesselStatus>,
-    sources: Subscriber<SourceReport>,
-    computer: Subscriber<ComputerReport>,
+    reports: Reports<Memory>,
     /// The newest messages.
     pub snapshot: Snapshot,
     /// Ages of the vessel's newest state since they were taken last, s.
@@ -38,19 +46,7 @@ impl Observer {
     /// Looks on.
     pub fn join(memory: &Memory) -> Result<Observer, CliError> {
         Ok(Observer {
-            processes: memory.subscriber()?,
-            mission: memory.subscriber()?,
-            autopilot: memory.subscriber()?,
-            drone: memory.subscriber()?,
-            forecast: memory.subscriber()?,
-            link: memory.subscriber()?,
-            plan: memory.subscriber()?,
-            grant: memory.subscriber()?,
-            wave: memory.subscriber()?,
-            set_point: memory.subscriber()?,
-            vessel: memory.subscriber()?,
-            sources: memory.subscriber()?,
-            computer: memory.subscriber()?,
+            reports: Reports::join(memory)?,
             snapshot: Snapshot {
                 since_ns: steady_ns(),
                 ..Snapshot::default()
@@ -60,25 +56,25 @@ impl Observer {
     }
     /// Takes in what is new.
     pub fn poll(&mut self) {
-        let (now, snapshot) = (steady_ns(), &mut self.snapshot);
-        for state in self.processes.all(now) {
+        let (now, snapshot, of) = (steady_ns(), &mut self.snapshot, &mut self.reports);
+        for state in of.processes.all(now) {
             snapshot.processes.insert(state.kind, state);
         }
-        snapshot.computer.set(now, self.computer.newest(now));
-        snapshot.vessel.set(now, self.vessel.newest(now));
+        snapshot.computer.set(now, of.computer.newest(now));
+        snapshot.vessel.set(now, of.vessel.newest(now));
         snapshot
             .sources
-            .extend(self.sources.all(now).into_iter().map(|s| (s.number, s)));
-        snapshot.mission.set(now, self.mission.newest(now));
-        snapshot.autopilot.set(now, self.autopilot.newest(now));
-        snapshot.drone.set(now, self.drone.newest(now));
-        snapshot.forecast.set(now, self.forecast.newest(now));
-        snapshot.plan.set(now, self.plan.newest(now));
-        snapshot.grant.set(now, self.grant.newest(now));
-        snapshot.wave.set(now, self.wave.newest(now));
-        let newest = self.set_point.newest(now).map(|s| s.response);
+            .extend(of.sources.all(now).into_iter().map(|s| (s.number, s)));
+        snapshot.mission.set(now, of.mission.newest(now));
+        snapshot.autopilot.set(now, of.autopilot.newest(now));
+        snapshot.drone.set(now, of.drone.newest(now));
+        snapshot.forecast.set(now, of.forecast.newest(now));
+        snapshot.plan.set(now, of.plan.newest(now));
+        snapshot.grant.set(now, of.grant.newest(now));
+        snapshot.wave.set(now, of.wave.newest(now));
+        let newest = of.set_point.newest(now).map(|s| s.response);
         snapshot.response = newest.or(snapshot.response);
-        let links = self.link.all(now);
+        let links = of.link.all(now);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);
         self.ages_s.extend(links.iter().map(|l| l.age_s));

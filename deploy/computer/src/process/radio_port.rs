@@ -69,24 +69,17 @@ impl RadioPort {
         topic: RadioTopic,
         messages: impl IntoIterator<Item = &'a M>,
     ) {
-        for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
-            self.put(topic, bytes);
-        }
+        let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
+        encoded.for_each(|bytes| self.put(topic, bytes, false));
     }
-    /// Sends a message that is encoded.
-    pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>) {
-        if let Some(publication) = self.number(topic) {
+    /// Sends a message that is encoded, and is held for who asks or not.
+    pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {
+        if let Some(publication) = self.sent.iter().position(|t| *t == topic) {
+            if held {
+                self.radio.hold(publication, bytes.clone());
+            }
             self.radio.send(publication, bytes);
         }
-    }
-    /// Holds a message for who asks.
-    pub fn hold(&mut self, topic: RadioTopic, bytes: Vec<u8>) {
-        if let Some(publication) = self.number(topic) {
-            self.radio.hold(publication, bytes);
-        }
-    }
-    fn number(&self, topic: RadioTopic) -> Option<usize> {
-        self.sent.iter().position(|t| *t == topic)
     }
     /// The rates of what it sends, with this look at `now_ns`.
     pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {

@@ -92,11 +92,8 @@ impl VesselRadio {
     /// Publishes the output of a step.
     pub fn publish(&mut self, out: &ComputerOut) {
         out.broadcast(|topic, bytes, held| {
-            if held {
-                self.port.hold(topic, bytes.clone());
-            }
             if self.operators || topic.row().to != RadioEnd::Operator {
-                self.port.put(topic, bytes);
+                self.port.put(topic, bytes, held);
             }
         });
     }

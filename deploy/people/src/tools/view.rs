@@ -205,7 +205,7 @@ fn reject(order: Option<PageOrder>) {
 /// Shared memory of a drone's processes.
 struct Ports {
     memory: Memory,
-    feed: MemoryFeed,
+    feed: MemoryFeed<Memory>,
     camera: CameraFeed,
     commands: Publisher<Command>,
     reports: Publisher<ProcessState>,

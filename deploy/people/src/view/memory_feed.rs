@@ -1,8 +1,8 @@
 //! Messages of the processes of a drone's computer, read from their shared memory without waiting.
 
 use alight_bridge::{BridgeIn, BridgeOut};
-use alight_computer::exit::CliError;
 use alight_computer::record::observer::{NodeStep, StepObserver};
+use alight_shared::bus::readers;
 use alight_shared::msg::{
     AutopilotState, Command, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState,
     Plan, RangeSample, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
@@ -10,7 +10,7 @@ use alight_shared::msg::{
 use alight_shared::process::ProcessState;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Memory, Subscriber};
+use alight_transport::memory::Memory;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
@@ -18,48 +18,29 @@ use alight_uav::predictor::{PredictorIn, PredictorOut};
 
 use crate::view::watcher::Watcher;
 
-/// Reads all that a viewer shows.
-pub struct MemoryFeed {
-    computer: Subscriber<ComputerReport>,
-    processes: Subscriber<ProcessState>,
-    estimate: Subscriber<VesselEstimate<DroneClock>>,
-    wave: Subscriber<WaveModel<DroneClock>>,
-    deck: Subscriber<DeckGrant<DroneClock>>,
-    link: Subscriber<LinkState>,
-    tags: Subscriber<TagPose>,
-    uvdar: Subscriber<UvdarFix>,
-    ranges: Subscriber<RangeSample>,
-    drone: Subscriber<DroneState>,
-    forecast: Subscriber<DeckForecast>,
-    commands: Subscriber<Command>,
-    autopilot: Subscriber<AutopilotState>,
-    mission: Subscriber<MissionState>,
-    plan: Subscriber<Plan>,
-    set_point: Subscriber<SetPoint>,
+readers! {
+    /// Reads all that a viewer shows.
+    pub struct MemoryFeed {
+        computer: ComputerReport,
+        processes: ProcessState,
+        estimate: VesselEstimate<DroneClock>,
+        wave: WaveModel<DroneClock>,
+        deck: DeckGrant<DroneClock>,
+        link: LinkState,
+        tags: TagPose,
+        uvdar: UvdarFix,
+        ranges: RangeSample,
+        drone: DroneState,
+        forecast: DeckForecast,
+        commands: Command,
+        autopilot: AutopilotState,
+        mission: MissionState,
+        plan: Plan,
+        set_point: SetPoint,
+    }
 }
 
-impl MemoryFeed {
-    /// Looks on.
-    pub fn join(memory: &Memory) -> Result<MemoryFeed, CliError> {
-        Ok(MemoryFeed {
-            computer: memory.subscriber()?,
-            processes: memory.subscriber()?,
-            estimate: memory.subscriber()?,
-            wave: memory.subscriber()?,
-            deck: memory.subscriber()?,
-            link: memory.subscriber()?,
-            tags: memory.subscriber()?,
-            uvdar: memory.subscriber()?,
-            ranges: memory.subscriber()?,
-            drone: memory.subscriber()?,
-            forecast: memory.subscriber()?,
-            commands: memory.subscriber()?,
-            autopilot: memory.subscriber()?,
-            mission: memory.subscriber()?,
-            plan: memory.subscriber()?,
-            set_point: memory.subscriber()?,
-        })
-    }
+impl MemoryFeed<Memory> {
     /// Shows `watcher` what is new; the mission's newest state, if it is.
     pub fn poll(
         &mut self,
