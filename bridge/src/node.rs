@@ -41,7 +41,6 @@ pub struct BridgeIn {
     pub packets: Vec<Stamped<DroneClock, Packet>>,
     /// The mission's state.
     pub mission: Option<MissionState>,
-    /// Odometry.
     pub drone: Option<DroneState>,
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,

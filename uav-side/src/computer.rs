@@ -61,11 +61,9 @@ computer! {
 /// Configurations of the nodes of a drone's computer.
 #[derive(Clone, Debug)]
 pub struct DroneNodes {
-    /// The bridge.
     pub bridge: BridgeConfig,
     /// The link to the autopilot.
     pub autopilot: AutopilotLinkConfig,
-    /// All others.
     pub drone: DroneSettings,
 }
 

@@ -81,7 +81,6 @@ pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
     }
 }
 
-/// A command.
 pub(crate) fn command(header: Header<DroneClock>, kind: CommandKind) -> Command {
     Command { header, kind }
 }

@@ -36,7 +36,6 @@ pub(crate) enum StandingVerdict {
     /// Fewer than two speak for it.
     #[default]
     Unknown,
-    /// It stands.
     Stands,
     /// One speaks against it.
     Flies,

@@ -39,7 +39,6 @@ pub struct ComputerIn {
     pub crew: Vec<CrewOrder>,
     /// Frames of the sensors' process, of a moving base.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
-    /// Time requests.
     pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
     /// Statuses of drones.
     pub statuses: Vec<Arrival<VesselClock, DroneStatus>>,

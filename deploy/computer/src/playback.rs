@@ -55,7 +55,6 @@ pub type StartViewer<'a> =
 /// Result of one node's replay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeReplay {
-    /// The node.
     pub node: String,
     /// Steps replayed.
     pub steps: u64,

@@ -30,7 +30,6 @@ pub fn configured(computer: &Computer) -> ComputerReport {
 /// A real sensor: its bytes, and what the estimator made of its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SourceHealth {
-    /// The name.
     pub name: String,
     /// Age of its newest measurement, s; None before the first.
     pub age_s: Option<f64>,

@@ -19,9 +19,7 @@ pub const SIMULATED: &str = "sim";
 /// Which computer this is.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Computer {
-    /// The vessel's.
     Vessel(Box<VesselComputerConfig>),
-    /// The drone's.
     Drone(Box<DroneComputerConfig>),
 }
 

@@ -127,7 +127,6 @@ impl Table {
         }
         out
     }
-    /// As Markdown.
     pub fn markdown(&self) -> String {
         let mut out = format!(
             "| {} |\n|{}\n",

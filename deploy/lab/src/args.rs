@@ -168,7 +168,6 @@ impl fmt::Display for OutageAt {
 pub struct SeaArg {
     /// The text as given.
     pub text: String,
-    /// The meaning.
     pub config: SeaConfig,
 }
 

@@ -176,9 +176,7 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
 
 /// A curve: its name and a point for each place; none where nothing was measured.
 pub struct Curve {
-    /// The name.
     pub name: String,
-    /// The points.
     pub points: Vec<Option<f64>>,
 }
 
@@ -247,7 +245,6 @@ pub fn sheet(charts: &[Chart]) -> String {
 
 /// A line of [`dots`].
 pub struct Dot {
-    /// The name.
     pub label: String,
     /// Number of the group that shares a colour.
     pub group: usize,

@@ -21,7 +21,6 @@ const STEP_S: f64 = 0.05;
 /// A plot of what the predictor is given and computes.
 pub struct BeliefPlot {
     path: PathBuf,
-    /// The flight.
     flight: PathBuf,
     feet_below_m: f64,
     drone: Option<DroneState>,

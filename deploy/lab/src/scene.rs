@@ -29,9 +29,7 @@ pub fn print_defaults() -> Result<Exit, CliError> {
 
 /// The scene that is flown.
 pub struct Scene {
-    /// The world.
     pub scenario: Scenario,
-    /// The nodes.
     pub nodes: NodeConfigs,
     /// The sea as the person named it.
     pub sea: String,

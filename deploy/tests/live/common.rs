@@ -97,12 +97,10 @@ pub fn started(arguments: impl AsRef<str>) -> Child {
         .expect("starts")
 }
 
-/// Standard error.
 pub fn errors(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
-/// Standard output.
 pub fn printed(out: &Output) -> String {
     String::from_utf8_lossy(&out.stdout).into_owned()
 }

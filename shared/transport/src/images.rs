@@ -20,7 +20,6 @@ const BORROWED: usize = 2;
 /// Who may publish, and who may read, at a time; those that were killed keep their place for a while.
 const PORTS: usize = 4;
 
-/// Which images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageTopic {
     /// The simulated camera's, grey, one byte a pixel.
@@ -159,7 +158,6 @@ impl ImagePublisher {
     }
 }
 
-/// Reads images.
 pub struct ImageSubscriber {
     port: IoxSubscriber<Ipc, [u8], ImageHeader>,
 }

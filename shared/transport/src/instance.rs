@@ -75,7 +75,6 @@ impl Instance {
             Err(TransportError { doing, what })
         }
     }
-    /// Its name.
     pub fn name(&self) -> &str {
         &self.name
     }

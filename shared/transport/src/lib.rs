@@ -31,7 +31,6 @@ pub struct Received {
     pub sender: Sender,
     /// The steady clock at its arrival, ns.
     pub at_ns: i64,
-    /// Its content.
     pub bytes: Vec<u8>,
 }
 

@@ -97,7 +97,6 @@ pub const HEADER_BYTES: u64 = 48;
 /// What went out on one outlet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flow {
-    /// Messages.
     pub messages: u64,
     /// Their bytes with headers.
     pub bytes: u64,

@@ -33,7 +33,6 @@ use zenoh::session::LinkEvent;
 pub struct AccessRejections {
     /// How many sessions and messages.
     pub count: u64,
-    /// The last.
     pub last: Option<AccessRejection>,
     /// How many of each, in the order of [`AccessRejection::ALL`].
     each: [u64; AccessRejection::ALL.len()],

@@ -24,7 +24,6 @@ use serde::{Deserialize, Serialize};
 
 use mpc_ne::MpcNe;
 
-/// A baseline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Baseline {
@@ -40,7 +39,6 @@ struct Mpc;
 impl Law for Mpc {}
 
 impl Baseline {
-    /// Both.
     pub const ALL: [Baseline; 2] = [Baseline::Mpc, Baseline::MpcNe];
 
     /// The name on the command line and in tables.

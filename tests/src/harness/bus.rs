@@ -149,7 +149,6 @@ impl bus::Wake for LockStepWake {
     }
 }
 
-/// Writes messages.
 pub struct LockStepSender<M> {
     ring: Rc<RefCell<Ring<M>>>,
     place: Place<M>,
@@ -181,7 +180,6 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
     }
 }
 
-/// Reads messages.
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
     /// Number read of the messages sent so far.

@@ -116,7 +116,6 @@ pub struct SimulatedDroneComputer {
     pub(super) ahead: Span,
     /// A person has given it the mode once.
     pub(super) handed_over: bool,
-    /// The supervisor's.
     kept: Republisher<LockStep>,
     /// All of its processes are dead.
     pub(super) is_dead: bool,

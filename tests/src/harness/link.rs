@@ -21,7 +21,6 @@ use crate::sensors::noise::Noise;
 pub enum Checkpoints {
     /// The predecessor's checkpoint.
     Kept,
-    /// Nothing.
     Lost,
 }
 
@@ -71,7 +70,6 @@ impl Wire {
 
 /// The autopilot and both ends of the wire.
 pub struct LinkedAutopilot {
-    /// The autopilot.
     pub autopilot: SimulatedAutopilot,
     /// The cable is out.
     pub cut: bool,

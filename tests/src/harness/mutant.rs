@@ -23,7 +23,6 @@ const STOPS_BELOW_M: f64 = 0.35;
 /// A mutant's deck is released after this.
 const SILENT: Span = Span::from_millis(1500);
 
-/// A defect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mutant {

@@ -150,7 +150,6 @@ pub struct Outcome {
     pub seed: u64,
     /// The sea, as given.
     pub sea: String,
-    /// The planner.
     pub planner: String,
     /// Descents begun.
     pub attempts: u32,
@@ -437,7 +436,6 @@ impl Judge {
         self.first.as_ref().map(|f| f.t_s)
     }
 
-    /// The verdict.
     pub fn outcome(&self, seed: u64, sea: &str, planner: &str, sim_time_s: f64) -> Outcome {
         let (ending, reason) = match (&self.failure, self.ended, self.first.is_some()) {
             (Some((e, r)), _, _) => (*e, r.clone()),

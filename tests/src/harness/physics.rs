@@ -447,7 +447,6 @@ impl Physics {
     pub fn streams(&self) -> &Streams {
         &self.streams
     }
-    /// The sea.
     pub fn sea(&self) -> &Sea {
         &self.sea
     }
@@ -464,7 +463,6 @@ impl Physics {
         let apart = self.drone(k).map(|d| d.position - self.deck().position);
         apart.map_or(f64::INFINITY, |apart| apart.norm())
     }
-    /// The deck.
     pub fn deck(&self) -> RigidState<Deck> {
         self.carrier.state().at(self.scenario.deck.centre())
     }

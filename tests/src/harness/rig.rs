@@ -12,7 +12,6 @@ use crate::autopilots::simulated::SimulatedAutopilot;
 
 /// The world of one flight, and the states that the missions went through.
 pub struct Rig {
-    /// The world.
     pub world: World,
     /// Scenario of the world.
     pub scenario: Scenario,

@@ -1,6 +1,5 @@
 //! Trace of a landing for plots.
 
-/// One instant.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TracePoint {
     /// Time since the start, s.
@@ -26,7 +25,6 @@ pub struct TracePoint {
 pub struct Trace {
     /// Time between points, s.
     pub step_s: f64,
-    /// The points.
     pub points: Vec<TracePoint>,
     /// Time of first contact, s; none where nothing landed.
     pub touchdown_s: Option<f64>,

@@ -19,9 +19,7 @@ pub enum Event {
     Phase {
         /// Time since the start, s.
         t_s: f64,
-        /// The state.
         name: &'static str,
-        /// Why.
         reason: Reason,
     },
 }

@@ -63,7 +63,6 @@ pub struct ChannelFault {
     pub doubled: f64,
 }
 
-/// One direction.
 #[derive(Clone, Debug)]
 pub struct RadioChannel {
     config: SimulatedRadioConfig,

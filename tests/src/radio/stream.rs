@@ -165,7 +165,6 @@ impl<T: Clone> RadioStream<T> {
         let dropped = self.dropped + self.messages.len() as u64;
         *self = RadioStream { dropped, ..fresh };
     }
-    /// Both channels.
     pub fn channels(&mut self) -> [&mut RadioChannel; 2] {
         [&mut self.there, &mut self.back]
     }

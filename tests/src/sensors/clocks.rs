@@ -66,9 +66,7 @@ impl ClockModel {
 /// The vessel's and the drone's clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Clocks {
-    /// The vessel's.
     pub vessel: ClockModel,
-    /// The drone's.
     pub drone: ClockModel,
 }
 

@@ -105,15 +105,12 @@ pub struct DroneReadings {
     pub beacons: Vec<DeckBeacon>,
     /// Places relative to the vessel's antenna.
     pub relative: Vec<RelativePlace>,
-    /// Tag detections.
     pub tags: Vec<TagPose>,
     /// Images that were begun, where they take the detections' place.
     pub shots: Vec<render::Shot>,
     /// Images of the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,
-    /// UVDAR fixes.
     pub uvdar: Vec<UvdarFix>,
-    /// Rangefinder readings.
     pub ranges: Vec<RangeSample>,
     /// The light in the belly camera's images, where it is reported.
     pub light: Option<CameraLight>,

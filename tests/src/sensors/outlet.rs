@@ -15,7 +15,6 @@ const QUEUE: usize = 256;
 /// Identity that a sender writes into headers.
 #[derive(Clone, Copy, Debug)]
 pub struct SenderIdentity {
-    /// The vessel.
     pub vessel: u32,
     /// The drone; 0 from the vessel.
     pub drone: u32,

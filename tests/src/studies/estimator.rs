@@ -15,7 +15,6 @@ use crate::harness::scenario::{Scenario, SetupError};
 pub struct VesselTruth {
     /// Position in the vessel's NED (m), roll, pitch, yaw (rad).
     pub eta: [f64; 6],
-    /// Their derivatives.
     pub eta_dot: [f64; 6],
     /// Height against the still water, without the receiver's bias, m down.
     pub heave: f64,

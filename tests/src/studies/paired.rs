@@ -22,11 +22,9 @@ pub const COMPARED: [OutcomeMetric; 6] = [
 pub struct Difference {
     /// Name of the figure.
     pub metric: &'static str,
-    /// Mean difference.
     pub mean: f64,
     /// Bootstrap interval of 95 % of the difference.
     pub interval: [f64; 2],
-    /// Pairs.
     pub pairs: usize,
 }
 
@@ -52,7 +50,6 @@ pub struct Comparison {
     pub scenario: Option<String>,
     /// The first planner.
     pub first: String,
-    /// The other.
     pub other: String,
     /// Seeds that both flew.
     pub pairs: usize,

@@ -41,7 +41,6 @@ impl Tally {
         self.normalised += q / N as f64;
         self.inside += u64::from(CHI2_95.get(N - 1).is_some_and(|limit| q <= *limit));
     }
-    /// Both together.
     #[must_use]
     pub fn and(self, o: Tally) -> Tally {
         Tally {
@@ -77,7 +76,6 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// Both together.
     #[must_use]
     pub fn and(self, o: Scores) -> Scores {
         Scores {

@@ -40,7 +40,6 @@ pub enum End {
     Levels,
 }
 
-/// One run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingRun {
     /// Probability that a landing is unsafe.
@@ -57,7 +56,6 @@ pub struct SplittingRun {
     pub landings: usize,
 }
 
-/// Several runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingEstimate {
     /// Mean of the runs' probabilities.
@@ -67,7 +65,6 @@ pub struct SplittingEstimate {
     pub interval: [f64; 2],
     /// Landings that were flown.
     pub landings: usize,
-    /// The runs.
     pub runs: Vec<SplittingRun>,
 }
 

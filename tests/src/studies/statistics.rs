@@ -8,13 +8,11 @@ use crate::harness::outcome::{Ending, Outcome};
 /// Mean, standard deviation, 95th percentile and maximum of one figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SampleStatistics {
-    /// Arithmetic mean.
     pub mean: f64,
     /// Sample standard deviation.
     pub sd: f64,
     /// 95th percentile (nearest rank).
     pub p95: f64,
-    /// Maximum.
     pub max: f64,
 }
 

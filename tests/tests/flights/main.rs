@@ -39,7 +39,6 @@ use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::autopilot::modes::Firmware;
 
-/// Both autopilots.
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
 /// Outcome of a flight with `each` after every tick, for `limit_s` at most.

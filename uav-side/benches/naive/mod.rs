@@ -11,9 +11,7 @@ pub struct Data<'a> {
     pub a: SMatrix<f64, 12, 12>,
     /// Discrete input matrix.
     pub b: SMatrix<f64, 12, 4>,
-    /// State now.
     pub state: [f64; 12],
-    /// Input now.
     pub input: [f64; 4],
     /// References of the stages.
     pub reference: &'a [[f64; 12]],

@@ -175,11 +175,9 @@ pub(crate) struct AuthorityStateMachine {
 }
 
 impl AuthorityStateMachine {
-    /// Who commands.
     pub(crate) fn control_authority(&self) -> ControlAuthority {
         self.control_authority
     }
-    /// Since when.
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }

@@ -22,7 +22,6 @@ pub enum Diversion {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeckMessage {
-    /// `LANDING_TARGET`.
     #[default]
     LandingTarget,
     /// `TARGET_RELATIVE` and `TARGET_ABSOLUTE`.

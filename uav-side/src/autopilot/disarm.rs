@@ -156,7 +156,6 @@ impl DisarmSequence {
     pub(crate) fn clear(&mut self) {
         *self = DisarmSequence::default();
     }
-    /// Commands sent.
     pub(crate) fn sent(&self) -> u32 {
         self.sent
     }

@@ -57,7 +57,6 @@ pub(crate) struct DroneStateAssembler {
     pub(crate) resets: u8,
     /// Frames so far.
     pub(crate) frames: u8,
-    /// Samples rejected.
     pub(crate) rejected: u32,
 }
 

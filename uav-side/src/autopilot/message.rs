@@ -86,9 +86,7 @@ pub enum VelocityFrame {
 /// A command with its seven parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CommandLong {
-    /// Receiver.
     pub to: Address,
-    /// Which.
     pub command: u16,
     /// Number of repetitions.
     pub confirmation: u8,
@@ -124,7 +122,6 @@ impl CommandLong {
 /// A position set-point: all of position, velocity, acceleration, yaw and yaw rate are to be used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionTarget {
-    /// Receiver.
     pub to: Address,
     /// Autopilot's NED, m.
     pub position: [f64; 3],
@@ -141,7 +138,6 @@ pub struct PositionTarget {
 /// An attitude set-point with thrust.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AttitudeThrustTarget {
-    /// Receiver.
     pub to: Address,
     /// NED from body, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
@@ -172,7 +168,6 @@ pub struct OdometryReport {
     pub resets: u8,
 }
 
-/// `HEARTBEAT`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Heartbeat {
     /// `MAV_AUTOPILOT`.
@@ -261,7 +256,6 @@ pub enum TargetFrame {
 }
 
 impl TargetFrame {
-    /// All.
     pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
     /// `MAV_FRAME` of the frame.
     pub const fn number(self) -> u8 {
@@ -320,10 +314,8 @@ pub struct TargetAbsolute {
     pub velocity_sd: [f64; 3],
 }
 
-/// One message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum MavlinkMessage {
-    /// `HEARTBEAT`.
     Heartbeat(Heartbeat),
     /// Question (`remote_ns` zero) or answer about clocks.
     Timesync {
@@ -332,7 +324,6 @@ pub enum MavlinkMessage {
         /// `ts1`: the asking clock, ns.
         local_ns: i64,
     },
-    /// `ODOMETRY`.
     Odometry(OdometryReport),
     /// `LOCAL_POSITION_NED`.
     LocalPosition(PositionReport),
@@ -377,12 +368,10 @@ pub enum MavlinkMessage {
     },
     /// `PARAM_REQUEST_LIST`.
     ParameterList {
-        /// Receiver.
         to: Address,
     },
     /// `PARAM_REQUEST_READ`.
     ParameterRequest {
-        /// Receiver.
         to: Address,
         /// At most 16 characters.
         name: String,
@@ -391,7 +380,6 @@ pub enum MavlinkMessage {
     },
     /// `PARAM_SET`.
     ParameterSet {
-        /// Receiver.
         to: Address,
         /// At most 16 characters.
         name: String,
@@ -438,20 +426,14 @@ pub enum MavlinkMessage {
     },
     /// `COMMAND_LONG`.
     Command(CommandLong),
-    /// `COMMAND_INT`.
     CommandInt {
-        /// Receiver.
         to: Address,
-        /// Which.
         command: u16,
         /// First four parameters of the command; no order of ours has a place on earth.
         first: [f64; 4],
     },
-    /// `COMMAND_ACK`.
     CommandAck {
-        /// Which command.
         command: u16,
-        /// The answer.
         result: CommandResult,
         /// Whoever gave the command; zeros: not stated.
         to: Address,
@@ -499,7 +481,6 @@ pub enum MavlinkMessage {
         /// `MISSION_STATE`: 0 not stated, 2 not started, 3 active, 4 paused, 5 complete.
         state: u8,
     },
-    /// `MISSION_ITEM_REACHED`.
     MissionItemReached {
         /// Number of the item.
         item: u16,
@@ -508,7 +489,6 @@ pub enum MavlinkMessage {
     RemoteControl(RcChannels),
     /// `RC_CHANNELS_OVERRIDE`: the first eight channels as a ground station sets them.
     RemoteControlOverride {
-        /// Receiver.
         to: Address,
         /// us; 0: as the receiver has it, 65535: as before.
         pulses_us: [u16; 8],
@@ -519,7 +499,6 @@ pub enum MavlinkMessage {
         time_ms: u32,
         /// At most 10 characters.
         name: String,
-        /// The value.
         value: f64,
     },
     /// `STATUSTEXT`.
@@ -555,7 +534,6 @@ pub struct HilSensor {
     pub gyro: [f64; 3],
     /// Body, gauss.
     pub magnetometer: [f64; 3],
-    /// hPa.
     pub pressure_hpa: f64,
     /// m above sea level by pressure.
     pub pressure_altitude_m: f64,
@@ -585,6 +563,5 @@ pub struct HilGps {
 pub struct MavlinkFrame {
     /// Sender of the message.
     pub from: Address,
-    /// The message.
     pub message: MavlinkMessage,
 }

@@ -174,7 +174,6 @@ pub struct LinkMetrics {
     pub restarts: u32,
     /// Hover thrust, 0 to 1.
     pub hover_thrust: f64,
-    /// Set-points sent.
     pub set_points: u32,
     /// Frames of RTCM passed on.
     pub rtcm_passed_on: u32,

@@ -9,11 +9,9 @@ use super::message::{ARDUPILOT, PX4, ParameterValue};
 /// Which firmware flies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Firmware {
-    /// PX4.
     #[default]
     #[serde(rename = "px4")]
     Px4,
-    /// ArduCopter.
     #[serde(rename = "ardupilot")]
     ArduCopter,
 }

@@ -27,7 +27,6 @@ const MAX_A: f64 = 2000.0;
 /// Batteries, at most.
 const MAX_BATTERIES: usize = 4;
 
-/// The autopilot.
 #[derive(Clone, Debug)]
 pub(crate) struct MavlinkPeer {
     pub(crate) address: Address,

@@ -59,7 +59,6 @@ struct Candidate {
     readings: u32,
 }
 
-/// The switch.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RcSwitch {
     /// The position in force; None: none was held since the beginning or since the remote control was lost.

@@ -24,7 +24,6 @@ use super::orders::{self, SentCommand};
 /// A command as a station gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StationCommand {
-    /// Which.
     pub(super) number: u16,
     /// First four parameters of the command.
     pub(super) first: [f64; 4],

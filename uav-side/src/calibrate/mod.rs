@@ -138,7 +138,6 @@ pub fn replaces(found: &ValueWithSd, configured: f64) -> bool {
 /// The camera's mount, by a tag that it detects from the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MountCalibration {
-    /// Detections.
     pub tags: usize,
     /// The camera is turned against the feet about forward and right, rad.
     pub tilt: [ValueWithSd; 2],
@@ -291,7 +290,6 @@ impl DeckCalibration {
         (self.samples.len(), last - first)
     }
 
-    /// The result.
     pub fn result(&self) -> Result<DeckCalibrationResult, DeckCalibrationError> {
         let (estimates, seconds) = self.collected();
         if estimates < MIN_ESTIMATES || seconds < MIN_DURATION_S {

@@ -48,7 +48,6 @@ impl Information {
             vector: matrix * value,
         })
     }
-    /// Both together.
     #[must_use]
     pub fn with(&self, other: &Information) -> Information {
         Information {

@@ -59,7 +59,6 @@ pub struct TagDetection {
     /// Corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
     /// forward one.
     pub corners: [Vector2<f64>; 4],
-    /// Wrong bits.
     pub wrong_bits: usize,
     /// Decision margin, grey levels.
     pub margin: f64,

@@ -186,7 +186,6 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 pub struct CameraFrame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
-    /// The image.
     pub image: GreyImage,
 }
 

@@ -42,9 +42,7 @@ const SHORT: f64 = 0.25;
 /// Values that a device can be set to: `low + k step`, up to `most`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SettingRange {
-    /// Minimum.
     pub low: f64,
-    /// The most.
     pub most: f64,
     /// Between neighbours, above 0.
     pub step: f64,

@@ -24,7 +24,6 @@ use super::{CameraSettings, Lens};
 pub struct CameraIdentity {
     /// The vessel whose deck is detected.
     pub vessel: u32,
-    /// The drone.
     pub drone: u32,
     /// The start of this process.
     pub boot: u32,
@@ -66,7 +65,6 @@ impl Exposures {
 /// The images since the last step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraIn {
-    /// Images.
     pub frames: Vec<CameraFrame>,
     /// Exposure of the newest of them; None where the drone does not set it.
     pub exposed: Option<Exposed>,

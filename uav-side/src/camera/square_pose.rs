@@ -28,7 +28,6 @@ const LIMITS: RefinementLimits = RefinementLimits {
 /// A tag as an image has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeenTag {
-    /// The tag.
     pub tag: DeckTag,
     /// Corners of the square at unit distance, in the order of [`corners`].
     pub image: [Vector2<f64>; 4],

@@ -42,7 +42,6 @@ pub(crate) struct ContingencyInput<'a> {
     pub(crate) silent: bool,
     /// There is a plan that the mission wants.
     pub(crate) planned: bool,
-    /// The deck.
     pub(crate) below: Option<&'a DeckBelow>,
     /// The drone holds, or leaves the deck, already.
     pub(crate) holds: bool,

@@ -25,11 +25,9 @@ const SOFT_S: f64 = 0.2;
 /// A landing that is completed by the newest forecast of the deck.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Completion<'a> {
-    /// The drone.
     pub(crate) body: &'a Body,
     /// The deck below it.
     pub(crate) below: &'a DeckBelow,
-    /// Its geometry.
     pub(crate) drone: &'a DroneGeometry,
     /// It aligns itself with the deck below this clearance, m.
     pub(crate) aligns_below_m: f64,

@@ -31,7 +31,6 @@ use super::situation::{ControlState, Deck, Situation};
 use super::take_off;
 use crate::mission_config::MissionConfig;
 
-/// A row.
 pub(super) struct Concern {
     /// Whether it counts in this phase.
     in_phase: fn(MissionPhase, &MissionProgress, &Situation, &MissionConfig) -> bool,

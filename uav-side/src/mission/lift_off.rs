@@ -51,7 +51,6 @@ pub struct LiftOff {
 /// A take-off now, and the best one that is predicted after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
-    /// Now.
     pub now: LiftOff,
     /// The best of the others, with the time until then, s.
     pub later: Option<(f64, LiftOff)>,
@@ -100,7 +99,6 @@ pub(super) struct LiftOffConditions<'a> {
     pub(super) forecast: &'a DeckForecast,
     /// The wind, where a flight before this one has found it.
     pub(super) wind: WindPush,
-    /// The drone.
     pub(super) drone: &'a DroneGeometry,
 }
 

@@ -101,7 +101,6 @@ use tilt::TiltMonitor;
 use transition::decide;
 use waiting::Waiting;
 
-/// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionIn {
     /// The deck's forecast.
@@ -128,7 +127,6 @@ pub struct MissionIn {
     pub checkpoint: Option<MissionCheckpoint>,
 }
 
-/// Outputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionOut {
     /// The state: 50 Hz, and at once when it changes.

@@ -48,7 +48,6 @@ pub struct Outlook<'a> {
     pub wind: WindPush,
     /// Whether a landed drone stays.
     pub staying: &'a Staying,
-    /// The drone.
     pub drone: &'a DroneGeometry,
     /// The deck to land on.
     pub plate: &'a DeckGeometry,

@@ -41,7 +41,6 @@ pub struct Search {
 /// A state with what it has to remember.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
-    /// Waits.
     #[default]
     Idle,
     /// Straight up or down.
@@ -88,7 +87,6 @@ pub enum MissionPhase {
     },
     /// Stays at a safe height.
     Hold {
-        /// Why.
         cause: HoldCause,
         /// Place, drone's NED, m.
         at: Vector3<f64>,
@@ -107,27 +105,21 @@ pub enum MissionPhase {
     /// On the deck, checked before a take-off.
     Preparing,
     /// On the deck, before the motors start.
-    Countdown {
-        /// Since.
-        since: DroneTime,
-    },
+    Countdown { since: DroneTime },
     /// On the deck with the motors started.
     SpinUp {
-        /// Since.
         since: DroneTime,
         /// The autopilot has been armed since.
         armed: Option<DroneTime>,
     },
     /// Leaves the deck.
     TakeOff {
-        /// Since.
         since: DroneTime,
         /// The feet have left the deck.
         left: bool,
     },
     /// Away from the vessel, up to the height of the approach.
     ClimbOut {
-        /// Since.
         since: DroneTime,
         /// Place where it will hold, drone's NED, m.
         at: Vector3<f64>,

@@ -11,7 +11,6 @@ use crate::mission_config::MissionConfig;
 pub enum Reservation {
     /// No reservation is made: one drone, one deck.
     NotNeeded,
-    /// Ours.
     Ours,
     /// That drone's; 0: free; [`DECK_CLOSED`]: closed.
     Others(u32),

@@ -24,7 +24,6 @@ use alight_shared::landing::{Odds, Staying};
 pub enum ControlState {
     /// No state of the autopilot for too long.
     Unknown,
-    /// Disarmed.
     Disarmed,
     /// Armed and on the ground.
     OnGround,
@@ -346,7 +345,6 @@ pub struct Charges {
 /// The situation that a transition judges.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation {
-    /// Now.
     pub now: Time<DroneClock>,
     /// Whether the drone flies and who controls it.
     pub flight: ControlState,

@@ -172,7 +172,6 @@ pub(crate) struct Delay {
 /// How the drone answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dynamics {
-    /// Of attitude.
     pub(crate) response: AttitudeResponse,
     /// Lag of the thrust, s.
     pub(crate) thrust_s: f64,

@@ -43,7 +43,6 @@ use response::ResponseEstimator;
 use set_points::OLD_PLAN_S;
 use touchdown::{AUTOPILOT_AGE_S, TouchdownDetector, TouchdownEvidence};
 
-/// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotIn {
     /// The planner's trajectory.
@@ -60,7 +59,6 @@ pub struct PilotIn {
     pub ranges: Vec<RangeSample>,
 }
 
-/// Outputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotOut {
     /// The set-point, every step.

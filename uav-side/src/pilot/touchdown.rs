@@ -90,7 +90,6 @@ pub enum TouchdownContact {
     Clear,
     /// Contact suspected: pressing down with little thrust.
     Suspected {
-        /// Since.
         since: DroneTime,
         /// The excess has been large since.
         carried: Option<DroneTime>,
@@ -167,7 +166,6 @@ const AIR_TIME_S: f64 = 0.3;
 /// Air carries no more, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
 const MAX_AIR_MPS2: f64 = 2.0;
 
-/// The detector.
 #[derive(Clone, Debug)]
 pub(crate) struct TouchdownDetector {
     /// The rangefinder's reading with the feet on the deck, m.

@@ -18,7 +18,6 @@ pub struct Pace {
 /// A place with its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GovernedMotion<const D: usize> {
-    /// The place.
     pub place: SVector<f64, D>,
     /// Rate of the value, 1/s.
     pub velocity: SVector<f64, D>,

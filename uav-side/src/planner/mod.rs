@@ -55,18 +55,15 @@ use reference::{PlanReference, ReferenceGenerator};
 use rendezvous::Rendezvous;
 use start::SolvedPlan;
 
-/// Inputs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerIn {
     /// The predicted deck.
     pub forecast: Option<DeckForecast>,
     /// Mission's state, with what it permits.
     pub mission: Option<MissionState>,
-    /// Odometry.
     pub drone: Option<DroneState>,
 }
 
-/// Outputs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerOut {
     /// A new plan, starting now.
@@ -86,7 +83,6 @@ wiring! {
     }
 }
 
-/// The node.
 #[derive(Debug)]
 pub struct Planner {
     config: PlannerConfig,

@@ -139,7 +139,6 @@ impl HoverModel {
 pub struct Chain<const N: usize> {
     /// `A`, 1/s.
     pub a: SMatrix<f64, N, N>,
-    /// `B`.
     pub b: SVector<f64, N>,
 }
 
@@ -182,7 +181,6 @@ pub struct DiscreteModel<const N: usize, const M: usize> {
 }
 
 impl<const N: usize> DiscreteModel<N, 1> {
-    /// One step.
     pub fn step(&self, x: &SVector<f64, N>, u: f64) -> SVector<f64, N> {
         self.a * x + self.b * u
     }

@@ -37,9 +37,7 @@ pub struct ChainLimits<const N: usize> {
 /// Cost of one unit of slack (a whole limit's worth), linear and quadratic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlackCost {
-    /// Linear.
     pub linear: f64,
-    /// Quadratic.
     pub quadratic: f64,
 }
 
@@ -109,7 +107,6 @@ impl<const N: usize> ChainLimits<N> {
 /// The numbers of one problem.
 #[derive(Clone, Copy, Debug)]
 pub struct QpInstance<'a, const N: usize> {
-    /// State now.
     pub state: SVector<f64, N>,
     /// Input applied now.
     pub previous_input: f64,

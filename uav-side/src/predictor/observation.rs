@@ -23,11 +23,9 @@ const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 pub enum ObservationKind {
     /// The vessel's estimate.
     Estimate,
-    /// The tag.
     Tag,
     /// The UV markers.
     Uvdar,
-    /// The rangefinder.
     Range,
     /// A receiver with the vessel's as its moving base.
     Relative,
@@ -46,7 +44,6 @@ pub struct DeckObservation {
     pub kind: ObservationKind,
     /// Position of the deck's centre, tilt as heading north, heading.
     pub value: [Measured; AXES],
-    /// Their rates.
     pub rate: [Measured; AXES],
     /// Deck's centre from the drone, NED, m; 0 of what is not measured along that line.
     pub from_drone: Vector3<f64>,

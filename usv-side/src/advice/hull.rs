@@ -108,7 +108,6 @@ impl Oscillator {
     }
 }
 
-/// A hull.
 #[derive(Clone, Debug)]
 pub(super) struct HullModel {
     heave: Oscillator,

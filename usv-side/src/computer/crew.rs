@@ -38,7 +38,6 @@ impl CrewOrders {
         }
         counted
     }
-    /// The receipt.
     pub(super) fn taken(&self) -> Seq<u32, MAX_ORDERS> {
         Seq::filled(self.0.iter().copied())
     }

@@ -15,7 +15,6 @@ use crate::sensors::MAX_REPEATED;
 pub enum VesselEvent {
     /// A drone reports another state of its mission, or reports for the first time.
     DroneState {
-        /// The drone.
         drone: u32,
         /// State of the drone.
         state: State,
@@ -26,7 +25,6 @@ pub enum VesselEvent {
     },
     /// An operator's command was accepted.
     Command {
-        /// The drone.
         drone: u32,
         /// Command to the drone.
         kind: CommandKind,
@@ -39,14 +37,12 @@ pub enum VesselEvent {
     ClearanceEnded {
         /// For this drone.
         drone: u32,
-        /// Why.
         why: ClearanceEnd,
     },
     /// The deck has another owner.
     DeckOwner(Option<u32>),
     /// A drone is landed and armed for longer than its disarm takes.
     StillArmed {
-        /// The drone.
         drone: u32,
         /// Since its landing, s.
         for_s: f32,
@@ -64,7 +60,6 @@ pub enum VesselEvent {
     SecondComputer(FollowsAnother),
     /// Two drones have one number.
     DoubleNumber {
-        /// The number.
         drone: u32,
         /// The boot ids of both.
         boots: [u32; 2],

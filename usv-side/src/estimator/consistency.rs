@@ -14,13 +14,11 @@ const CHI_SQUARE_95: f64 = 3.841;
 pub enum InnovationChannel {
     /// Gyroscope.
     Gyro,
-    /// Accelerometer.
     Accelerometer,
     /// Components of a position.
     Position,
     /// Components of a velocity.
     Velocity,
-    /// Heading.
     Heading,
     /// Roll and pitch of an attitude sensor.
     Tilt,
@@ -87,7 +85,6 @@ impl InnovationStatistics {
 pub struct Consistency([InnovationStatistics; InnovationChannel::ALL.len()]);
 
 impl Consistency {
-    /// One channel's.
     pub fn of(&self, channel: InnovationChannel) -> InnovationStatistics {
         self.0.get(channel as usize).copied().unwrap_or_default()
     }
@@ -104,7 +101,6 @@ impl Consistency {
             Update::Gated { .. } | Update::Invalid => fit.gated += 1,
         }
     }
-    /// Both together.
     pub(crate) fn and(&self, other: &Consistency) -> Consistency {
         let mut all = *self;
         for (a, b) in all.0.iter_mut().zip(&other.0) {

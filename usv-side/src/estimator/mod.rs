@@ -51,7 +51,6 @@ pub struct Gated {
     pub imu: u64,
     /// Components of GNSS fixes.
     pub gnss: u64,
-    /// Headings.
     pub heading: u64,
     /// Components of attitudes.
     pub attitude: u64,
@@ -59,7 +58,6 @@ pub struct Gated {
     pub restarts: u64,
 }
 
-/// The estimator.
 #[derive(Clone, Debug)]
 pub struct Estimator {
     config: VesselNodeConfig,

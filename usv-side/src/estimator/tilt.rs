@@ -11,7 +11,6 @@ use nalgebra::{Rotation3, Vector3};
 pub struct Tilt {
     /// Roll and pitch at the reference heading.
     pub angles: [f64; 2],
-    /// Their rates.
     pub rates: [f64; 2],
     /// Heading minus reference heading.
     pub heading: f64,
@@ -45,7 +44,6 @@ impl Tilt {
         let (r, p) = turn_tilt(self.angles[0], self.angles[1], self.heading);
         [r, p, self.heading]
     }
-    /// Their rates.
     pub fn euler_rates(&self) -> [f64; 3] {
         let [r, p, _] = self.euler();
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -self.heading);

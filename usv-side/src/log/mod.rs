@@ -35,7 +35,6 @@ pub const MAX_MEASUREMENTS: usize = 2_000_000;
 #[derive(Debug, Error)]
 #[error("{origin}{}: {message}", .line.map(|n| format!(", line {n}")).unwrap_or_default())]
 pub struct LogError {
-    /// The file.
     pub origin: String,
     /// The line that makes it unusable, counted from 1.
     pub line: Option<u64>,

@@ -12,7 +12,6 @@ pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
 const TIME: &str = "t_s";
 /// The largest time, s.
 const MAX_TIME_S: f64 = 1e10;
-/// Most rows.
 const MAX_ROWS: usize = 2_000_000;
 /// Rows with the time of the row above, of all, from which on the times are coarser than the rows.
 const COARSE: f64 = 0.2;
@@ -175,7 +174,6 @@ pub enum TableError {
     },
 }
 
-/// A table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CsvTable {
     /// Rows in their order, on the clock of the file.

@@ -41,7 +41,6 @@ const STANDING_SD: [f64; 2] = [5.0, 1.0];
 /// Heading that stands in for a sensor that it lacks, rad.
 const UNKNOWN_HEADING_SD: f64 = 0.2;
 
-/// One source.
 #[derive(Clone, Debug, Serialize)]
 pub struct SourceReview {
     /// Kind of measurement, of [`KINDS`].
@@ -61,7 +60,6 @@ pub struct SourceReview {
     pub counts: SourceCounts,
 }
 
-/// The sea.
 #[derive(Clone, Debug, Serialize)]
 pub struct SeaReview {
     /// Median of the significant height, 4 standard deviations of heave, m; none where heave is not observable.
@@ -81,7 +79,6 @@ pub struct SeaReview {
 pub struct ModeReview {
     /// Period as the vessel meets it, s.
     pub period_s: f64,
-    /// Damping ratio.
     pub damping_ratio: f64,
     /// Amplitude of heave, m; none where heave is not observable.
     pub heave_m: Option<f64>,
@@ -125,12 +122,10 @@ pub struct Review {
     pub estimates: u64,
     /// Standard deviation of heave (m), roll and pitch (deg) of the estimates.
     pub motion_sd: [Option<f64>; 3],
-    /// The sea.
     pub sea: SeaReview,
     /// Courses at the end, the last one first: the deck's motion and the likelihood of a landing; none where the waves'
     /// directions are not known.
     pub courses: Vec<CourseOutlook>,
-    /// Innovations.
     pub innovations: Vec<FitReview>,
     /// Predictions against later estimates.
     pub predictions: Vec<PredictionReview>,

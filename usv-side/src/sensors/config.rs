@@ -145,7 +145,6 @@ pub enum Format {
     Nmea,
     /// u-blox's UBX.
     Ubx,
-    /// MAVLink.
     Mavlink,
     /// NMEA 2000: frames of a CAN interface, or text of a gateway: Yacht Devices RAW, Actisense N2K ASCII, candump, canboat.
     N2k,
@@ -276,7 +275,6 @@ impl SourcesConfig {
 /// Turns what a source shows into measurements of the vessel.
 #[derive(Clone, Debug)]
 pub struct Mounting {
-    /// The configuration.
     pub mount: Mount,
     /// Vessel from sensor.
     turn: Rotation3<f64>,

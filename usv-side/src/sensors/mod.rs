@@ -38,13 +38,9 @@ use serde::{Deserialize, Serialize};
 /// Measurements that arrived together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Readings {
-    /// Inertial samples.
     pub imu: Vec<ImuSample>,
-    /// GNSS fixes.
     pub gnss: Vec<GnssFix>,
-    /// Headings.
     pub heading: Vec<HeadingFix>,
-    /// Attitudes.
     pub attitude: Vec<AttitudeFix>,
 }
 
@@ -94,7 +90,6 @@ impl Readings {
         let all = (0..).map(message).take_while(holds_some);
         all.map(&mut numbered).collect()
     }
-    /// Nothing arrived.
     pub fn is_empty(&self) -> bool {
         self.imu.is_empty() && self.gnss.is_empty() && self.heading.is_empty() && self.attitude.is_empty()
     }
@@ -107,9 +102,7 @@ pub enum Measurement {
     Imu(ImuSample),
     /// A GNSS fix.
     Gnss(GnssFix),
-    /// A heading.
     Heading(HeadingFix),
-    /// An attitude.
     Attitude(AttitudeFix),
 }
 

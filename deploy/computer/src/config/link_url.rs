@@ -28,7 +28,6 @@ pub enum LinkUrl {
     UdpOut(String),
     /// Listens for one connection, where one is named from this address only.
     TcpIn(String, Option<IpAddr>),
-    /// Connects.
     TcpOut(String),
     /// A serial port and its rate, Bd.
     Serial(PathBuf, u32),

@@ -22,11 +22,9 @@ const MAX_BYTES: u64 = 16 << 20;
 
 /// A source of images that is not the simulation's.
 pub enum Images {
-    /// A device.
     Device(Device),
     /// Files, in the order of their names.
     Files(Files),
-    /// A pipe.
     Pipe(Pipe),
 }
 

@@ -14,7 +14,6 @@ const UNIT_S: f64 = 1e-4;
 pub trait Controls {
     /// Kind of a control.
     fn query(&self, id: u32) -> Result<CtrlData, Error>;
-    /// Sets it.
     fn set(&self, id: u32, value: i32) -> Result<(), Error>;
 }
 

@@ -60,7 +60,6 @@ pub struct LinkListener {
 pub enum LinkReceived {
     /// Bytes in the buffer, and who sent a datagram.
     Bytes(usize, Option<SocketAddr>),
-    /// A connection.
     Peer(TcpStream),
     /// One from another address than it may come from; it is closed.
     Foreign(SocketAddr),

@@ -34,11 +34,9 @@ const MAX_TOKEN: u64 = 4096;
 pub enum Subscribe {
     /// Everything about its own vessel.
     Own,
-    /// Nothing.
     None,
 }
 
-/// A connection.
 pub struct SignalKSocket {
     stream: WebSocketStream<TcpStream>,
     /// Something has to come until then.

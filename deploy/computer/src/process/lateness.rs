@@ -28,7 +28,6 @@ impl Lateness {
             windows: [(0.0, 0); 2],
         }
     }
-    /// It steps.
     pub fn step(&mut self, now_ns: i64) {
         if now_ns - self.turned_ns >= WINDOW_NS {
             self.turned_ns = now_ns;

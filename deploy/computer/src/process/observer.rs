@@ -43,7 +43,6 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Looks on.
     pub fn join(memory: &Memory) -> Result<Observer, CliError> {
         Ok(Observer {
             reports: Reports::join(memory)?,
@@ -104,7 +103,6 @@ impl<T> Rejoined<T> {
             ports: None,
         })
     }
-    /// Joins it.
     pub fn join(&mut self, join: impl FnOnce(&Instance) -> Result<T, CliError>) -> Result<(), CliError> {
         self.owner = owner(&self.instance);
         let new = join(&self.instance)?;

@@ -108,17 +108,13 @@ pub struct Snapshot {
     pub since_ns: i64,
     /// Processes by kind.
     pub processes: BTreeMap<ProcessKind, ProcessState>,
-    /// Mission.
     pub mission: Newest<MissionState>,
     /// The autopilot's state.
     pub autopilot: Newest<AutopilotState>,
-    /// Odometry.
     pub drone: Newest<DroneState>,
     /// The deck's forecast.
     pub forecast: Newest<DeckForecast>,
-    /// Link.
     pub link: Newest<LinkState>,
-    /// Plan.
     pub plan: Newest<Plan>,
     /// Whose the vessel's deck is.
     pub grant: Newest<DeckGrant<DroneClock>>,

@@ -33,9 +33,7 @@ pub struct SupervisorLimits {
 /// Observation of one process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Observed {
-    /// Which.
     pub kind: ProcessKind,
-    /// It lives.
     pub running: bool,
     /// When its newest report came, if one did.
     pub reported: Option<Time<SteadyClock>>,
@@ -44,7 +42,6 @@ pub struct Observed {
 /// Action on a process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SupervisorAction {
-    /// Start it.
     Start(ProcessKind),
     /// Kill it: it has been silent for this long, s.
     Kill(ProcessKind, f64),

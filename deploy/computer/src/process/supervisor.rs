@@ -34,7 +34,6 @@ struct ManagedProcess {
     child: Option<Child>,
 }
 
-/// The supervisor.
 pub struct Supervisor {
     node: SupervisorNode,
     recorder: Option<NodeRecorder>,
@@ -314,7 +313,6 @@ fn own_program() -> std::io::Result<PathBuf> {
     })
 }
 
-/// Waits.
 #[allow(clippy::disallowed_methods)]
 pub fn pause(span: Duration) {
     std::thread::sleep(span);

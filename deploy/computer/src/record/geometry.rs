@@ -14,11 +14,9 @@ pub mod frame {
     pub const CHASE: &str = "chase";
     /// The vessel's body.
     pub const VESSEL: &str = "vessel";
-    /// The deck.
     pub const DECK: &str = "deck";
     /// The drone's body.
     pub const DRONE: &str = "drone";
-    /// The camera.
     pub const CAMERA: &str = "camera";
     /// The NED of the drone's odometry, laid so that the odometry meets the true drone.
     pub const DRONE_NED: &str = "drone_ned";
@@ -29,7 +27,6 @@ pub fn on_the_water([north, east, _]: [f64; 3]) -> [f64; 3] {
     [east, north, 0.0]
 }
 
-/// A vector.
 pub fn vector(v: [f64; 3]) -> Vector3 {
     Vector3 {
         x: v[0],
@@ -37,7 +34,6 @@ pub fn vector(v: [f64; 3]) -> Vector3 {
         z: v[2],
     }
 }
-/// A rotation.
 pub fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     Quaternion {
         x: q.i,
@@ -46,7 +42,6 @@ pub fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
         w: q.w,
     }
 }
-/// A pose.
 pub fn pose(position: [f64; 3], attitude: &UnitQuaternion<f64>) -> Pose {
     Pose {
         position: Some(vector(position)),

@@ -29,7 +29,6 @@ impl ProcessStart {
     pub fn name(&self) -> String {
         format!("{}-{:08x}", self.header.process, self.header.boot)
     }
-    /// The configuration.
     pub fn config<C: Check + DeserializeOwned>(&self) -> Result<C, CliError> {
         let file = self.files.first().map_or(Path::new(""), PathBuf::as_path);
         let origin = format!("{}, the {}'s configuration", file.display(), self.header.process);
@@ -63,7 +62,6 @@ pub enum ReplayOrder {
     ByTime,
 }
 
-/// A log.
 pub struct Log {
     path: PathBuf,
     /// By name, a process's first start first; in a recording as its data flow.
@@ -233,7 +231,6 @@ impl Steps {
         steps.load()?;
         Ok(steps)
     }
-    /// The next.
     fn peek(&self) -> Option<LogStep<'_>> {
         self.file.as_ref()?.step(self.at)
     }

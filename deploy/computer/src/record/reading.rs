@@ -41,7 +41,6 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
 /// A step as it is recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogStep<'a> {
-    /// Whose.
     pub header: &'a PartHeader,
     /// The number in its start of the process, from 0 on.
     pub number: u64,
@@ -52,7 +51,6 @@ pub struct LogStep<'a> {
 }
 
 impl LogStep<'_> {
-    /// The entry.
     pub fn entry<I: DeserializeOwned>(&self) -> Result<Entry<I>, WireError> {
         wire::decode_record(self.bytes)
     }
@@ -75,7 +73,6 @@ pub struct LogBeginning {
 }
 
 impl LogBeginning {
-    /// Reads it.
     pub fn read(path: &Path) -> Result<LogBeginning, CliError> {
         let doing = format_args!("reading {}", path.display());
         let mut bytes = Vec::new();
@@ -176,7 +173,6 @@ fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
 
 /// A file in memory.
 pub struct LogFile {
-    /// Whose steps.
     pub headers: Vec<PartHeader>,
     /// Why the file has no end; None: it was finished.
     pub cut: Option<String>,

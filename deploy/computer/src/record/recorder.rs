@@ -17,7 +17,6 @@ use crate::record::{About, RECORDING};
 
 /// Writes the steps of a log that is computed again.
 pub struct Recorder {
-    /// The file.
     pub sink: Sink,
     /// Topics for people.
     pub views: Views,

@@ -37,7 +37,6 @@ const ALONE_MS: i64 = 200;
 pub struct ViewTopic<M>(ChannelId, PhantomData<M>);
 
 impl<M: Encode> ViewTopic<M> {
-    /// Opens it.
     pub fn open(opening: &mut impl OpenChannels, name: &str) -> Result<ViewTopic<M>, McapError> {
         let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &b""[..]));
         let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
@@ -283,7 +282,6 @@ impl Views {
         self.vessel_place.put(sink, t, &odometry);
     }
 
-    /// The link.
     fn bridge(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, o: &BridgeOut) {
         let Some(l) = &o.link else { return };
         let view = schema::Link {

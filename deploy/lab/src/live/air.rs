@@ -263,7 +263,6 @@ pub struct WayReport {
 }
 
 impl RadioReport {
-    /// For people.
     pub fn text(&self) -> String {
         let mut out = format!(
             "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (max)\n",

@@ -17,9 +17,7 @@ const CONTACT: &str = "contact";
 /// A fault of one process as it is asked for, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
-    /// The effect.
     pub kind: FaultKind,
-    /// When.
     pub moment: Moment,
 }
 
@@ -68,7 +66,6 @@ impl fmt::Display for FaultSpec {
     }
 }
 
-/// The result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaultReport {
     /// As it was asked for.
@@ -102,7 +99,6 @@ impl fmt::Display for FaultReport {
 pub struct FaultInput {
     /// Time since the start, s.
     pub t_s: f64,
-    /// The mission.
     pub mission: Option<MissionState>,
     /// The process that the fault meets.
     pub process: Option<ProcessState>,
@@ -110,7 +106,6 @@ pub struct FaultInput {
     pub contact: bool,
 }
 
-/// The progress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FaultStage {
     /// The state has not been entered yet.

@@ -76,7 +76,6 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
     scene
 }
 
-/// One landing.
 pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let list = args.faults.as_deref().map(list::read).transpose()?;
     let scene = match &list {

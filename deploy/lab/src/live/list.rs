@@ -10,7 +10,6 @@ use alight_sim::harness::storm::{Fault, FaultKind, Moment, Storm};
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-/// The order.
 const ORDERS: [(FaultKind, CommandKind); 3] = [
     (FaultKind::Abort, CommandKind::Abort),
     (FaultKind::Hold, CommandKind::Hold),
@@ -23,7 +22,6 @@ const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list
 /// An order that is given when the mission has been in a state for so long.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScheduledOrder {
-    /// The order.
     pub kind: CommandKind,
     state: State,
     after_s: f64,
@@ -74,7 +72,6 @@ pub fn scene(storm: &Storm) -> Scene {
 pub struct LiveFaults {
     /// A fault of processes. A killed one is started again by its supervisor, not after `lasts_s`.
     pub processes: Vec<Fault>,
-    /// Orders.
     pub orders: Vec<ScheduledOrder>,
     radio_lost: bool,
 }

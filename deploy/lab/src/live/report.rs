@@ -14,7 +14,6 @@ use crate::live::fault::FaultReport;
 /// Usage of one process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {
-    /// The name.
     pub process: String,
     /// Processor time by time since its last start, per cent of one core.
     pub cpu_percent: f64,
@@ -51,7 +50,6 @@ pub struct LiveReport {
     /// Whether the last of them was entered after a match that succeeded.
     #[serde(skip)]
     pub is_matched: bool,
-    /// The link.
     pub radio: RadioReport,
     /// The faults that were asked for.
     pub faults: Vec<FaultReport>,

@@ -39,7 +39,6 @@ pub fn command(program: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// One service.
 pub struct Service {
     name: &'static str,
     arguments: Vec<OsString>,

@@ -95,7 +95,6 @@ impl fmt::Display for TooSlow {
 /// An outcome and the values that its report takes from the truth.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Landed {
-    /// The outcome.
     pub outcome: Outcome,
     /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,

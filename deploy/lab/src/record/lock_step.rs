@@ -118,7 +118,6 @@ impl Scratch {
         std::fs::create_dir_all(&path).doing(format_args!("making the directory {}", path.display()))?;
         Ok(Scratch(path))
     }
-    /// The path.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -41,11 +41,8 @@ pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, Cl
 /// Subject of the recording.
 #[derive(Clone, Copy)]
 pub struct RecordingScene<'a> {
-    /// The world.
     pub scenario: &'a Scenario,
-    /// The nodes.
     pub nodes: &'a NodeConfigs,
-    /// The seed.
     pub seed: u64,
     /// The sea as the person named it.
     pub sea: &'a str,

@@ -23,7 +23,6 @@ pub struct TruthViews {
 }
 
 impl TruthViews {
-    /// Opens them.
     pub fn new(sink: &mut Sink, scenario: &Scenario) -> Result<TruthViews, McapError> {
         Ok(TruthViews {
             scenario: scenario.clone(),

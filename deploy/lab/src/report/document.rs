@@ -8,13 +8,9 @@ use alight_computer::table::{Table, escape};
 
 /// A part of a document.
 pub enum Block {
-    /// A heading.
     Heading(String),
-    /// A paragraph.
     Text(String),
-    /// A list.
     Items(Vec<String>),
-    /// A table.
     Table(Table),
     /// A chart under its caption; on the page only.
     Chart(Chart),
@@ -25,17 +21,12 @@ pub enum Block {
 /// A drawing (SVG) and its caption.
 #[derive(Clone, Debug)]
 pub struct Chart {
-    /// Caption.
     pub caption: String,
-    /// SVG.
     pub svg: String,
 }
 
-/// A document.
 pub struct Document {
-    /// The title.
     pub title: String,
-    /// The parts.
     pub blocks: Vec<Block>,
 }
 

@@ -74,7 +74,6 @@ pub struct Changes {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyAxis {
-    /// Description.
     pub name: String,
     /// Values that it takes.
     pub choice: Vec<Changes>,
@@ -84,7 +83,6 @@ pub struct StudyAxis {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyGrid {
-    /// The axes.
     pub axis: Vec<StudyAxis>,
     /// Drawn as curves over one axis by the other.
     #[serde(default)]
@@ -94,11 +92,9 @@ pub struct StudyGrid {
 /// Groups by which outcomes are pooled, where this is no axis.
 pub const BY_ROW: &str = "row";
 
-/// A study.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Definition {
-    /// The metric.
     pub title: String,
     /// Changes of every scene.
     #[serde(default)]
@@ -109,7 +105,6 @@ pub struct Definition {
     /// Scenes, one by one.
     #[serde(default)]
     pub row: Vec<Changes>,
-    /// More scenes.
     #[serde(default)]
     pub grid: Vec<StudyGrid>,
     /// The axis by whose choices outcomes are pooled, or [`BY_ROW`].

@@ -123,7 +123,6 @@ pub fn of(rows: &Rows, planners: &[&str], outcomes: &[Outcome]) -> Vec<Pool> {
 }
 
 impl Pool {
-    /// As JSON.
     pub fn json(&self) -> Value {
         let s = &self.summary;
         let mut value = json!({

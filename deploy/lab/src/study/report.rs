@@ -170,7 +170,6 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
 
 /// A study that was flown.
 pub struct Study<'a> {
-    /// The title.
     pub title: &'a str,
     /// Number of landings to fly.
     pub definition: &'a Definition,
@@ -178,7 +177,6 @@ pub struct Study<'a> {
     pub rows: &'a Rows,
     /// Hash of the nodes' configuration.
     pub hash: &'a str,
-    /// The outcomes.
     pub outcomes: &'a [Outcome],
 }
 

@@ -27,15 +27,12 @@ const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 pub struct StudyRow {
     /// The scene's name in tables.
     pub scenario: String,
-    /// The planner's.
     pub planner: String,
     /// Group with which it is pooled.
     pub group: String,
     /// Published values of the scene, by planner.
     pub published: BTreeMap<String, PublishedResult>,
-    /// The world.
     pub world: Scenario,
-    /// The nodes.
     pub nodes: NodeConfigs,
 }
 

@@ -266,7 +266,6 @@ pub fn headline(state: Option<&StateView>) -> String {
     if state.stale { text + " (old)" } else { text }
 }
 
-/// The figures.
 pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     let mut all = vec![
         distance(s),

@@ -7,7 +7,6 @@ use alight_computer::table::Colour;
 use alight_computer::terminal::{WIDTH, wrap};
 use serde::Serialize;
 
-/// The level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingLevel {
@@ -52,13 +51,10 @@ impl FindingLevel {
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// The subject.
     pub topic: &'static str,
-    /// The level.
     pub level: FindingLevel,
     /// No landing goes on while it stands.
     pub stops: bool,
-    /// The finding.
     pub found: String,
     /// The remedy; empty when fine.
     pub remedy: String,

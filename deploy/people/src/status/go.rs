@@ -128,7 +128,6 @@ impl Go {
 /// A stage, and whether the landing is past it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// The name.
     pub name: &'static str,
     /// Place of the landing in relation to it.
     pub is: StageProgress,
@@ -138,11 +137,8 @@ pub struct Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StageProgress {
-    /// Past it.
     Done,
-    /// In it.
     Now,
-    /// Before it.
     Ahead,
 }
 

@@ -28,7 +28,6 @@ use vessel::DRONES;
 /// The state of a landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateView {
-    /// The name.
     pub name: String,
     /// Action of the drone in it.
     pub does: &'static str,
@@ -49,11 +48,9 @@ pub struct StateView {
 /// A figure with its name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
-    /// The name.
     pub name: &'static str,
     /// With its unit; None: not known.
     pub value: Option<String>,
-    /// Further facts.
     pub note: String,
     /// The worst of the findings with this name as their topic.
     pub level: FindingLevel,

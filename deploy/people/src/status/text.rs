@@ -16,9 +16,7 @@ const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
 /// One line as it fits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusLine {
-    /// The text.
     pub text: String,
-    /// The level.
     pub level: FindingLevel,
 }
 

@@ -341,7 +341,6 @@ pub fn headline(s: &ObservedSituation, worst: FindingLevel) -> String {
     format!("{state}, up {up}")
 }
 
-/// The figures.
 pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Figure> {
     let mut all = vec![if status.deck.closed.is_some() {
         Figure::of("deck", "CLOSED", owner(status))

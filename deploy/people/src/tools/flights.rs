@@ -35,7 +35,6 @@ pub struct FlightsArgs {
 /// A flight as it is listed.
 #[derive(Debug, Serialize)]
 struct Row {
-    /// The directory.
     path: PathBuf,
     /// When it began (UTC).
     begun: String,

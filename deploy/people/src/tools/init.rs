@@ -442,7 +442,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         }
         Ok(())
     }
-    /// All questions.
     fn boat(&mut self) -> Result<Boat, CliError> {
         let mut boat = Boat::shipped();
         for question in QUESTIONS {

@@ -28,7 +28,6 @@ pub struct SchemaArgs {
     pub json: bool,
 }
 
-/// Shows them.
 pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
     let all = all();
     let shown: Vec<&Topic> = match &args.topic {

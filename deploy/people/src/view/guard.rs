@@ -33,7 +33,6 @@ const IDLE: Duration = Duration::from_secs(30);
 /// After a connection could not be accepted (no more files).
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
-/// Accepts viewers.
 pub struct Guard {
     listener: TcpListener,
     places: Vec<Place>,

@@ -57,7 +57,6 @@ pub struct SceneView {
     pub plan: Vec<DeckPoint>,
     /// No plan came recently.
     pub plan_stale: bool,
-    /// The drone.
     pub drone: Option<DroneView>,
 }
 
@@ -78,7 +77,6 @@ pub struct MotionView {
 /// place of the deck; None where it was not known.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TrackView {
-    /// The drone.
     pub drone: Vec<Option<[f64; 2]>>,
     /// The deck's centre.
     pub deck: Vec<Option<[f64; 2]>>,
@@ -89,7 +87,6 @@ pub struct TrackView {
 pub struct LogLine {
     /// So long ago, s.
     pub ago_s: f64,
-    /// The text.
     pub text: String,
 }
 
@@ -140,7 +137,6 @@ pub struct OrderView {
 pub struct Picture {
     /// When it was sent, on a steady clock, s: a page that shows it late computes its age.
     pub clock_s: f64,
-    /// The status.
     #[serde(flatten)]
     pub status: Status,
     /// Deck and drone; None: not known.

@@ -38,7 +38,6 @@ struct Live {
 
 /// Looks on, and shows.
 pub struct Watcher {
-    /// The server.
     pub server: Server,
     /// The newest messages.
     pub board: Board,

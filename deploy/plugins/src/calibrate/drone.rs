@@ -50,7 +50,6 @@ pub struct DroneArgs {
     pub json: bool,
 }
 
-/// Prints it.
 pub fn run(args: &DroneArgs) -> Result<Exit, CliError> {
     let found = match &args.recording {
         Some(path) => recorded(path)?,

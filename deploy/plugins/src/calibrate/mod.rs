@@ -29,7 +29,6 @@ pub enum What {
     Vessel(vessel::VesselArgs),
 }
 
-/// Measures.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, CliError> {
     match &args.what {
         What::Deck(a) => deck::run(a),

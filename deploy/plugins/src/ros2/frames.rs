@@ -97,7 +97,6 @@ impl BodyVelocity {
         let [velocity, _] = self.velocity.map(Vector3::from);
         [flu(&(ned_from_frd.inverse() * velocity)), flu(&self.rates)]
     }
-    /// Their covariance.
     pub fn covariance(&self, ned_from_frd: &UnitQuaternion<f64>) -> Covariance {
         let flu_from_frd = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
         let flu_from_ned = flu_from_frd * ned_from_frd.inverse().to_rotation_matrix().matrix();

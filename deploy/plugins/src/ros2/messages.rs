@@ -19,7 +19,6 @@ pub struct RosType {
 
 /// A message that a topic carries.
 pub trait RosMessage: Serialize {
-    /// The type.
     const TYPE: RosType;
 }
 
@@ -103,7 +102,6 @@ pub type Covariance = [[f64; 6]; 6];
 /// `geometry_msgs/msg/PoseWithCovariance`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PoseWithCovariance {
-    /// The pose.
     pub pose: RosPose,
     /// m², rad².
     pub covariance: Covariance,
@@ -121,7 +119,6 @@ pub struct Twist {
 /// `geometry_msgs/msg/TwistWithCovariance`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TwistWithCovariance {
-    /// The twist.
     pub twist: Twist,
     /// (m/s)², (rad/s)²; zeros where it is not known.
     pub covariance: Covariance,
@@ -165,16 +162,13 @@ pub struct TransformStamped {
 /// `tf2_msgs/msg/TFMessage`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TfMessage {
-    /// Transforms.
     pub transforms: Vec<TransformStamped>,
 }
 
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyValue {
-    /// The subject.
     pub key: String,
-    /// For people.
     pub value: String,
 }
 
@@ -195,9 +189,7 @@ pub mod level {
 pub struct DiagnosticStatus {
     /// One of [`level`].
     pub level: u8,
-    /// The subject.
     pub name: String,
-    /// The finding.
     pub message: String,
     /// Whose it is.
     pub hardware_id: String,
@@ -210,7 +202,6 @@ pub struct DiagnosticStatus {
 pub struct DiagnosticArray {
     /// When it was judged.
     pub header: RosHeader,
-    /// The subject.
     pub status: Vec<DiagnosticStatus>,
 }
 

@@ -83,7 +83,6 @@ impl Distro {
 pub struct Endpoint {
     /// The name with all that goes before, such as `/alight/drone_1/odometry`.
     pub name: String,
-    /// The type.
     pub kind: RosType,
     /// The meaning here.
     pub entity: Entity,

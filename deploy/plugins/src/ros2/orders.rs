@@ -10,7 +10,6 @@ use alight_shared::topics;
 
 /// Who called a service and waits for its response.
 pub trait Caller {
-    /// Answers it.
     fn reply(self, taken: bool, message: &str);
 }
 

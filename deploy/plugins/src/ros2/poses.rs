@@ -17,9 +17,7 @@ use crate::ros2::messages::{
 /// Messages that are published when something newer is known.
 #[derive(Default)]
 pub struct NewPoses {
-    /// The drone's.
     pub drone: Option<RosOdometry>,
-    /// The deck's.
     pub deck: Option<RosOdometry>,
 }
 

@@ -27,7 +27,6 @@ const MAX_SCHEMAS_PER_S: u32 = 1;
 enum Question {
     /// The newest message of this publication.
     Newest(usize),
-    /// Schemas.
     Schemas,
 }
 

@@ -25,7 +25,6 @@ pub(super) fn priority(urgency: Urgency) -> Priority {
 pub struct Publication {
     /// The key expression.
     pub(super) key: String,
-    /// How urgent.
     pub(super) urgency: Urgency,
     /// What is published on it, by which its encoding and schema are known.
     pub(super) topic: Option<&'static Topic>,

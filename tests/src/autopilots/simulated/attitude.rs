@@ -67,7 +67,6 @@ pub(super) struct RateLoop {
     /// Rotors of the drone.
     pub(super) frame: RotorFrame,
     integral: Vector3<f64>,
-    /// Whose mixer.
     pub(super) mixer: Mixer,
     saturated: [bool; 3],
 }

@@ -8,7 +8,6 @@ const YAW_MARGIN: f64 = 0.15;
 /// A moment that is missing by less than this is not missing.
 const ROUNDING: f64 = 1e-9;
 
-/// Whose mixer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mixer {
     /// PX4's sequential desaturation; `airmode`: MC_AIRMODE 1 (roll and pitch).

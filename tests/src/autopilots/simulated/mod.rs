@@ -111,7 +111,6 @@ pub struct SimulatedAutopilot {
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
     /// Set-points that came.
     pub set_points: u32,
-    /// Set-points rejected.
     pub rejected: u32,
     /// The newest landing target that its guidance took, m, in the NED of its estimate.
     pub target: Option<Vector3<f64>>,

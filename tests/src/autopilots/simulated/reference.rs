@@ -14,7 +14,6 @@ pub(super) struct PositionReference {
     pub(super) yaw_rate: f64,
 }
 
-/// A set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum FlightReference {
     Track(PositionReference),

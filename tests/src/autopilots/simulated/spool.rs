@@ -28,7 +28,6 @@ impl Spool {
         armed_s: f64::INFINITY,
         ratio: 1.0,
     };
-    /// Just armed.
     pub(super) const fn begun() -> Spool {
         Spool {
             armed_s: 0.0,
@@ -42,7 +41,6 @@ impl Spool {
             self.ratio = (self.ratio + dt / SPOOL_S).min(1.0);
         }
     }
-    /// They turn.
     pub(super) fn turns(&self) -> bool {
         self.ratio > 0.0
     }

@@ -12,7 +12,6 @@ pub enum TruePart {
     Motion,
     /// The state now; the motion from there is predicted.
     State,
-    /// Both.
     Whole,
     /// The motion of the next half second.
     Contact,

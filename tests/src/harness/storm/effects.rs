@@ -32,7 +32,6 @@ const LOST: ChannelFault = ChannelFault {
     doubled: 0.0,
 };
 
-/// Nothing happens.
 const fn nothing(_: &mut Rig, _: f64) {}
 /// A process of the first drone dies.
 fn kill(rig: &mut Rig, process: ProcessKind) {

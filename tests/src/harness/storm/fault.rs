@@ -18,7 +18,6 @@ const MAX_ENTRY: u8 = 9;
 /// The first contact's name among the states.
 const CONTACT: &str = "Contact";
 
-/// One fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {

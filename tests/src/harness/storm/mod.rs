@@ -70,12 +70,10 @@ pub struct Storm {
     /// The vessel's GNSS receiver is the moving base of the drone's.
     #[serde(default)]
     pub moving_base: bool,
-    /// The faults.
     #[serde(default, rename = "fault")]
     pub faults: Vec<Fault>,
 }
 
-/// One drone.
 const fn one() -> u8 {
     1
 }

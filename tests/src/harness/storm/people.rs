@@ -41,7 +41,6 @@ const BY_MAVLINK: [(FaultKind, u16); 3] = [
 /// Last act of the people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Step {
-    /// Nothing.
     #[default]
     Begins,
     /// The crew has cleared the deck for a take-off.

@@ -49,7 +49,6 @@ pub enum StormEnding {
     Violated,
 }
 
-/// A rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StormRule {
@@ -92,7 +91,6 @@ pub enum StormRule {
 /// A rule that was broken.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Violation {
-    /// Which.
     pub rule: StormRule,
     /// When, s after the order.
     pub t_s: f64,

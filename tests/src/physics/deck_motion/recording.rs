@@ -13,15 +13,10 @@ use crate::physics::spline::{Splines, smooth_step};
 
 /// Degrees of freedom of a recording, in this order.
 pub const ROLL: usize = 0;
-/// Pitch.
 pub const PITCH: usize = 1;
-/// Heave.
 pub const HEAVE: usize = 2;
-/// Heading.
 pub const HEADING: usize = 3;
-/// Surge.
 pub const SURGE: usize = 4;
-/// Sway.
 pub const SWAY: usize = 5;
 /// Number of channels.
 pub const CHANNELS: usize = 6;
@@ -48,7 +43,6 @@ pub enum DeckMotionError {
     /// The file could not be read.
     #[error("reading deck motion {path}: {source}; check the path and its permissions")]
     Read {
-        /// The file.
         path: PathBuf,
         /// Error of the system.
         source: std::io::Error,
@@ -59,7 +53,6 @@ pub enum DeckMotionError {
          heave_m, heading_deg, surge_m, sway_m"
     )]
     Header {
-        /// The file.
         origin: String,
         /// Line of the header, counted from 1.
         line: u64,
@@ -69,7 +62,6 @@ pub enum DeckMotionError {
     /// A row that cannot be used.
     #[error("deck motion {origin}, line {line}: {message}; correct or remove the row")]
     Row {
-        /// The file.
         origin: String,
         /// Line of the row, counted from 1.
         line: u64,
@@ -79,7 +71,6 @@ pub enum DeckMotionError {
     /// Usable, but not as a whole.
     #[error("deck motion {origin}: {message}")]
     Whole {
-        /// The file.
         origin: String,
         /// Fault of the recording.
         message: String,

@@ -23,14 +23,12 @@ pub enum Part {
     Foot(usize),
     /// A rotor's end of an arm, numbered like the feet.
     Arm(usize),
-    /// The body.
     Body,
 }
 
 /// The moment a part met the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Impact {
-    /// Which part.
     pub part: Part,
     /// Speed of approach along the deck's normal just before, m/s.
     pub normal_mps: f64,

@@ -65,7 +65,6 @@ pub struct StepReport {
     pub armed: bool,
 }
 
-/// The drone.
 pub struct SimulatedDrone {
     airframe: Airframe,
     contact: GearContact,
@@ -88,7 +87,6 @@ pub struct SimulatedDrone {
 /// Input of a firmware's sensors: the true state of the drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
-    /// When.
     pub at: Time<TrueTime>,
     /// Centre of mass, NED, m.
     pub position: Vector3<f64>,

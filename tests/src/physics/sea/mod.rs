@@ -37,7 +37,6 @@ pub const WATER_DENSITY: f64 = 1026.0;
 /// Maximum sum of q k A: 1 is where the surface starts to fold.
 const MAX_STEEPNESS: f64 = 0.9;
 
-/// One wave.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeaComponent {
     /// Amplitude, m.
@@ -89,7 +88,6 @@ impl WaterSample {
     }
 }
 
-/// The sea.
 #[derive(Clone, Debug)]
 pub struct Sea {
     components: Vec<SeaComponent>,

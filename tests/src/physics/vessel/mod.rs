@@ -230,7 +230,6 @@ impl Vessel {
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
-    /// The hulls.
     pub fn hull(&self) -> &Hull {
         &self.hull
     }

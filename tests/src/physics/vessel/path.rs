@@ -297,7 +297,6 @@ impl Turns {
             ..Turns::new(speed, first, angle, turn, between - turn)
         }
     }
-    /// One turn.
     fn once(speed: f64, angle: f64, begins: Begin) -> Turns {
         let turn = TURN_S * angle.abs() / FRAC_PI_2;
         Turns::new(speed, begins, angle, turn, FOR_GOOD_S)

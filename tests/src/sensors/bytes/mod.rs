@@ -27,11 +27,9 @@ const HEARTBEAT_NS: i64 = 1_000_000_000;
 /// Kinds of measurements that a source carries.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Carries {
-    /// Inertial samples.
     pub imu: bool,
     /// Positions and velocities.
     pub gnss: bool,
-    /// Headings.
     pub heading: bool,
 }
 

@@ -86,7 +86,6 @@ pub(super) enum Paint {
     Outside,
     /// The deck, of one light everywhere.
     Even(f32),
-    /// Edges.
     Edges,
 }
 

@@ -56,7 +56,6 @@ fn deck(euler: [f64; 3]) -> RigidState<Deck> {
     }
 }
 
-/// The paper's.
 fn one_tag() -> DeckGeometry {
     DeckGeometry {
         tag_side_m: Some(1.0),

@@ -2,47 +2,28 @@
 
 /// Numbers of messages whose rate is requested.
 pub mod id {
-    /// `HEARTBEAT`.
     pub const HEARTBEAT: u32 = 0;
-    /// `SYS_STATUS`.
     pub const SYS_STATUS: u32 = 1;
-    /// `SCALED_IMU`.
     pub const SCALED_IMU: u32 = 26;
-    /// `ATTITUDE_QUATERNION`.
     pub const ATTITUDE_QUATERNION: u32 = 31;
-    /// `LOCAL_POSITION_NED`.
     pub const LOCAL_POSITION_NED: u32 = 32;
-    /// `RC_CHANNELS`.
     pub const RC_CHANNELS: u32 = 65;
-    /// `SERVO_OUTPUT_RAW`.
     pub const SERVO_OUTPUT_RAW: u32 = 36;
-    /// `ATTITUDE_TARGET`.
     pub const ATTITUDE_TARGET: u32 = 83;
-    /// `HIGHRES_IMU`.
     pub const HIGHRES_IMU: u32 = 105;
-    /// `GPS_RAW_INT`.
     pub const GPS_RAW_INT: u32 = 24;
-    /// `GPS_GLOBAL_ORIGIN`.
     pub const GPS_GLOBAL_ORIGIN: u32 = 49;
-    /// `HOME_POSITION`.
     pub const HOME_POSITION: u32 = 242;
-    /// `DISTANCE_SENSOR`.
     pub const DISTANCE_SENSOR: u32 = 132;
-    /// `BATTERY_STATUS`.
     pub const BATTERY_STATUS: u32 = 147;
-    /// `MISSION_CURRENT`.
     pub const MISSION_CURRENT: u32 = 42;
-    /// `MISSION_ITEM_REACHED`.
     pub const MISSION_ITEM_REACHED: u32 = 46;
     /// `EKF_STATUS_REPORT` (ArduPilot).
     pub const EKF_STATUS_REPORT: u32 = alight_shared::mavlink::EKF_STATUS_REPORT.0;
     /// `ESTIMATOR_STATUS` (PX4).
     pub const ESTIMATOR_STATUS: u32 = 230;
-    /// `EXTENDED_SYS_STATE`.
     pub const EXTENDED_SYS_STATE: u32 = 245;
-    /// `ODOMETRY`.
     pub const ODOMETRY: u32 = 331;
-    /// `CURRENT_MODE`.
     pub const CURRENT_MODE: u32 = 436;
 }
 

@@ -91,7 +91,6 @@ struct Track {
 /// A spot that is a marker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IdentifiedMarker {
-    /// Which marker.
     pub marker: usize,
     /// Place in the image, px.
     pub at: Vector2<f64>,

@@ -111,7 +111,6 @@ impl UvdarSettings {
 /// Counts of images by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UvdarCounts {
-    /// Images.
     pub images: u64,
     /// Images that gave a position.
     pub fixes: u64,

@@ -116,7 +116,6 @@ impl StandingCharge {
     }
 }
 
-/// All clearances.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clearances {
     given: Vec<Clearance>,

@@ -9,7 +9,6 @@ const SEVERAL: u8 = 2;
 /// Without any time for so long, a source has none, ns.
 const TIMELESS_NS: i64 = 2_000_000_000;
 
-/// One kind.
 #[derive(Clone, Copy, Debug, Default)]
 struct Kind {
     /// They come before the sentence with their time.

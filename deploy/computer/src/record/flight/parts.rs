@@ -46,7 +46,6 @@ impl Batch {
         }
         self.marks.push((step, at_ns, self.bytes.len()));
     }
-    /// Forgets all.
     pub fn clear(&mut self) {
         self.bytes.clear();
         self.marks.clear();
@@ -189,7 +188,6 @@ impl Parts {
     pub fn missing(&self) -> u64 {
         self.missing
     }
-    /// Writes steps.
     pub fn write(&mut self, steady_ns: i64, batch: &Batch) {
         let mut begin = 0;
         for &(step, at_ns, end) in &batch.marks {

@@ -19,7 +19,6 @@ const MAX_TRIES: u32 = 100;
 /// A flight on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoredFlight {
-    /// The directory.
     pub path: PathBuf,
     /// Counts the flights of the computer, whatever the time of its clock.
     pub number: u32,

@@ -27,7 +27,6 @@ pub struct PhaseEntry {
     pub reason: String,
 }
 
-/// The summary.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FlightSummary {
@@ -39,9 +38,7 @@ pub struct FlightSummary {
     pub length_s: f64,
     /// The processes were asked to end; false: they run, or the power went.
     pub ended: bool,
-    /// The outcome.
     pub outcome: String,
-    /// Why.
     pub reason: String,
     /// States in their order; at most the newest 200.
     pub phases: Vec<PhaseEntry>,

@@ -59,7 +59,6 @@ impl Directory {
             kept: keep.is_some(),
         })
     }
-    /// The place.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -81,9 +80,7 @@ impl Drop for Directory {
 pub struct RehearsalPlan {
     /// The vessel's computer, as it is started.
     pub vessel: VesselComputerConfig,
-    /// The drone's.
     pub drone: DroneComputerConfig,
-    /// The vehicles.
     pub world: SimulatedWorld,
     /// Names of the certificates; none where the files ask for none.
     pub certificates: Vec<String>,

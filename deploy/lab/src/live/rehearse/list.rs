@@ -14,16 +14,13 @@ pub const LADDER: u8 = 10;
 /// Width of what is checked, so that the figures stand in a column.
 const WHAT: usize = 25;
 
-/// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CheckRow {
     /// The step in install.md.
     pub step: u8,
-    /// The subject.
     pub what: String,
     /// It is as it should be.
     pub ok: bool,
-    /// The observation.
     pub figure: String,
 }
 

@@ -72,7 +72,6 @@ struct Rehearsed<'a> {
     landed: Option<&'a Landed>,
 }
 
-/// Rehearses.
 pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     // The first call installs the handler: a signal from here on ends the rehearsal in order.
     if end_requested() {

@@ -57,7 +57,6 @@ pub struct Port {
 /// Result of trying an address.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortState {
-    /// Free.
     Free,
     /// Somebody listens there.
     Busy,
@@ -81,9 +80,7 @@ pub enum Reach {
 /// A real sensor, listened to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceCheck {
-    /// The name.
     pub name: String,
-    /// The path.
     pub connect: String,
     /// Bytes that came and what became of them, or why none can come.
     pub received: Result<(usize, SourceStatus), String>,
@@ -96,7 +93,6 @@ pub struct SourceCheck {
 pub struct DeckInputCheck {
     /// The key in the configuration.
     pub key: &'static str,
-    /// The file.
     pub path: String,
     /// Whether it is active, or why that cannot be known.
     pub level: Result<bool, String>,
@@ -105,9 +101,7 @@ pub struct DeckInputCheck {
 /// The drone's own GNSS receiver, whose moving base is the vessel's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReceiverCheck {
-    /// The path.
     pub connect: String,
-    /// The report.
     pub report: ReceiverReport,
 }
 
@@ -172,7 +166,6 @@ pub struct SharedMemory {
 /// Image of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraImages {
-    /// Images.
     pub images: u64,
     /// The setting that exposes, or why the device's own automatic does; None where nothing is asked of it.
     pub exposure: Option<Result<Setting, String>>,
@@ -252,6 +245,5 @@ pub struct CheckFacts {
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.
     pub realtime: bool,
-    /// Processors.
     pub processors: usize,
 }

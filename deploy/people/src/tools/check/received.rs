@@ -28,17 +28,12 @@ pub struct KindStatistics {
 /// Statistics of all sensors, by kind; None: nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorStatistics {
-    /// Inertial samples.
     pub inertial: Option<KindStatistics>,
-    /// GNSS fixes.
     pub gnss: Option<KindStatistics>,
-    /// Headings.
     pub heading: Option<KindStatistics>,
-    /// Attitudes.
     pub attitude: Option<KindStatistics>,
 }
 
-/// One measurement.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sample {
     at_s: f64,

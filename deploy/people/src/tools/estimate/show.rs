@@ -156,7 +156,6 @@ fn prediction_notes(r: &Review) -> Vec<String> {
     lines
 }
 
-/// The report.
 pub fn table(origin: &str, r: &Review) -> String {
     let mut out = String::new();
     let mut line = |text: String| {

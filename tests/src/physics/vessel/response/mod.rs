@@ -68,7 +68,6 @@ pub enum HullError {
          (CSV), with its places in a .toml of the same name next to it"
     )]
     Read {
-        /// The file.
         path: PathBuf,
         /// Error of the system.
         source: std::io::Error,
@@ -76,7 +75,6 @@ pub enum HullError {
     /// A row of the table that cannot be used.
     #[error("response table {origin}, line {line}: {message}")]
     Row {
-        /// The file.
         origin: String,
         /// Line of the table, counted from 1.
         line: usize,
@@ -86,7 +84,6 @@ pub enum HullError {
     /// The places cannot be used.
     #[error("places of a hull, {origin}: {message}")]
     Places {
-        /// The file.
         origin: String,
         /// Fault of the places.
         message: String,
@@ -118,9 +115,7 @@ config! {
 /// A response table with the places of what stands on the hull.
 #[derive(Clone, Debug)]
 pub struct HullFiles {
-    /// The table.
     pub table: ResponseTable,
-    /// The places.
     pub places: Places,
 }
 
@@ -169,7 +164,6 @@ struct Wave {
 /// A pose: surge, sway, heave, roll, pitch, yaw in NED and FRD about the mean path, with derivatives.
 type Motion = [Jet; DOFS];
 
-/// The vessel.
 #[derive(Clone)]
 pub struct ResponseVessel {
     waves: Vec<Wave>,

@@ -32,7 +32,6 @@ pub const COLUMNS: [&str; 14] = [
 const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
 /// Maximum response of a degree of freedom, m/m or rad/m: beyond it a unit was mistaken (deg for rad).
 const MAX_RESPONSE: f64 = 20.0;
-/// Most rows.
 const MAX_ROWS: usize = 200_000;
 
 /// Real and imaginary parts of the response in all degrees of freedom.
