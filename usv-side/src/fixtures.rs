@@ -30,7 +30,7 @@ pub(crate) fn decode<D: SensorDecoder>(
     (out, decoder)
 }
 
-/// How many of this kind, of [`crate::KINDS`], are among all measurements.
+/// Number of measurements of this kind, of [`crate::KINDS`].
 pub(crate) fn count(all: &[SourceMeasurement], kind: usize) -> usize {
     all.iter().filter(|m| m.measurement.kind() == kind).count()
 }

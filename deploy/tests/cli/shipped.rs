@@ -197,8 +197,8 @@ fn method_in_a_file_of_its_own() {
     let check = alight(format!("check --config {changed}"));
     assert_eq!(check.status.code(), Some(2));
     let check = stdout(&check);
-    let words: Vec<&str> = check.split_whitespace().collect();
-    assert!(words.join(" ").contains(rejected), "{check}");
+    let parts: Vec<&str> = check.split_whitespace().collect();
+    assert!(parts.join(" ").contains(rejected), "{check}");
 }
 
 /// The shipped unit of one side, with the program under test in the place of the installed one.

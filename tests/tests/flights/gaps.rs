@@ -119,7 +119,7 @@ impl Cell {
         }
     }
 
-    /// What ended badly.
+    /// The first rule that it broke.
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
@@ -148,7 +148,7 @@ impl Cell {
         watch.bad.or_else(|| self.judge(&rig))
     }
 
-    /// What is wrong with how it ended.
+    /// The rule that its end breaks.
     fn judge(&self, rig: &Rig) -> Option<String> {
         let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
         let height_m = o.feet_height_m();

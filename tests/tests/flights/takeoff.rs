@@ -35,7 +35,6 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
 pub(super) struct Contacts {
     pub(super) others: u32,
     pub(super) fastest_mps: f64,
-    fastest_in: State,
     pub(super) water: bool,
     /// Take-offs begun, and the sum of their predicted probabilities.
     take_offs: u32,
@@ -55,10 +54,7 @@ pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contact
         let observed = rig.world.observation();
         for touch in observed.contacts {
             met.others += u32::from(!touch.foot);
-            let speed_mps = touch.normal_mps.max(touch.tangential_mps);
-            if speed_mps > met.fastest_mps {
-                (met.fastest_mps, met.fastest_in) = (speed_mps, rig.state(0));
-            }
+            met.fastest_mps = met.fastest_mps.max(touch.normal_mps).max(touch.tangential_mps);
         }
         met.water |= observed.in_water;
         rig.state(0) == state
@@ -148,9 +144,7 @@ impl Cycles {
     fn add(&mut self, met: &Contacts) {
         let all = &mut self.met;
         all.others += met.others;
-        if met.fastest_mps > all.fastest_mps {
-            (all.fastest_mps, all.fastest_in) = (met.fastest_mps, met.fastest_in);
-        }
+        all.fastest_mps = all.fastest_mps.max(met.fastest_mps);
         all.water |= met.water;
         all.take_offs += met.take_offs;
         all.predicted += met.predicted;

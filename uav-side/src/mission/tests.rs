@@ -6,7 +6,7 @@ use alight_shared::msg::ReasonCode::{
     InSight, Infeasible, KnownByBeacon, LikelyBeside, LikelyFast, LikelyHard, LikelySlides, LikelyTilted,
     NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
     Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast,
-    TooSteep, Touchdown, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    TooSteep, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
 };
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, PLACES,
@@ -486,17 +486,9 @@ fn reasons_not_to_descend() {
 }
 
 #[test]
-fn landed_with_motors_stopped() {
-    let s = Situation {
-        motors_stopped: true,
-        ..with_deck(|d| d.clearance_m = 0.0)
-    };
-    goes(&step(COMMITTED, &s), Landed, Touchdown);
-    assert_ne!(step(MissionPhase::Idle, &s).phase.state(), Landed);
-}
-
-#[test]
 fn landed_until_disarmed_and_armed() {
+    let stopped = with(|s| s.motors_stopped = true);
+    assert_ne!(step(MissionPhase::Idle, &stopped).phase.state(), Landed);
     let landed = MissionPhase::LANDED;
     let on_deck = with_deck(|d| d.clearance_m = 0.05);
     let d = commanded(landed, CommandKind::Land, &on_deck);

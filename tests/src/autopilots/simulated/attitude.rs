@@ -129,30 +129,6 @@ impl RateLoop {
 mod tests {
     use super::*;
 
-    fn moments(loop_: &RateLoop, out: &[f64; MAX_ROTORS]) -> (f64, Vector3<f64>) {
-        let mut m = Vector3::zeros();
-        for (o, [x, y, s]) in out.iter().zip(loop_.frame.rotors()) {
-            let t = o * loop_.rotor_max;
-            m += Vector3::new(
-                -y * loop_.side * t,
-                x * loop_.side * t,
-                s * loop_.moment_per_force * t,
-            );
-        }
-        (out.iter().sum::<f64>() / loop_.frame.count() as f64, m)
-    }
-
-    #[test]
-    fn mixer_moments_unsaturated() {
-        for frame in [RotorFrame::QuadX, RotorFrame::HexaX] {
-            let mut l = RateLoop::new(&DroneGeometry::default(), frame);
-            let wanted = Vector3::new(0.8, -0.5, 0.05);
-            let out = l.mix(0.4, &wanted);
-            let (thrust, m) = moments(&l, &out);
-            assert!((thrust - 0.4).abs() < 1e-12 && (m - wanted).norm() < 1e-12, "{m}");
-        }
-    }
-
     #[test]
     fn attitude_loop_rates_towards_the_target() {
         let config = AutopilotConfig {

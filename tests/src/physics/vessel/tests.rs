@@ -180,11 +180,31 @@ fn vessel_in_ten_minutes_of_steep_seas() {
 }
 
 #[test]
+fn vessel_square_course_at_2_mps() {
+    let sea = calm();
+    let config = VesselConfig {
+        course: VesselCourse::Square,
+        ..heading_north()
+    };
+    let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
+    let mut legs = [0_u32; 4];
+    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+    run(&mut vessel, &sea, 90.0, |_, s| {
+        let quarter = (s.euler().z.rem_euclid(TAU) / (TAU / 4.0)).round() as usize % 4;
+        legs[quarter] += 1;
+        (low, high) = (low.inf(&s.position.0), high.sup(&s.position.0));
+    });
+    assert!(legs.iter().all(|n| *n > 1600), "{legs:?}");
+    for i in 0..2 {
+        assert!((38.0..52.0).contains(&(high[i] - low[i])), "{low} {high}");
+    }
+}
+
+#[test]
 fn vessel_mean_path_on_every_course() {
     let sea = Sea::new(&SeaConfig::paper(0.4, 5.0), &Streams::new(3));
     for course in [
         VesselCourse::Straight,
-        VesselCourse::Square,
         VesselCourse::Zigzag,
         VesselCourse::Turn,
         VesselCourse::SpeedChange,

@@ -313,29 +313,3 @@ fn sensors_with_a_non_finite_state() {
     let r = watch(&ideal(), &broken, &deck(), 50);
     assert_eq!(r, DroneReadings::default());
 }
-
-#[test]
-fn simulated_tags_from_contact_to_10_m() {
-    // Feet above the deck.
-    for (up, aside) in [
-        (0.0, 0.0),
-        (0.0, 0.17),
-        (0.4, -0.17),
-        (1.0, 0.17),
-        (3.0, 0.1),
-        (10.0, 0.2),
-    ] {
-        let mut s = sensors_over(&DeckGeometry::default(), &ideal(), 1);
-        let at = still([aside, -0.5 * aside, -up - 0.3], [0.0; 3]);
-        let tags: Vec<TagPose> = (0..20)
-            .flat_map(|k| s.drone.step(tick(k), &at, &deck(), FLAT).tags)
-            .collect();
-        // The image's right is to starboard, its lower edge aft; the camera is 0.08 m below the centre of mass.
-        let truth = Vector3::new(0.5 * aside, aside, up + 0.22);
-        let measured = tags.first().map(|m| Vector3::from(m.position));
-        assert!(
-            measured.is_some_and(|p| (p - truth).norm() < 1e-3),
-            "{up} m: {measured:?}"
-        );
-    }
-}

@@ -27,9 +27,6 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
         tag_side_m: Some(1.0),
         ..DeckGeometry::default()
     };
-    sensors_over(&deck, config, seed)
-}
-fn sensors_over(deck: &DeckGeometry, config: &SensorConfig, seed: u64) -> Rig {
     let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
     let clocks = clocks::Clocks::new(&config.clocks, &streams);
     let id = |drone, clock| SenderIdentity {
@@ -41,7 +38,7 @@ fn sensors_over(deck: &DeckGeometry, config: &SensorConfig, seed: u64) -> Rig {
     Rig {
         clocks,
         vessel: VesselSensors::new(config, None, id(0, clocks.vessel), &streams),
-        drone: DroneSensors::new(config, &geometry, deck, None, id(1, clocks.drone), &streams),
+        drone: DroneSensors::new(config, &geometry, &deck, None, id(1, clocks.drone), &streams),
     }
 }
 

@@ -50,9 +50,6 @@ fn home_and_deck_not_configured() {
         p.forecast = true;
         p.run(10.0);
         assert!(p.commands_of(command::SET_HOME).is_empty() && p.linked.autopilot.home.is_none());
-        assert!(
-            p.targets.is_empty() && p.deck_messages == 0,
-            "nor is the deck sent"
-        );
+        assert!(p.targets.is_empty() && p.deck_messages == 0);
     }
 }

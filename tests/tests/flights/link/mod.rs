@@ -220,8 +220,8 @@ fn link_with_a_restarted_autopilot() {
     }
 }
 
-/// Where it is not permitted, on the deck, or where no deck is known, an order to land arms nothing: the crew has
-/// not cleared it. Else the link arms in its own mode, and once.
+/// An order to land arms nothing where that is not permitted, on the deck, or where no deck is known: the crew has not
+/// cleared it. Elsewhere it does in the link's mode, and once.
 #[test]
 fn arming_when_configured() {
     for (firmware, may_arm, away_m, forecast, denied, expected) in [
