@@ -36,7 +36,7 @@ fn live_link_killed_after_the_stop() {
     let flags = "--sea moderate --seed 3 --fault link-killed:landed";
     let flight = FirmwareFlight {
         denies_s: DENIES_S,
-        ..FirmwareFlight::new(Firmware::Px4, flags)
+        ..FirmwareFlight::new(Firmware::ArduCopter, flags)
     };
     let flown = fly(&instance("disarm"), &flight);
     println!("{}", flown.show());
@@ -123,7 +123,7 @@ fn other_lists_end_as_in_lock_step() {
 fn abort_to_the_successor_of_a_killed_mission() {
     let name = instance("successor");
     let flight = FirmwareFlight::new(
-        Firmware::ArduCopter,
+        Firmware::Px4,
         "--sea moderate --seed 4 --fault mission-killed:descent",
     );
     let (flown, out) = std::thread::scope(|scope| {

@@ -228,7 +228,7 @@ fn hundred_kills_of_a_recording_process() {
 #[test]
 fn killed_recording() {
     const KILLS: usize = 3;
-    let vessel = Vessel::prepare("killed-recording");
+    let vessel = Vessel::prepare("killed");
     assert_eq!(kill(&vessel, KILLS as u64).len(), KILLS);
     // One that ends in order.
     let mut process = vessel.start();

@@ -99,7 +99,7 @@ fn link_killed_around_the_contact() {
             assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
         }
         // Of each four steps two, so that every autopilot flies both seas and both restarts.
-        for k in (0..LAST_STEP).filter(|k| (k + 1) / 2 % 2 == odd) {
+        for k in (0..LAST_STEP).filter(|k| k.div_ceil(2) % 2 == odd) {
             let (seed, flown) = &undisturbed[k % 2];
             let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
             let contact_s = flown.contact_s.unwrap();
