@@ -121,7 +121,7 @@ impl<B: Bus, M: Plain> Saved<B, M> {
     }
 }
 
-/// The end of a row outside its bus: a radio, a wire, a device. `()` is none.
+/// The end of a row outside its bus: a radio, a wire, a device; `()` for a row without one.
 pub trait Edge<N: Wired> {
     /// Adds to the input of a step what came from outside since the last one.
     fn read(&mut self, _input: &mut N::In) {}

@@ -319,13 +319,14 @@ impl World {
     }
     /// Broadcasts the output of the vessel's computer to the drones.
     fn broadcast(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
-        if let Some(grant) = output.grant.filter(|_| self.shares_deck) {
+        let with_deck = self.shares_deck;
+        if let Some(grant) = output.grant.filter(|_| with_deck) {
             self.deck_owner = grant.owner;
         }
         let sender = Sender::Vessel(VESSEL_ID);
         output.broadcast(|kind, bytes, _held| {
             let of_deck = matches!(kind, RadioTopic::Deck | RadioTopic::Command);
-            if kind.row().to != RadioEnd::Drone || of_deck && !self.shares_deck {
+            if kind.row().to != RadioEnd::Drone || of_deck && !with_deck {
                 return;
             }
             for drone in &mut self.drones {

@@ -34,7 +34,7 @@ use crate::io::peer::Speaks;
 use crate::io::wakes::Wakes;
 use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
-use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
 /// A step is due after this long without input.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
@@ -275,14 +275,14 @@ impl Edge<AutopilotLink> for MavlinkEdge {
 }
 
 impl ProcessEdge<AutopilotLink> for MavlinkEdge {
-    fn stepped(&mut self, _at: &Look<'_, AutopilotLink>, step: &RowStep<AutopilotLink>) {
+    fn stepped(&mut self, _at: &NodeView<'_, AutopilotLink>, step: &RowStep<AutopilotLink>) {
         let (error, others) = (self.link.last_error(), self.receivers.last_errors());
         for text in step.out.texts.iter().chain(&error).chain(others.iter().flatten()) {
             info!("autopilot: {text}");
         }
     }
     /// With those of the node, and of the frames by their signatures.
-    fn metrics(&mut self, at: &Look<'_, AutopilotLink>) -> Vec<Metric> {
+    fn metrics(&mut self, at: &NodeView<'_, AutopilotLink>) -> Vec<Metric> {
         let of_node = at.node.metrics(at.now);
         let own = [
             MetricName::ClockUncertainty.seconds(of_node.clock_uncertainty_s),

@@ -23,7 +23,7 @@ use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
 use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_port::RadioPort;
-use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
@@ -90,7 +90,7 @@ impl Edge<Bridge> for RadioEdge {
 }
 
 impl ProcessEdge<Bridge> for RadioEdge {
-    fn stepped(&mut self, at: &Look<'_, Bridge>, step: &RowStep<Bridge>) {
+    fn stepped(&mut self, at: &NodeView<'_, Bridge>, step: &RowStep<Bridge>) {
         let out = &step.out;
         // Before the clocks agree an answer could not be dated.
         if at.node.offset(step.at).is_some() {
@@ -105,7 +105,7 @@ impl ProcessEdge<Bridge> for RadioEdge {
         self.port.send(RadioTopic::Status, &out.status);
     }
     /// With why the node rejected what.
-    fn metrics(&mut self, at: &Look<'_, Bridge>) -> Vec<Metric> {
+    fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
         let counts = radio.counts();
         let vessel = Sender::Vessel(self.vessel);
@@ -124,7 +124,7 @@ impl ProcessEdge<Bridge> for RadioEdge {
     fn unsent(&self) -> u64 {
         self.port.radio.counts().unsent
     }
-    fn reports(&mut self, _at: &Look<'_, Bridge>, own: Option<ProcessState>) -> Vec<ProcessState> {
+    fn reports(&mut self, _at: &NodeView<'_, Bridge>, own: Option<ProcessState>) -> Vec<ProcessState> {
         let mut reports = core::mem::take(&mut self.shown);
         if let Some(mut own) = own {
             own.flows = self.port.flows(own.at_ns);

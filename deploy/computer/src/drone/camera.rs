@@ -36,7 +36,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::io::wakes::Wakes;
 use crate::process::args::CameraArgs;
-use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 use crate::process::supervisor::pause;
 use crate::terminal;
 
@@ -400,7 +400,7 @@ impl<D: Detector> Edge<D> for CameraEdge<D> {
 }
 
 impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
-    fn stepped(&mut self, sent: &Look<'_, D>, step: &RowStep<D>) {
+    fn stepped(&mut self, sent: &NodeView<'_, D>, step: &RowStep<D>) {
         let node = sent.node;
         let frames = &step.input.frames;
         if let Some(frame) = frames.last() {
@@ -422,7 +422,7 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
             print(frames, &detections);
         }
     }
-    fn metrics(&mut self, at: &Look<'_, D>) -> Vec<Metric> {
+    fn metrics(&mut self, at: &NodeView<'_, D>) -> Vec<Metric> {
         let own = [
             MetricName::ExposureToFixP50.seconds(self.ages.quantile(0.5)),
             MetricName::ExposureToFixP99.seconds(self.ages.quantile(0.99)),

@@ -4,14 +4,14 @@ use alight_shared::bus::{Edge, RowStep};
 use alight_uav::mission::MissionNode;
 use tracing::warn;
 
-use crate::process::run::{Look, ProcessEdge};
+use crate::process::run::{NodeView, ProcessEdge};
 
 /// Reports why a checkpoint does not count.
 pub struct RejectionReport;
 
 impl Edge<MissionNode> for RejectionReport {}
 impl ProcessEdge<MissionNode> for RejectionReport {
-    fn stepped(&mut self, _at: &Look<'_, MissionNode>, step: &RowStep<MissionNode>) {
+    fn stepped(&mut self, _at: &NodeView<'_, MissionNode>, step: &RowStep<MissionNode>) {
         if let Some(why) = step.out.rejected {
             warn!(
                 "the checkpoint of the mission before this one does not count: it is {why}; what a ground station set is \

@@ -6,7 +6,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::Pilot;
 
-use crate::process::run::{Look, ProcessEdge};
+use crate::process::run::{NodeView, ProcessEdge};
 
 /// The ages of its inputs.
 #[derive(Default)]
@@ -19,7 +19,7 @@ pub struct Ages {
 
 impl Edge<Pilot> for Ages {}
 impl ProcessEdge<Pilot> for Ages {
-    fn stepped(&mut self, sent: &Look<'_, Pilot>, step: &RowStep<Pilot>) {
+    fn stepped(&mut self, sent: &NodeView<'_, Pilot>, step: &RowStep<Pilot>) {
         let RowStep { input, out, .. } = step;
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);
@@ -32,7 +32,7 @@ impl ProcessEdge<Pilot> for Ages {
             self.from_odometry.add((sent.now - d.header.at).secs());
         }
     }
-    fn metrics(&mut self, _at: &Look<'_, Pilot>) -> Vec<Metric> {
+    fn metrics(&mut self, _at: &NodeView<'_, Pilot>) -> Vec<Metric> {
         vec![
             MetricName::VesselToSetPointP50.seconds(self.from_vessel.quantile(0.5)),
             MetricName::VesselToSetPointP99.seconds(self.from_vessel.quantile(0.99)),

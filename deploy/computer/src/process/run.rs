@@ -25,7 +25,7 @@ use crate::process::life::{Life, draw_boot, node_recorder};
 use crate::record::flight::recorder::NodeRecorder;
 
 /// A row between two steps, as its process sees it.
-pub struct Look<'a, N: Wired> {
+pub struct NodeView<'a, N: Wired> {
     /// The node.
     pub node: &'a N,
     /// The computer's clock.
@@ -37,9 +37,9 @@ pub struct Look<'a, N: Wired> {
 /// The edge of a row on a computer, and what its process does next to the row.
 pub trait ProcessEdge<N: Wired>: Edge<N> {
     /// The row has made a step, sent and recorded by now.
-    fn stepped(&mut self, _at: &Look<'_, N>, _step: &RowStep<N>) {}
+    fn stepped(&mut self, _at: &NodeView<'_, N>, _step: &RowStep<N>) {}
     /// Metrics of the process's own, at the time of the step.
-    fn metrics(&mut self, _at: &Look<'_, N>) -> Vec<Metric> {
+    fn metrics(&mut self, _at: &NodeView<'_, N>) -> Vec<Metric> {
         Vec::new()
     }
     /// Messages that could not be sent outside.
@@ -47,7 +47,7 @@ pub trait ProcessEdge<N: Wired>: Edge<N> {
         0
     }
     /// Reports to publish: its own, where it is due, and what came by the edge.
-    fn reports(&mut self, _at: &Look<'_, N>, own: Option<ProcessState>) -> Vec<ProcessState> {
+    fn reports(&mut self, _at: &NodeView<'_, N>, own: Option<ProcessState>) -> Vec<ProcessState> {
         Vec::from_iter(own)
     }
     /// Nothing more will come.
@@ -153,9 +153,9 @@ impl<N: Wired + Node<In: Recorded, Out: Recorded>> Process<N> {
         let inputs = &|| ports.states(at.nanos());
         if let Some(step) = &step {
             let now = now();
-            edge.stepped(&Look { node, now, inputs }, step);
+            edge.stepped(&NodeView { node, now, inputs }, step);
         }
-        let look = Look {
+        let look = NodeView {
             node,
             now: at,
             inputs,

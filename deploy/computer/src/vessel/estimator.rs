@@ -26,7 +26,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::runtime;
 use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
-use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 use crate::vessel::deck_file::DeckFile;
 use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::helm_lamp::HelmLamp;
@@ -114,7 +114,7 @@ impl Edge<VesselComputer> for DeckEdge {
 }
 
 impl ProcessEdge<VesselComputer> for DeckEdge {
-    fn stepped(&mut self, sent: &Look<'_, VesselComputer>, step: &RowStep<VesselComputer>) {
+    fn stepped(&mut self, sent: &NodeView<'_, VesselComputer>, step: &RowStep<VesselComputer>) {
         let node = sent.node;
         self.helm_lamp.set(step.out.lamp);
         self.people.show(&step.out, sent.now, node.node());
@@ -122,7 +122,7 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
         self.status.observe(steady_ns(), &step.input, &step.out);
         self.ordered = !step.input.crew.is_empty();
     }
-    fn metrics(&mut self, at: &Look<'_, VesselComputer>) -> Vec<Metric> {
+    fn metrics(&mut self, at: &NodeView<'_, VesselComputer>) -> Vec<Metric> {
         let missed = (at.inputs)().first().map_or(0, |sensors| sensors.missed);
         metrics(at.node, &self.radio, missed, &self.people, at.now)
     }
@@ -130,7 +130,7 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
         self.radio.counts().unsent + self.statuses.unsent()
     }
     /// With the vessel's status.
-    fn reports(&mut self, at: &Look<'_, VesselComputer>, own: Option<ProcessState>) -> Vec<ProcessState> {
+    fn reports(&mut self, at: &NodeView<'_, VesselComputer>, own: Option<ProcessState>) -> Vec<ProcessState> {
         let node = at.node;
         if own.is_some() || self.ordered {
             let errors = CrewDeviceErrors {

@@ -29,7 +29,7 @@ use crate::io::peer::Speaks;
 use crate::io::runtime;
 use crate::io::wakes::Wakes;
 use crate::process::args::ProcessArgs;
-use crate::process::run::{AwaitedEdge, Look, Process, ProcessEdge};
+use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
 /// The node is stepped at least this often.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
@@ -130,7 +130,7 @@ impl ProcessEdge<SensorNode> for SensorEdge<'_> {
         self.reports.unsent()
     }
     /// With one about each source.
-    fn reports(&mut self, at: &Look<'_, SensorNode>, own: Option<ProcessState>) -> Vec<ProcessState> {
+    fn reports(&mut self, at: &NodeView<'_, SensorNode>, own: Option<ProcessState>) -> Vec<ProcessState> {
         if own.is_some() {
             self.header.at = at.now;
             self.header.sequence = self.header.sequence.wrapping_add(1);
