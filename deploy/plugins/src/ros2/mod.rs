@@ -3,7 +3,8 @@
 //!
 //! Inside out: [`messages`] and [`cdr`] are ROS's types and their bytes, [`frames`] turns NED and FRD into ENU and FLU,
 //! [`names`] makes keys and liveliness tokens; [`poses`] and [`diagnostics`] fill the messages; [`orders`] passes on what
-//! the services ask for; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. Nothing in a flight waits for it.
+//! the services ask for; [`session`] is the Zenoh session of all of them, and [`command`] is `alight ros2`. Nothing in a flight
+//! waits for it.
 //!
 //! hiroz 0.2, of Zenoh's makers, is not used: it turns on Zenoh's shared memory and brings `zenoh-ext` with bincode 1, and the
 //! dependencies of both have advisories; whether its keys have hashes (all but Humble's) is a feature chosen when it is built,
