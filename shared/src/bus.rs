@@ -150,7 +150,7 @@ pub struct Row<N: Wired, B: Bus> {
 pub struct RowStep<N: Node> {
     /// The row's own time.
     pub at: Time<N::Clock>,
-    /// The node took so long.
+    /// Duration of the node's computation.
     pub took: Span,
     /// Anything was sent in addition to the checkpoint.
     pub worked: bool,

@@ -1,11 +1,11 @@
-//! The radio between the computers: its topics, each declared once with who sends it to whom, how urgent it is, and whether who
-//! comes later is given the newest.
+//! The radio between the computers: its topics, each declared once with sender, reader, urgency, and whether a computer that
+//! joins later is given the newest.
 
 use serde::{Deserialize, Serialize};
 
 use crate::topics::{self, Topic};
 
-/// Who has an end of the radio.
+/// Kind of computer at an end of the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RadioEnd {
     /// A vessel's computer.
@@ -40,7 +40,7 @@ pub struct RadioRow {
     pub to: RadioEnd,
     /// Urgency of the messages.
     pub urgency: Urgency,
-    /// Who comes later lacks it and it is broadcast seldom: the newest is held for who asks.
+    /// The sender holds the newest for computers that join later, as it is broadcast seldom.
     pub held: bool,
 }
 

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::judged;
 
-/// The drone hovers for so long, s.
+/// Duration of the hover, s.
 const HOVERS_S: f64 = 40.0;
 /// Tags are lost for good below this, m.
 const BLIND_M: f64 = 3.0;

@@ -97,7 +97,7 @@ fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) ->
     assert!(autopilot.choose(own_mission_mode(firmware)));
     rig
 }
-/// It lands, in so long at most, without a contact of anything but its feet.
+/// Asserts a landing within `limit_s`, on the feet alone.
 fn lands(rig: &mut Rig, limit_s: f64) {
     let (landed, met) = until(rig, limit_s, State::Landed);
     let context = format!("{:?}, {}", rig.visited(0), rig.mission(0).waiting);

@@ -23,7 +23,7 @@ const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_
 pub(super) const LINES: [Format; 2] = [Format::N2k, Format::SignalK];
 pub(super) const STREAMS: [Format; 2] = [Format::Ubx, Format::Mavlink];
 
-/// Which of these the beginning is.
+/// Format of a file that begins with `head`, among these.
 pub(super) fn format(these: &[Format], head: &[u8]) -> Option<Format> {
     these.iter().copied().find(|format| begins(*format, head))
 }

@@ -109,7 +109,7 @@ fn has_sentence(head: &[u8]) -> bool {
     })
 }
 
-/// What a decoder makes of a file, and of each kind of its sentences.
+/// Measurements of a file, and counts of its sentences by kind.
 fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
     let (mut kinds, mut before) = (Kinds::default(), decoder.sentences());
     let gather = buses::play(Format::Nmea, bytes, decoder, |line, decoder| {
