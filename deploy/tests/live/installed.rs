@@ -16,8 +16,10 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_computer::vessel::deck_file;
+use alight_lab::live::config::sources;
 use alight_lab::live::service::{Service, runs};
 use alight_shared::config;
+use alight_sim::harness::scenario::Scenario;
 use alight_transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
@@ -59,11 +61,10 @@ fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
     entry.as_table_mut().expect("a table")
 }
 
-/// Configuration of the vehicles: instances of drone and vessel, address of the MAVLink, time zero, seed.
-fn world([instance, vessel_instance, mavlink]: [&str; 3], epoch_ns: i64, seed: u64) -> Table {
+/// Configuration of the vehicles: instance of the drone, address of the MAVLink, time zero, seed.
+fn world([instance, mavlink]: [&str; 2], epoch_ns: i64, seed: u64) -> Table {
     let mut world = Table::new();
     world.insert("instance".into(), instance.into());
-    world.insert("vessel_instance".into(), vessel_instance.into());
     world.insert("mavlink".into(), mavlink.into());
     world.insert("epoch_ns".into(), epoch_ns.into());
     world.insert("seed".into(), i64::try_from(seed).expect("small").into());
@@ -103,7 +104,6 @@ impl Installed {
         };
         // A full second, which the clocks of the simulated vehicles show exactly.
         let epoch_ns = (steady_ns() + RUN_UP_NS) / SECOND_NS * SECOND_NS;
-        let vessel_instance = format!("v{instance}");
         let host = std::env::var("ALIGHT_VESSEL_HOST").unwrap_or_else(|_| "127.0.0.1".into());
         if host != "127.0.0.1" {
             let again = directory.join("vessel-1");
@@ -133,7 +133,12 @@ impl Installed {
         let (mut vessel, mut drone) = (shipped("vessel"), shipped("drone"));
         radio(&mut vessel, "vessel-1", &["drone-1", "operator-1"], "listen");
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
-        vessel.insert("instance".into(), vessel_instance.clone().into());
+        vessel.insert("instance".into(), format!("v{instance}").into());
+        let sensors = sources(&Scenario::default(), |_| {
+            format!("udpin://{host}:{}", free_port())
+        });
+        let sensors = toml::Value::try_from(sensors).expect("TOML");
+        table(&mut vessel, "sensor").insert("sources".into(), sensors.clone());
         drone.insert("instance".into(), instance.clone().into());
         // The shipped file begins with a pilot, whom the simulated vehicles do not have.
         table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
@@ -149,7 +154,8 @@ impl Installed {
         }
         change(&mut vessel, &mut drone);
 
-        let world = world([&instance, &vessel_instance, &mavlink], epoch_ns, seed);
+        let mut world = world([&instance, &mavlink], epoch_ns, seed);
+        world.insert("sensors".into(), sensors);
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");

@@ -24,15 +24,15 @@ use alight_bridge::{BridgeConfig, Packet};
 use alight_shared::bus::{Reader as _, Row, Wired, Writer as _, readers};
 use alight_shared::checkpoint::{Keeper, Republisher};
 use alight_shared::msg::{
-    AutopilotState, CameraLight, Command, CommandKind, DeckBeacon, DeckForecast, DroneState, DroneStatus,
-    EstimateUpdate, Header, MissionState, Plan, RangeSample, RelativePlace, RtcmFrames, SetPoint, TagPose,
-    TimeRequest, UvdarFix, still_armed_s,
+    AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, DroneStatus, EstimateUpdate,
+    Header, MissionState, Plan, SetPoint, TagPose, TimeRequest, UvdarFix, still_armed_s,
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::radio::RadioTopic;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
+use alight_uav::autopilot::receiver::ReceiverDecoder;
 use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
 use alight_uav::mission::MissionConfig;
 
@@ -50,31 +50,25 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// Senders on the bus from outside the rows: operators, plans whose solve time is over, measurements where models stand
-/// for cameras, a rangefinder, a beacon, a receiver with a moving base.
+/// Senders on the bus from outside the rows: operators, plans whose solve time is over, detections where models stand for
+/// cameras.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
     tags: LockStepSender<TagPose>,
     uvdar: LockStepSender<UvdarFix>,
-    ranges: LockStepSender<RangeSample>,
-    beacons: LockStepSender<DeckBeacon>,
-    relative: LockStepSender<RelativePlace>,
     light: LockStepSender<CameraLight>,
 }
 
 impl Outside {
     fn join(bus: &LockStep) -> Outside {
         // Models measure in the place of cameras.
-        let (world, camera) = (bus.of(ProcessKind::World), bus.of(ProcessKind::Camera));
+        let camera = bus.of(ProcessKind::Camera);
         Outside {
             commands: bus.sender(),
             plans: bus.sender(),
             tags: camera.sender(),
             uvdar: bus.of(ProcessKind::Uvdar).sender(),
-            ranges: world.sender(),
-            beacons: world.sender(),
-            relative: world.sender(),
             light: camera.sender(),
         }
     }
@@ -88,8 +82,6 @@ readers! {
         forecast: DeckForecast,
         mission: MissionState,
         set_point: SetPoint,
-        // Frames for the receiver.
-        rtcm: RtcmFrames<DroneClock>,
     }
 }
 
@@ -112,6 +104,11 @@ pub struct SimulatedDroneComputer {
     cameras: Option<SimulatedCameras>,
     /// The autopilot and the wire to it; None before the drone has appeared.
     pub(super) linked: Option<LinkedAutopilot>,
+    /// Decoder of its own GNSS receiver's bytes, and bytes for that.
+    receiver: ReceiverDecoder,
+    corrections: Vec<u8>,
+    /// Reading that a stuck rangefinder repeats, m.
+    repeated_range_m: Option<f64>,
     /// Lead of its steady clock over the drawn one.
     pub(super) ahead: Span,
     /// A person has given it the mode once.
@@ -180,7 +177,7 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
             drone_id: DRONE_ID + k as u32,
             ..nodes.bridge.clone()
         },
-        autopilot: nodes.autopilot.clone(),
+        autopilot: scenario.sensors.wired(&nodes.autopilot, "its own"),
         drone,
     }
 }
@@ -262,6 +259,9 @@ impl SimulatedDroneComputer {
             cameras: SimulatedCameras::new(scenario, &made.drone.camera, &streams),
             nodes: made,
             linked: None,
+            receiver: ReceiverDecoder::default(),
+            corrections: Vec::new(),
+            repeated_range_m: None,
             ahead: Span::ZERO,
             handed_over: false,
             kept,

@@ -10,7 +10,7 @@ use alight_shared::msg::{
     DroneState, GnssFix, Header, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
 };
 use alight_shared::plain::Plain;
-use alight_shared::process::ProcessKind::{self, Camera, Uvdar, World};
+use alight_shared::process::ProcessKind::{self, Camera, Uvdar};
 use alight_shared::time::{DroneClock, Span};
 use alight_uav::autopilot::message::CommandResult;
 use alight_usv::sensors::Readings;
@@ -206,7 +206,7 @@ impl DroneSensorFaults {
         fixes.retain(|_| !self.blind);
     }
     /// Applies the faults to ranges; `repeated_m` is the one that a stuck rangefinder repeats, m.
-    fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
+    pub(super) fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
         }
@@ -225,20 +225,15 @@ impl DroneSensorFaults {
     }
 }
 
-/// The faults of a drone's sensors as they are now, which wrappers between the sensors and the bus read.
+/// The faults of a drone's sensors as they are now, which wrappers between the cameras and the bus read.
 pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
-/// Lets sensors fail by what `faults` are at the time.
+/// Lets cameras fail by what `faults` are at the time.
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
     let tag = |m: &mut TagPose, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
     spoil_detections(bus, Camera, faults, tag, DroneSensorFaults::spoil_tags);
     let fix = |m: &mut UvdarFix, by: &DetectionShift| by.shift(&mut m.header, &mut m.position);
     spoil_detections(bus, Uvdar, faults, fix, DroneSensorFaults::spoil_fixes);
-    let (now, mut repeated_m) = (Rc::clone(faults), None);
-    bus.wrap(World, BusSide::Written, move |_, mut ranges: Vec<RangeSample>| {
-        now.borrow().spoil_ranges(&mut ranges, &mut repeated_m);
-        ranges
-    });
 }
 
 /// Applies the faults to the detections of a camera's row.

@@ -10,7 +10,7 @@ use core::f64::consts::TAU;
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{Header, MissionState, RtcmFrames, Seq, State};
+use alight_shared::msg::{Header, MissionState, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
@@ -287,6 +287,8 @@ impl Physics {
             hover,
         );
         autopilot.set_frame(geometry, c.airframe.frame);
+        let rangefinder = &self.scenario.sensors.rangefinder;
+        autopilot.range_limits_m = [rangefinder.min_range_m, rangefinder.max_range_m];
         autopilot.start(&plant.streams);
         if let Some(place) = self.place {
             // Still water is at the place's height.
@@ -299,15 +301,15 @@ impl Physics {
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// Frames of the vessel's receiver that have arrived by now, where it is a moving base.
-    pub fn vessel_rtcm(&mut self) -> Vec<RtcmFrames<VesselClock>> {
+    /// Bytes of the vessel's receiver (RTCM 3) that have arrived by now, where it is a moving base.
+    pub fn vessel_rtcm(&mut self) -> Vec<u8> {
         self.vessel_sensors.rtcm(self.t)
     }
-    /// Frames of the moving base reach a drone's receiver.
-    pub fn receive_rtcm(&mut self, k: usize, frames: &[RtcmFrames<DroneClock>]) {
+    /// Whole frames of the moving base reach a drone's receiver.
+    pub fn receive_rtcm(&mut self, k: usize, bytes: &[u8]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
-        plant.for_each(|p| p.sensors.receive_rtcm(t, frames));
+        plant.for_each(|p| p.sensors.receive_rtcm(t, bytes));
     }
     /// The first drone's receiver has these faults from now on.
     pub fn fail_moving_base(&mut self, faults: MovingBaseFaults) {

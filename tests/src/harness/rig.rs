@@ -5,7 +5,7 @@ use alight_shared::msg::{CommandKind, MissionState, State};
 use super::failing::Failing;
 use super::physics::TICK;
 use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::storm::{Effect, Fault, FaultKind, Moment};
+use super::storm::{Effect, Fault, FaultKind};
 use super::tap::{NoTap, Tap};
 use super::world::World;
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -147,21 +147,13 @@ impl Rig {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
     }
-    /// When this moment of the first drone began, after the start, s.
-    pub fn began_s(&self, moment: Moment) -> Option<f64> {
-        match moment {
-            Moment::In(state) => self.first_entered_s(0, state),
-            Moment::Contact => self.touched_s,
-        }
-    }
     /// The states that a drone has entered, each with the time after the start, s.
     pub fn entered(&self, k: usize) -> &[(State, f64)] {
         &self.visited[k]
     }
-    /// When a fault is to begin, after the start, s; None before its moment.
-    pub fn due_s(&self, fault: &Fault) -> Option<f64> {
-        let moment_s = fault.moment_s(self.entered(0), self.touched_s)?;
-        Some(moment_s + fault.after_s)
+    /// When the moment of a fault began, after the start, s.
+    pub fn moment_s(&self, fault: &Fault) -> Option<f64> {
+        fault.moment_s(self.entered(0), self.touched_s)
     }
     /// Collective thrust that its autopilot commands, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {

@@ -60,8 +60,8 @@ config! {
 config! {
     /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame begins at its first fix.
     pub struct PlaceConfig {
-        /// Origin of the scene's own NED: one of these by the seed. None: both craft's frames are the scene's.
-        #[serde(skip_serializing_if = "Vec::is_empty")]
+        /// Origin of the scene's own NED: one of these by the seed; the vessel's devices send bytes. Empty: both craft's frames are
+        /// the scene's, and the devices give quantities, because bytes state a latitude and a longitude.
         pub among: Vec<Datum> = Vec::new();
         /// A drone's autopilot began so far from where the drone starts, drawn uniformly between these, m.
         /// Chosen: switched on ashore, or aboard some time before.

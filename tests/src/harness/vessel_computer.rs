@@ -1,23 +1,30 @@
 //! The vessel's computer in lock-step: the rows of [`VesselRows`] over a bus in lock-step, and the vessel's sensors at their edge.
 
+use core::mem::swap;
+
 use super::bus::{LockStep, LockStepSender};
 use super::edge::edge;
-use super::failing::{Failing, HeldReadings, VesselSensorFaults};
-use super::physics::{DRONE_ID, TICK, VESSEL_ID};
+use super::failing::{Failing, HeldReadings, VesselSensorFaults, shift};
+use super::physics::{DRONE_ID, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
+use crate::sensors::bytes::Carries;
+use crate::sensors::bytes::boat::{Boat, DEVICES, in_ticks_s};
+use crate::sensors::clocks::ClockModel;
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::Writer as _;
-use alight_shared::msg::{CrewOrder, DeckOrder, Header, RtcmFrames};
+use alight_shared::msg::{CrewOrder, DeckOrder, Header};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::computer::{PROCESSES, VesselNodes, VesselRows};
 use alight_usv::deck::MAX_DRONES;
 use alight_usv::sensors::{
-    Measurement, Readings, SensorNode, SourceConfig, SourceMeasurement, SourcesConfig,
+    Measurement, Readings, SensorNode, SensorsIn, SourceConfig, SourceMeasurement, SourcesConfig,
 };
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
+/// Name of the source that gives quantities.
+const QUANTITIES: &str = "quantities";
 /// Readings that arrive late, at most: ticks of half a second and more.
 const MAX_LATE: usize = 256;
 
@@ -29,7 +36,6 @@ pub(super) struct VesselSide {
     boot: u32,
     orders: LockStepSender<CrewOrder>,
     ordered: u32,
-    rtcm: LockStepSender<RtcmFrames<VesselClock>>,
     sensors: SensorEdge,
     /// It stands still: orders wait, what was measured is lost.
     stands_still: bool,
@@ -37,13 +43,20 @@ pub(super) struct VesselSide {
     waiting: ComputerIn,
 }
 
-/// The sensors between their quantities and their bytes, with what they do wrong.
+/// What the vessel's devices measured by a tick: quantities, and bytes of a moving base.
+pub(super) type Measured = (Readings, Vec<u8>);
+
+/// The wires of the vessel's devices, with what these do wrong.
 struct SensorEdge {
     faults: VesselSensorFaults,
     /// Readings that stuck sensors repeat.
     held: HeldReadings,
     /// Readings that arrive late.
     late: DelayLine<Readings>,
+    /// Devices that send bytes; None: they give quantities.
+    boat: Option<Boat>,
+    /// Number of the source that gives quantities.
+    given_by: usize,
 }
 
 impl SensorEdge {
@@ -63,16 +76,28 @@ impl SensorEdge {
         }
         arrived
     }
+    /// Input of the sensors' node; `ahead`: of the vessel's clock.
+    fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
+        let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
+        shift(&mut readings, ahead);
+        // Quantities come from the last source.
+        let bytes = bytes.unwrap_or_else(|| vec![rtcm]);
+        let mut samples = vec![Vec::new(); self.given_by];
+        samples.push(quantities(&readings, self.boat.is_none()));
+        SensorsIn { bytes, samples }
+    }
 }
 
 impl VesselSide {
-    pub(super) fn new(scenario: &Scenario, nodes: &NodeConfigs, boot: u32) -> VesselSide {
+    pub(super) fn new(scenario: &Scenario, nodes: &NodeConfigs, clock: ClockModel, boot: u32) -> VesselSide {
         let bus = LockStep::default();
+        let (sources, boat) = sources(scenario, nodes, clock);
+        let given_by = sources.iter().filter(|s| s.name != QUANTITIES).count();
         let mut side = VesselSide {
             rows: VesselRows::default(),
             nodes: VesselNodes {
                 id: VESSEL_ID,
-                sensors: sources(scenario),
+                sensors: SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss),
                 vessel: nodes.vessel.clone(),
                 deck: nodes.deck.clone(),
                 drones: (DRONE_ID..).take(MAX_DRONES).collect(),
@@ -80,11 +105,12 @@ impl VesselSide {
             boot,
             orders: bus.sender(),
             ordered: 0,
-            rtcm: bus.sender(),
             sensors: SensorEdge {
                 faults: VesselSensorFaults::default(),
                 held: HeldReadings::default(),
                 late: DelayLine::new(MAX_LATE),
+                boat,
+                given_by,
             },
             stands_still: false,
             waiting: ComputerIn::default(),
@@ -113,22 +139,17 @@ impl VesselSide {
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
     }
-    /// Frames of its moving base arrive; lost where it stands still.
-    pub(super) fn receive_rtcm(&mut self, frames: &[RtcmFrames<VesselClock>]) {
-        if !self.stands_still {
-            self.rtcm.send_each(frames);
-        }
-    }
     /// So much fails of it from now on.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// One step of each row with what the sensors have measured, the second also with what it has `received`; shown to `look`.
+    /// One step of each row with what the devices have measured, the second also with what it has `received`; shown to `look`. Its
+    /// clock is so far `ahead` of what it was drawn as.
     pub(super) fn tick(
         &mut self,
-        (t, now): (Time<TrueTime>, Time<VesselClock>),
-        measured: Readings,
+        (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
+        (measured, rtcm): Measured,
         mut received: ComputerIn,
         look: impl FnOnce(&Step<'_>),
     ) -> ComputerOut {
@@ -145,8 +166,11 @@ impl VesselSide {
             return ComputerOut::default();
         }
         if let Some(row) = &mut self.rows.sensors {
-            let mut device = edge::<SensorNode>(|i| i.samples = vec![samples(&measured)], |_, _| {});
-            row.step(|| now, &mut device);
+            let mut input = self.sensors.input((measured, rtcm), ahead);
+            row.step(
+                || now,
+                &mut edge::<SensorNode>(|i| swap(i, &mut input), |_, _| {}),
+            );
         }
         let Some(row) = &mut self.rows.vessel else {
             return ComputerOut::default();
@@ -165,39 +189,46 @@ impl VesselSide {
     }
 }
 
-/// The vessel's device, whose measurements arrive with the world's ticks: it has one clock, against which the kind that comes
-/// soonest counts.
-fn sources(scenario: &Scenario) -> SourcesConfig {
+/// Sources of the scene's vessel, and its devices where the scene has a place on Earth. The last source gives the quantities of
+/// devices without bytes: of an attitude sensor, or of all, where the kind that comes soonest counts for its clock.
+fn sources(scenario: &Scenario, nodes: &NodeConfigs, clock: ClockModel) -> (Vec<SourceConfig>, Option<Boat>) {
     let s = &scenario.sensors;
-    let attitude_s = s.vessel_attitude.as_ref().map(|a| a.latency_s);
-    let latencies_s = [
-        s.vessel_imu.latency_s,
-        s.vessel_gnss.latency_s,
-        s.vessel_heading.latency_s,
-    ];
-    let min_s = latencies_s
-        .into_iter()
+    let mut sources = s.sources(nodes.vessel.deck.centre_m);
+    let carries = Carries::assign(&sources).filter(|_| !scenario.place.among.is_empty());
+    let boat = carries.map(|carries| Boat::new(&sources, carries, s, clock));
+    let given: Vec<_> = match boat {
+        Some(_) => Vec::new(),
+        None => sources.drain(..DEVICES).collect(),
+    };
+    let attitude_s = s.vessel_attitude.as_ref().map(|a| in_ticks_s(a.latency_s));
+    let soonest_s = given
+        .iter()
+        .map(|d| d.latency_s)
         .chain(attitude_s)
-        .fold(f64::INFINITY, f64::min);
-    SourcesConfig {
-        sources: vec![SourceConfig {
-            latency_s: (min_s / TICK.secs() - 1e-6).ceil() * TICK.secs(),
-            ..SourceConfig::default()
-        }],
-    }
+        .reduce(f64::min);
+    sources.extend(soonest_s.map(|latency_s| SourceConfig {
+        name: QUANTITIES.into(),
+        latency_s,
+        ..SourceConfig::default()
+    }));
+    (sources, boat)
 }
 
-/// Measurements that have arrived from the device, dated by its clock.
-fn samples(measured: &Readings) -> Vec<SourceMeasurement> {
+/// Measurements that have arrived from devices that give quantities, dated by their clock: of an attitude sensor alone, or `all`.
+fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {
             let measurement: Measurement = (*m).into();
             SourceMeasurement::new(measurement.at().nanos(), measurement)
         })
     }
+    let attitudes = of(&measured.attitude);
+    if !all {
+        return attitudes.collect();
+    }
     of(&measured.imu)
         .chain(of(&measured.gnss))
         .chain(of(&measured.heading))
-        .chain(of(&measured.attitude))
+        .chain(attitudes)
         .collect()
 }

@@ -6,7 +6,7 @@
 
 pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
-use super::failing::{Failing, shift};
+use super::failing::Failing;
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
 use super::link::LinkedAutopilot;
@@ -82,7 +82,7 @@ impl World {
             .map(|part| Foresight::new(scenario, part, streams));
         Ok(World {
             foresight: foresight.transpose()?,
-            vessel: VesselSide::new(scenario, nodes, BOOT),
+            vessel: VesselSide::new(scenario, nodes, physics.vessel_clock(), BOOT),
             given: ComputerIn::default(),
             operator_sequence: 0,
             shares_deck: scenario.drones > 1
@@ -267,20 +267,15 @@ impl World {
         self.advance_clocks();
 
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
-        let (now, mut readings) = (self.vessel_now(), self.physics.vessel_readings());
-        shift(&mut readings, self.vessel_ahead);
-        let mut rtcm = self.physics.vessel_rtcm();
-        rtcm.iter_mut().for_each(|m| m.header.at += self.vessel_ahead);
-        self.vessel.receive_rtcm(&rtcm);
+        let now = (t, self.vessel_now(), self.vessel_ahead);
+        let measured = (self.physics.vessel_readings(), self.physics.vessel_rtcm());
         let given = ComputerIn {
             deck_inputs: self.given.deck_inputs,
             ..ComputerIn::default()
         };
         let mut input = core::mem::replace(&mut self.given, given);
         self.receive_at_vessel(t, &mut input);
-        let output = self
-            .vessel
-            .tick((t, now), readings, input, |step| tap.step(t, step));
+        let output = self.vessel.tick(now, measured, input, |step| tap.step(t, step));
         self.broadcast(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.

@@ -4,13 +4,17 @@
 use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{BeaconSource, DeckBeacon};
 use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_uav::autopilot::message::Address;
+use alight_uav::autopilot::place_report::PlaceReport;
 
 use super::noise::{GaussMarkovError, Noise, Windows};
 use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
+
+/// Its address on the autopilot's link: a tracker of its own system.
+pub const BEACON: Address = Address::new(42, 1);
 
 config! {
     /// A beacon of the vessel.
@@ -45,7 +49,7 @@ pub(super) struct Beacon {
     bias: GaussMarkovError,
     white: Noise,
     velocity: Noise,
-    outlet: Outlet<DeckBeacon, DroneClock>,
+    outlet: Outlet<PlaceReport, DroneClock>,
 }
 
 impl Beacon {
@@ -67,26 +71,20 @@ impl Beacon {
         }
     }
     /// Reports that have arrived by `t`.
-    pub(super) fn step(&mut self, t: Time<TrueTime>, deck: &RigidState<Deck>) -> Vec<DeckBeacon> {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, deck: &RigidState<Deck>) -> Vec<PlaceReport> {
         if let Some(dt) = self.outlet.due(t) {
             let c = &self.config;
             let error = self.bias.step(dt) + self.white.normal3() * c.white_sd_m;
             let velocity = deck.velocity.0 + self.velocity.normal3() * c.velocity_sd_mps;
             let origin = self.place.unwrap_or_default();
             let place = origin.at(&Vector::<TrueNed>::from(deck.position.0 + error));
-            let place_sd_m = (c.stated_factor * c.bias_sd_m.hypot(c.white_sd_m)).max(1.0);
-            let message = DeckBeacon {
-                source: BeaconSource::GlobalPosition,
+            let report = PlaceReport {
                 latitude_deg: place.latitude_deg,
                 longitude_deg: place.longitude_deg,
-                velocity: [velocity.x, velocity.y],
-                place_sd_m,
-                velocity_sd_mps: c.velocity_sd_mps,
-                lasts_s: 10.0,
-                ..DeckBeacon::default()
+                velocity: Some([velocity.x, velocity.y]),
+                error_m: Some((c.stated_factor * c.bias_sd_m.hypot(c.white_sd_m)).max(1.0)),
             };
-            self.outlet
-                .send(t, false, |header| Some(DeckBeacon { header, ..message }));
+            self.outlet.send(t, false, |_| Some(report));
         }
         self.outlet.arrived(t)
     }

@@ -31,11 +31,10 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{
-    CameraLight, DeckBeacon, RangeSample, RelativePlace, RtcmFrames, TagPose, UvdarFix,
-};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_shared::topics::CAMERA_LIGHT;
+use alight_uav::autopilot::place_report::PlaceReport;
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
@@ -62,7 +61,7 @@ config! {
         /// A beacon of the vessel, where it has one.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub beacon: Option<beacon::BeaconConfig> = None;
-        /// The vessel's receiver as the moving base of the drone's, in lock-step, where it is.
+        /// The vessel's receiver as the moving base of the drone's, where it is.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub moving_base: Option<moving_base::MovingBaseConfig> = None;
         /// The detector of the deck's tag.
@@ -101,10 +100,10 @@ config! {
 /// Readings of the drone's deck sensors in one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
-    /// Messages of the vessel's beacon.
-    pub beacons: Vec<DeckBeacon>,
-    /// Places relative to the vessel's antenna.
-    pub relative: Vec<RelativePlace>,
+    /// Messages of the vessel's beacon, over the autopilot's link.
+    pub beacons: Vec<PlaceReport>,
+    /// Bytes of the drone's own GNSS receiver (UBX).
+    pub receiver: Vec<u8>,
     pub tags: Vec<TagPose>,
     /// Images that were begun, where they take the detections' place.
     pub shots: Vec<render::Shot>,
@@ -117,13 +116,10 @@ pub struct DroneReadings {
 }
 
 impl DroneReadings {
-    /// Stamped so much later.
+    /// Stamps images' detections so much later.
     pub fn shift(&mut self, by: Span) {
-        self.beacons.iter_mut().for_each(|m| m.header.at += by);
-        self.relative.iter_mut().for_each(|m| m.header.at += by);
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
-        self.ranges.iter_mut().for_each(|m| m.header.at += by);
         self.light.iter_mut().for_each(|m| m.header.at += by);
     }
 }
@@ -162,8 +158,8 @@ impl VesselSensors {
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
     }
-    /// Frames of the moving base that have arrived by `t`.
-    pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrames<VesselClock>> {
+    /// Bytes of the moving base (RTCM 3) that have arrived by `t`.
+    pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }
     /// The measurements that have arrived by `t`.
@@ -222,7 +218,7 @@ impl DroneSensors {
         DroneSensors {
             beacon: (config.beacon.as_ref()).map(|c| beacon::Beacon::new(c, place, identity, streams)),
             rover: (config.moving_base.as_ref())
-                .map(|c| moving_base::MovingBaseRover::new(c, drone.gnss_antenna_m, identity, streams)),
+                .map(|c| moving_base::MovingBaseRover::new(c, drone.gnss_antenna_m, streams)),
             mount,
             tag: tag("drone.tag"),
             other_tag: tag("drone.other_tag"),
@@ -253,9 +249,9 @@ impl DroneSensors {
     pub fn show(&mut self, other: Option<RigidState<Deck>>) {
         self.other = other;
     }
-    /// Frames of the moving base reach its receiver at `t`.
-    pub fn receive_rtcm(&mut self, t: Time<TrueTime>, frames: &[RtcmFrames<DroneClock>]) {
-        self.rover.iter_mut().for_each(|r| r.receive(t, frames));
+    /// Whole frames of the moving base reach its receiver at `t`.
+    pub fn receive_rtcm(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
+        self.rover.iter_mut().for_each(|r| r.receive(t, bytes));
     }
     /// Faults of the drone's receiver from now on.
     pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
@@ -273,7 +269,7 @@ impl DroneSensors {
         let mut readings = DroneReadings {
             ranges: self.rangefinder.step(t, drone, deck, self.other.as_ref(), water),
             beacons: self.beacon.as_mut().map_or_else(Vec::new, |b| b.step(t, deck)),
-            relative: self
+            receiver: self
                 .rover
                 .as_mut()
                 .map_or_else(Vec::new, |r| r.step(t, drone, deck)),

@@ -15,12 +15,14 @@ use std::collections::VecDeque;
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody};
-use alight_shared::msg::{CarrierSolution, RelativePlace, RtcmFrames, Seq};
+use alight_shared::geodesy::Datum;
+use alight_shared::msg::CarrierSolution;
 use alight_shared::rtcm;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
 
 use super::bytes::rtcm::{content, frame};
+use super::bytes::{StatedErrors, ubx};
 use super::delay::DelayLine;
 use super::noise::{GaussMarkovError, Noise, SampleSchedule, Windows};
 use super::outlet::{Outlet, SenderIdentity};
@@ -84,6 +86,8 @@ config! {
         pub fix_lost_every_s: f64 = 120.0, in 1.0..=1e6;
         /// Every fix is a false one: by so much, m, in a direction that lasts as long as the fix.
         pub false_fix_m: f64 = 0.0, in 0.0..=100.0;
+        /// From an epoch to the drone's receiver's own fix (NAV-PVT) at its computer, s.
+        pub fix_latency_s: f64 = 0.05, in 0.0..=0.5;
         /// Fraction of the sky that the vessel hides from its antenna: noise and the time to a fix grow to 1 + 3 times it.
         pub blocked: f64 = 0.0, in 0.0..=1.0;
     }
@@ -111,7 +115,7 @@ fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
 pub(super) struct BaseReceiver {
     config: MovingBaseConfig,
     random: Noise,
-    outlet: Outlet<RtcmFrames<VesselClock>, VesselClock>,
+    outlet: Outlet<Vec<u8>, VesselClock>,
 }
 
 impl BaseReceiver {
@@ -122,28 +126,18 @@ impl BaseReceiver {
             outlet: Outlet::new(config.rate_hz, BASE_LATENCY_S, &Windows::default(), identity),
         }
     }
-    /// Frames that have arrived by `t`.
-    pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<RtcmFrames<VesselClock>> {
+    /// Bytes that have arrived by `t`.
+    pub(super) fn step(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         if self.outlet.due(t).is_some() {
             let epoch = epoch_at(t, self.config.rate_hz);
             let messages = MESSAGES.len() - usize::from(!epoch.is_multiple_of(5));
             for (number, length) in MESSAGES.into_iter().take(messages) {
                 let mut content = epoch.to_be_bytes().to_vec();
                 content.resize_with(length, || (256.0 * self.random.uniform()) as u8);
-                let mut message = RtcmFrames {
-                    antenna_m: self.config.antenna_m.map(|x| x as f32),
-                    bytes: Seq::filled(frame(number, &content)),
-                    ..RtcmFrames::default()
-                };
-                self.outlet.send(t, false, |header| {
-                    message.header = header;
-                    // Frames have no time of their own: this is that of their arrival.
-                    message.header.at += Span::from_secs(BASE_LATENCY_S);
-                    Some(message)
-                });
+                self.outlet.send(t, false, |_| Some(frame(number, &content)));
             }
         }
-        self.outlet.arrived(t)
+        self.outlet.arrived(t).concat()
     }
 }
 
@@ -239,19 +233,12 @@ pub(super) struct MovingBaseRover {
     /// The newest epoch that is complete.
     newest: Option<(u32, Time<TrueTime>)>,
     ambiguities: Ambiguities,
-    identity: SenderIdentity,
-    sequence: u32,
-    line: DelayLine<RelativePlace>,
+    line: DelayLine<Vec<u8>>,
 }
 
 impl MovingBaseRover {
     /// With its antenna there in the drone's body frame, m.
-    pub(super) fn new(
-        config: &MovingBaseConfig,
-        antenna_m: [f64; 3],
-        identity: SenderIdentity,
-        streams: &Streams,
-    ) -> Self {
+    pub(super) fn new(config: &MovingBaseConfig, antenna_m: [f64; 3], streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("drone.moving_base.{what}"));
         MovingBaseRover {
             config: *config,
@@ -265,25 +252,17 @@ impl MovingBaseRover {
             epochs: VecDeque::with_capacity(EPOCHS),
             newest: None,
             ambiguities: Ambiguities::new(config, streams),
-            identity,
-            sequence: 0,
-            line: DelayLine::new(EPOCHS),
+            line: DelayLine::new(2 * EPOCHS),
         }
     }
-    /// Takes frames that reach it at `t`.
-    pub(super) fn receive(&mut self, t: Time<TrueTime>, messages: &[RtcmFrames<DroneClock>]) {
+    /// Takes whole frames that reach it at `t`.
+    pub(super) fn receive(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         if self.faults.corrections_lost {
             return;
         }
-        let of = |m: &RtcmFrames<DroneClock>| -> Vec<_> {
-            let frames = rtcm::frames(&m.bytes).unwrap_or_default().into_iter();
-            frames
-                .map(|(n, f)| (n.message, content(f).first_chunk().copied(), m.antenna_m))
-                .collect()
-        };
-        for (message, number, antenna_m) in messages.iter().flat_map(of) {
-            let bit = MESSAGES.iter().position(|(m, _)| *m == message);
-            let number = number.map(u32::from_be_bytes);
+        for (number, frame) in rtcm::frames(bytes).unwrap_or_default() {
+            let bit = MESSAGES.iter().position(|(m, _)| *m == number.message);
+            let number = content(frame).first_chunk().copied().map(u32::from_be_bytes);
             let epoch = self.epochs.iter_mut().find(|e| Some(e.number) == number);
             let (Some(bit), Some(epoch)) = (bit, epoch) else {
                 continue;
@@ -294,14 +273,14 @@ impl MovingBaseRover {
             if completes && self.newest.is_none_or(|(newest, _)| newest < epoch.number) {
                 let epoch = *epoch;
                 self.newest = Some((epoch.number, epoch.at));
-                let place = self.solved(&epoch, antenna_m);
+                let place = self.solved(&epoch);
                 // A full line: more under way than a radio holds.
                 let _full = self.line.push(t + Span::from_secs(PROCESSING_S), place);
             }
         }
     }
-    /// The place of a complete epoch.
-    fn solved(&mut self, epoch: &Epoch, antenna_m: [f32; 3]) -> RelativePlace {
+    /// NAV-RELPOSNED of a complete epoch.
+    fn solved(&mut self, epoch: &Epoch) -> Vec<u8> {
         let solution = self.ambiguities.solution;
         let off_m = self.config.false_fix_m.max(self.faults.false_fix_m.abs());
         let [code, float, fixed] = epoch.errors;
@@ -315,22 +294,17 @@ impl MovingBaseRover {
                 (fixed + false_fix, sd_m)
             }
         };
-        self.sequence = self.sequence.wrapping_add(1);
-        RelativePlace {
-            header: self.identity.header(self.sequence, epoch.at),
-            baseline_m: (epoch.baseline + error).into(),
-            baseline_sd_m: sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked)),
-            solution,
-            antenna_m,
-        }
+        let baseline_m = (epoch.baseline + error).into();
+        let sd_m = sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked));
+        ubx::nav_relposned_of_place(epoch.at.nanos(), baseline_m, sd_m, solution)
     }
-    /// Places that have arrived by `t`; the receiver measures now where an epoch is due.
+    /// Bytes that have arrived by `t`; the receiver measures now where an epoch is due.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
         drone: &RigidState<DroneBody>,
         deck: &RigidState<Deck>,
-    ) -> Vec<RelativePlace> {
+    ) -> Vec<u8> {
         let age_s = self.newest.map_or(f64::INFINITY, |(_, at)| (t - at).secs());
         self.ambiguities.step(t, age_s, self.faults.fix_lost);
         if let Some(dt) = self.schedule.due(t) {
@@ -351,8 +325,17 @@ impl MovingBaseRover {
                 errors: errors.map(|e| e * (1.0 + 3.0 * self.config.blocked)),
                 came: 0,
             });
+            // Its own fix, whose time alone is read.
+            let stated = StatedErrors {
+                position_m: 1.5,
+                velocity_mps: 0.1,
+            };
+            let fix = ubx::nav_pvt(t.nanos(), (Datum::default(), 0.0), [0.0; 3], &stated);
+            let _full = self
+                .line
+                .push(t + Span::from_secs(self.config.fix_latency_s), fix);
         }
-        self.line.arrived(t)
+        self.line.arrived(t).concat()
     }
 }
 

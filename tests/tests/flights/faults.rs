@@ -9,7 +9,7 @@ use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LI
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, Moment};
+use alight_sim::harness::storm::{Fault, FaultKind, FaultTimer, FaultTurn, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
@@ -114,27 +114,12 @@ impl Case {
         let after_the_stop = self.fault.is_some_and(|f| f.moment == Moment::In(State::Landed));
         after_the_stop && first.is_none_or(|(at, _)| now_s < at.secs() + DENIES_S)
     }
-    /// Lets the fault begin and end when it is time.
-    fn fail(&self, rig: &mut Rig, fault_s: &mut [Option<f64>; 2]) {
-        let Some(fault) = self.fault else { return };
-        let (t, due_s) = (rig.t_s(), rig.began_s(fault.moment));
-        match fault_s {
-            [None, _] if due_s.is_some_and(|at| t >= at + fault.after_s) => {
-                fault_s[0] = Some(t);
-                rig.begin(fault.kind, fault.size);
-            }
-            [Some(began), None] if t >= *began + fault.lasts_s => {
-                fault_s[1] = Some(t);
-                rig.end(fault.kind, fault.size);
-            }
-            _ => {}
-        }
-    }
     fn fly(&self) -> Flown {
         let scenario = self.scenario();
         let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
         let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), self.seed).unwrap();
         let (mut judge, mut tilt) = (Judge::default(), Tilt::default());
+        let mut timer = self.fault.map(FaultTimer::new);
         let mut fault_s = [None; 2];
         let (mut motors_on_deck_s, mut judged_s) = (0.0, None);
         rig.each(TIME_LIMIT_S + CLIMB_S, |rig| {
@@ -153,7 +138,18 @@ impl Case {
             if touched_s.is_none() {
                 tilt.observe(autopilot, &attitude);
             }
-            self.fail(rig, &mut fault_s);
+            if let Some(timer) = &mut timer {
+                let fault = timer.fault;
+                match timer.poll(t, rig.moment_s(&fault)) {
+                    Some(FaultTurn::Begins) => rig.begin(fault.kind, fault.size),
+                    Some(FaultTurn::Ends) => {
+                        fault_s[1] = Some(t);
+                        rig.end(fault.kind, fault.size);
+                    }
+                    None => {}
+                }
+                fault_s[0] = timer.began_s;
+            }
             judged_s = judged_s.or(over.then_some(t));
             let clear = rig.state(0) != State::GaveUp || judged_s.is_some_and(|at| t >= at + CLIMB_S);
             let fails = fault_s[0].is_some() && fault_s[1].is_none();

@@ -2,11 +2,10 @@
 //! the air or left low over the deck. Storms draw the others.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
-use alight_sim::harness::failing::Failing;
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::storm::{Effect, FaultKind, Takes};
+use alight_sim::harness::storm::{FaultKind, Takes};
 use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
@@ -102,23 +101,6 @@ impl Cell {
             state => due(rig, state, self.after_s),
         }
     }
-    fn begin(&self, rig: &mut Rig) {
-        match self.gone.effect() {
-            Effect::Lasting(fail) => {
-                let mut failing = Failing::default();
-                fail(&mut failing, 0.0);
-                rig.world.fail(&failing);
-            }
-            Effect::Events(begin, _) => begin(rig, 0.0),
-        }
-    }
-    fn end(&self, rig: &mut Rig) {
-        match self.gone.effect() {
-            Effect::Lasting(_) => rig.world.fail(&Failing::default()),
-            Effect::Events(_, end) => end(rig, 0.0),
-        }
-    }
-
     /// The first rule that it broke.
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
@@ -126,7 +108,7 @@ impl Cell {
             return Some(format!("never came so far: {:?}", rig.visited(0)));
         }
         let began_s = rig.t_s();
-        self.begin(&mut rig);
+        rig.begin(self.gone, 0.0);
         let (mut over, mut ordered) = (false, false);
         let mut watch = Watched::default();
         let over_s = began_s + self.gap_s;
@@ -134,7 +116,7 @@ impl Cell {
             let t_s = rig.t_s();
             if t_s >= over_s && !over {
                 over = true;
-                self.end(rig);
+                rig.end(self.gone, 0.0);
             }
             if t_s >= over_s + 2.0 && !ordered {
                 ordered = true;

@@ -1,5 +1,5 @@
-//! Landings at four places on Earth, where no configuration has the origin of a frame: the vessel's at its first fix,
-//! the drone's where its autopilot was switched on, up to 2 km away.
+//! Landings at four places on Earth by the bytes of all devices, where no configuration has the origin of a frame: the vessel's at
+//! its first fix, the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};

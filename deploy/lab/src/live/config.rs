@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
+use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::instance::OwnedInstance;
 use alight_computer::terminal;
@@ -92,12 +92,11 @@ config! {
     pub struct SimulatedWorld {
         /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
         pub instance: String = DroneComputerConfig::default().instance;
-        /// Name of the set of processes that share the vessel's memory: `alight vessel`'s or a landing's.
-        pub vessel_instance: String = VesselComputerConfig::default().instance;
-        /// The vessel's sensors as its configuration names them, each with the bytes that it sends there; empty: their
-        /// measurements go into that memory.
-        #[serde(skip_serializing_if = "Vec::is_empty")]
-        pub sensors: Vec<SourceConfig> = Vec::new();
+        /// The vessel's sensors as her configuration has them (`[[sensor.sources]]`), each with the address to which it sends bytes.
+        pub sensors: Vec<SourceConfig> = sources(&Scenario::default(), |k| format!("udpin://127.0.0.1:{}", 10_110 + k));
+        /// Serial line of the drone's own GNSS receiver, where the scenario has a moving base.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub receiver: Option<PathBuf> = None;
         /// The steady clock's reading at the true time zero, ns; 0: at the next full second after the process starts, by the
         /// clock that `alight vessel` and `alight drone` read on this computer. With another value the scenario's
         /// `sensors.clocks.epoch_s` is that reading, s.
@@ -130,6 +129,15 @@ config! {
         /// Scenario of the simulation, as `alight config scenario` prints it.
         pub scenario: Scenario;
     }
+}
+
+/// Sources of a scene's vessel, of which number `k` has the address `connect(k)`.
+pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<SourceConfig> {
+    let mut all = scenario.sensors.sources(scenario.deck.centre_m);
+    all.iter_mut()
+        .zip(0..)
+        .for_each(|(source, k)| source.connect = connect(k));
+    all
 }
 
 /// Prints one with every key, with the addresses that `alight vessel` and `alight drone` have by default.

@@ -1,11 +1,11 @@
-//! A fault put into a running landing: a process killed, or frozen for a moment, in a phase or at the first contact.
+//! A fault put into a running landing: a process killed, or frozen for a moment, or an order, in a phase or at the first contact.
 
 use core::fmt;
 use core::str::FromStr;
 
-use alight_shared::msg::{MissionState, State};
+use alight_shared::msg::{CommandKind, MissionState, State};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_sim::harness::storm::{self, FaultKind, Moment};
+use alight_sim::harness::storm::{self, FaultKind, FaultTimer, FaultTurn, Moment};
 use alight_transport::signal::Signal;
 use serde::{Deserialize, Serialize};
 
@@ -106,124 +106,113 @@ pub struct FaultInput {
     pub contact: bool,
 }
 
+/// Act of a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum FaultStage {
-    /// The state has not been entered yet.
-    Waits,
-    /// It will happen at this time of the steady clock, ns.
-    Due(i64),
-    /// It happened at this time to this process id, which stays frozen until then.
-    Happened {
-        at_ns: i64,
-        pid: u32,
-        frozen_until_ns: Option<i64>,
-    },
-    /// Messages of the process arrive again, or nothing more is to be done.
-    Over,
+pub enum LiveAct {
+    /// A signal to the process with this id.
+    Signal(u32, Signal),
+    Order(CommandKind),
 }
 
-/// A fault of a process under way.
-pub struct ProcessFault {
-    spec: FaultSpec,
-    process: ProcessKind,
-    delay_ns: i64,
-    /// Time that a frozen process stays frozen, ns.
-    freeze_ns: i64,
-    stage: FaultStage,
+/// Orders among the kinds of faults.
+pub const ORDERS: [(FaultKind, CommandKind); 3] = [
+    (FaultKind::Abort, CommandKind::Abort),
+    (FaultKind::Hold, CommandKind::Hold),
+    (FaultKind::OrderedAgain, CommandKind::Land),
+];
+
+/// A fault of a process, or an order, under way.
+pub struct LiveFault {
+    timer: FaultTimer,
+    /// When its moment began, time since the start, s.
+    moment_s: Option<f64>,
+    /// When it met its process, on the steady clock, and the process id, until messages of the process arrive again.
+    met: Option<(i64, u32)>,
     /// Report so far.
     pub report: FaultReport,
 }
 
-impl ProcessFault {
+impl LiveFault {
     /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed; None: its kind
     /// happens to no process.
-    pub fn new(spec: FaultSpec, seed: u64) -> Option<ProcessFault> {
-        ProcessFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed))
+    pub fn new(spec: FaultSpec, seed: u64) -> Option<LiveFault> {
+        spec.kind.process()?;
+        Some(LiveFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed)))
     }
     /// A fault of a storm's list.
-    pub fn of(fault: &storm::Fault) -> Option<ProcessFault> {
+    pub fn of(fault: &storm::Fault) -> LiveFault {
         let spec = FaultSpec {
             kind: fault.kind,
             moment: fault.moment,
         };
-        Some(ProcessFault {
-            process: fault.kind.process()?,
-            spec,
-            delay_ns: (fault.after_s * 1e9) as i64,
-            freeze_ns: (fault.lasts_s * 1e9) as i64,
-            stage: FaultStage::Waits,
+        LiveFault {
+            timer: FaultTimer::new(*fault),
+            moment_s: None,
+            met: None,
             report: FaultReport {
                 fault: spec.to_string(),
                 at_s: None,
                 state: None,
                 recovery_s: None,
             },
-        })
+        }
     }
 
-    /// The process; not the world, which is the vehicles themselves.
-    pub const fn process(&self) -> ProcessKind {
-        self.process
+    /// The process; not the world, which is the vehicles themselves. None: it is an order.
+    pub fn process(&self) -> Option<ProcessKind> {
+        self.timer.fault.kind.process()
     }
     /// The process stands still, and is not killed.
     pub fn freezes(&self) -> bool {
-        self.spec.kind.freezes()
+        self.timer.fault.kind.freezes()
     }
-    /// It happened, and no message of the process has arrived since.
+    /// It happened to its process, of which no message has arrived since.
     pub fn is_under_way(&self) -> bool {
-        matches!(self.stage, FaultStage::Happened { .. })
+        self.met.is_some()
     }
 
-    /// The signal to send now, and its process id.
-    pub fn poll(&mut self, now_ns: i64, input: &FaultInput) -> Option<(u32, Signal)> {
-        let (mission, process) = input.mission.zip(input.process)?;
-        match self.stage {
-            FaultStage::Waits => {
-                let begun = match self.spec.moment {
-                    Moment::In(state) => mission.state == state,
-                    Moment::Contact => input.contact,
+    /// The act that is due now.
+    pub fn poll(&mut self, now_ns: i64, input: &FaultInput) -> Option<LiveAct> {
+        let mission = input.mission?;
+        let begun = match self.timer.fault.moment {
+            Moment::In(state) => mission.state == state,
+            Moment::Contact => input.contact,
+        };
+        if begun {
+            self.moment_s.get_or_insert(input.t_s);
+        }
+        if let Some((_, order)) = ORDERS.iter().find(|(kind, _)| *kind == self.timer.fault.kind) {
+            let turn = self.timer.poll(input.t_s, self.moment_s)?;
+            return (turn == FaultTurn::Begins).then_some(LiveAct::Order(*order));
+        }
+        let process = input.process?;
+        match (self.timer.poll(input.t_s, self.moment_s), self.met) {
+            (Some(FaultTurn::Begins), _) => {
+                (self.report.at_s, self.report.state) = (Some(input.t_s), Some(mission.state));
+                self.met = Some((now_ns, process.pid));
+                let what = if self.freezes() {
+                    Signal::Freeze
+                } else {
+                    Signal::Kill
                 };
-                if begun {
-                    self.stage = FaultStage::Due(now_ns + self.delay_ns);
+                Some(LiveAct::Signal(process.pid, what))
+            }
+            (Some(FaultTurn::Ends), Some((_, pid))) if self.freezes() => {
+                Some(LiveAct::Signal(pid, Signal::Continue))
+            }
+            (_, Some((at_ns, pid))) => {
+                let back = if self.freezes() {
+                    self.timer.over
+                } else {
+                    process.pid != pid
+                };
+                if back && process.at_ns > at_ns {
+                    self.report.recovery_s = Some((process.at_ns - at_ns) as f64 * 1e-9);
+                    self.met = None;
                 }
                 None
             }
-            FaultStage::Due(at_ns) if now_ns >= at_ns => {
-                let (what, frozen_until_ns) = if self.freezes() {
-                    (Signal::Freeze, Some(now_ns + self.freeze_ns))
-                } else {
-                    (Signal::Kill, None)
-                };
-                (self.report.at_s, self.report.state) = (Some(input.t_s), Some(mission.state));
-                self.stage = FaultStage::Happened {
-                    at_ns: now_ns,
-                    pid: process.pid,
-                    frozen_until_ns,
-                };
-                Some((process.pid, what))
-            }
-            FaultStage::Happened {
-                at_ns,
-                pid,
-                frozen_until_ns: Some(until),
-            } if now_ns >= until => {
-                self.stage = FaultStage::Happened {
-                    at_ns,
-                    pid,
-                    frozen_until_ns: None,
-                };
-                Some((pid, Signal::Continue))
-            }
-            FaultStage::Happened {
-                at_ns,
-                pid,
-                frozen_until_ns: None,
-            } if process.at_ns > at_ns && (self.freezes() || process.pid != pid) => {
-                self.report.recovery_s = Some((process.at_ns - at_ns) as f64 * 1e-9);
-                self.stage = FaultStage::Over;
-                None
-            }
-            FaultStage::Due(_) | FaultStage::Happened { .. } | FaultStage::Over => None,
+            (_, None) => None,
         }
     }
 }
@@ -253,33 +242,58 @@ mod tests {
         }
     }
 
+    /// A landing in this state, whose process reported last at `at_ns`.
+    fn input(t_s: f64, (state, contact): (State, bool), at_ns: i64) -> FaultInput {
+        let mission = MissionState {
+            state,
+            ..MissionState::default()
+        };
+        let process = ProcessState {
+            pid: 42,
+            at_ns,
+            ..ProcessState::default()
+        };
+        FaultInput {
+            t_s,
+            mission: Some(mission),
+            process: Some(process),
+            contact,
+        }
+    }
+
     #[test]
     fn frozen_process_from_its_moment_to_its_next_report() {
         let spec: FaultSpec = "pilot-frozen:contact".parse().unwrap();
-        let mut fault = ProcessFault::new(spec, 7).unwrap();
-        let input = |contact, at_ns| FaultInput {
-            t_s: 12.0,
-            mission: Some(MissionState::default()),
-            process: Some(ProcessState {
-                pid: 42,
-                at_ns,
-                ..ProcessState::default()
-            }),
-            contact,
+        let mut fault = LiveFault::new(spec, 7).unwrap();
+        let mut poll = |t_s: f64, contact, at_s: f64| {
+            let input = input(t_s, (State::Flare, contact), (1e9 * at_s) as i64);
+            let act = fault.poll((1e9 * t_s) as i64, &input);
+            (act, fault.is_under_way(), fault.report.recovery_s)
         };
-        assert_eq!(fault.poll(1_000, &input(false, 0)), None);
+        assert_eq!(poll(12.0, false, 11.9), (None, false, None));
         // The contact begins the moment, and the fault is due at once.
-        assert_eq!(fault.poll(2_000, &input(true, 0)), None);
-        assert_eq!(fault.poll(3_000, &input(true, 0)), Some((42, Signal::Freeze)));
-        assert_eq!((fault.report.at_s, fault.is_under_way()), (Some(12.0), true));
-        // Frozen for 0.2 s at least and 2 s at most.
-        assert_eq!(fault.poll(200_000_000, &input(true, 0)), None);
-        let end_ns = 2_100_000_000;
-        assert_eq!(fault.poll(end_ns, &input(true, 0)), Some((42, Signal::Continue)));
-        assert_eq!(fault.poll(end_ns, &input(true, 0)), None);
-        assert!(fault.is_under_way());
-        assert_eq!(fault.poll(end_ns, &input(true, 2_000_003_000)), None);
-        assert_eq!(fault.report.recovery_s, Some(2.0));
-        assert!(!fault.is_under_way());
+        let freezes = Some(LiveAct::Signal(42, Signal::Freeze));
+        assert_eq!(poll(12.1, true, 12.0), (freezes, true, None));
+        // Frozen for 0.2 s at least and 2 s at most; what it had sent before arrives late.
+        assert_eq!(poll(12.2, true, 12.15), (None, true, None));
+        let continues = Some(LiveAct::Signal(42, Signal::Continue));
+        assert_eq!(poll(14.2, true, 12.1), (continues, true, None));
+        assert_eq!(poll(14.3, true, 12.1), (None, true, None));
+        assert_eq!(poll(14.4, true, 14.35), (None, false, Some(2.25)));
+        assert_eq!(fault.report.at_s, Some(12.1));
+    }
+
+    #[test]
+    fn order_once_after_its_state() {
+        let moment = Moment::In(State::Descent);
+        let mut order = LiveFault::of(&storm::Fault::new(FaultKind::Abort, moment, 0.5, 0.0));
+        let mut poll = |t_s, state| order.poll(0, &input(t_s, (state, false), 0));
+        assert_eq!(poll(1.0, State::Tracking), None);
+        assert_eq!(poll(2.0, State::Descent), None);
+        assert_eq!(
+            poll(2.6, State::Tracking),
+            Some(LiveAct::Order(CommandKind::Abort))
+        );
+        assert_eq!(poll(2.7, State::Descent), None);
     }
 }

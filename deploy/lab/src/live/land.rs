@@ -31,9 +31,9 @@ use alight_transport::wake::end_requested;
 use crate::live::air::RadioWatch;
 use crate::live::args::LandArgs;
 use crate::live::config::AutopilotKind;
-use crate::live::fault::{FaultInput, ProcessFault};
+use crate::live::fault::{FaultInput, LiveAct, LiveFault};
 use crate::live::landing_setup::LandingSetup;
-use crate::live::list::{self, LiveFaults, ScheduledOrder};
+use crate::live::list::{self, LiveFaults};
 use crate::live::report::{LiveOutcome, LiveReport};
 use crate::live::world::{CONTACT, WorldReport};
 use crate::record::{self, RecordingScene};
@@ -66,12 +66,10 @@ fn with_flags(args: &LandArgs, mut scene: Scene) -> Scene {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
-    if args.flown_by() != AutopilotKind::Internal {
-        // A firmware has an origin of its own, and takes no place at 0 N 0 E.
-        let among = &mut scene.scenario.place.among;
-        if among.is_empty() {
-            among.push(AT_SEA);
-        }
+    // Firmware and the devices' bytes need a place on Earth.
+    let among = &mut scene.scenario.place.among;
+    if args.flown_by() != AutopilotKind::Internal || among.is_empty() {
+        *among = vec![AT_SEA];
     }
     scene
 }
@@ -220,9 +218,7 @@ struct Landing<'a> {
     begun: bool,
     state: State,
     phases: Vec<PhaseEntry>,
-    faults: Vec<ProcessFault>,
-    /// Orders of a list.
-    orders: Vec<ScheduledOrder>,
+    faults: Vec<LiveFault>,
     /// The drone has touched something.
     contact: bool,
     stop_requested: Arc<AtomicBool>,
@@ -250,7 +246,8 @@ impl<'a> Landing<'a> {
         // A simulated deck is empty before anything lands there.
         deck_file::write_first(&owned.instance().directory(), &plan.vessel).map_err(CliError)?;
         plan.air.start(&mut supervisor)?;
-        let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
+        let mut kinds = vec![ProcessKind::World];
+        kinds.extend(plan.vessel.processes());
         kinds.extend(plan.drone.processes());
         for kind in kinds {
             supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
@@ -260,11 +257,9 @@ impl<'a> Landing<'a> {
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
         }
-        let of_scene = faults.processes.iter().filter_map(ProcessFault::of);
-        let of_flag = args.fault.and_then(|spec| ProcessFault::new(spec, args.seed));
+        let of_flag = args.fault.and_then(|spec| LiveFault::new(spec, args.seed));
         Ok(Landing {
-            faults: of_flag.into_iter().chain(of_scene).collect(),
-            orders: faults.orders,
+            faults: of_flag.into_iter().chain(faults.faults).collect(),
             args,
             plan,
             supervisor,
@@ -296,16 +291,10 @@ impl<'a> Landing<'a> {
             self.observer.poll();
             self.reporter.poll(steady_ns(), || None);
             self.keeper.poll(now);
-            let true_s = ProcessClock {
-                epoch_ns: self.plan.clock.epoch_ns,
-                ..ProcessClock::default()
-            }
-            .now::<TrueTime>()
-            .secs();
-            self.phase(true_s - self.plan.warm_up_s, shown);
-            self.command(now, true_s - self.plan.warm_up_s);
-            self.poll_faults(true_s - self.plan.warm_up_s)?;
-            self.give_orders(now, true_s - self.plan.warm_up_s);
+            let t_s = self.t_s();
+            self.phase(t_s, shown);
+            self.command(now, t_s);
+            self.poll_faults(now)?;
             let output = self.supervisor.output_lines();
             self.contact |= output.iter().any(|line| line == CONTACT);
             let state = self.observer.snapshot.mission.map(|m| m.state);
@@ -313,7 +302,7 @@ impl<'a> Landing<'a> {
             self.watch
                 .observe(&self.plan.air, &output, &ages_s, state, &mut self.supervisor);
             if let Some(outcome) = verdict(&output) {
-                self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                self.await_recovery(memory)?;
                 return Ok(Some(self.finish(outcome)));
             }
             let reports = &self.observer.snapshot.processes;
@@ -329,12 +318,21 @@ impl<'a> Landing<'a> {
                 if kind == ProcessKind::World
                     && let Some(outcome) = verdict(&self.supervisor.remaining_lines())
                 {
-                    self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                    self.await_recovery(memory)?;
                     return Ok(Some(self.finish(outcome)));
                 }
                 self.on_exit(kind, &status)?;
             }
         }
+    }
+
+    /// Time since the start, s.
+    fn t_s(&self) -> f64 {
+        let clock = ProcessClock {
+            epoch_ns: self.plan.clock.epoch_ns,
+            ..ProcessClock::default()
+        };
+        clock.now::<TrueTime>().secs() - self.plan.warm_up_s
     }
 
     /// A process ended that should not have.
@@ -350,37 +348,35 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Lets the faults happen when it is time.
-    fn poll_faults(&mut self, t_s: f64) -> Result<(), CliError> {
-        let snapshot = &self.observer.snapshot;
+    /// Lets the faults happen, and gives orders, when it is time.
+    fn poll_faults(&mut self, now: Time<DroneClock>) -> Result<(), CliError> {
+        let (t_s, snapshot, alone) = (self.t_s(), &self.observer.snapshot, self.args.form.alone());
+        let mut orders = Vec::new();
         for fault in &mut self.faults {
+            let process = fault.process();
             let input = FaultInput {
                 t_s,
                 mission: *snapshot.mission,
-                process: snapshot.processes.get(&fault.process()).copied(),
+                process: process.and_then(|kind| snapshot.processes.get(&kind).copied()),
                 contact: self.contact,
             };
-            if let Some((pid, what)) = fault.poll(steady_ns(), &input) {
-                let name = &fault.report.fault;
-                signal(pid, what).doing(format_args!("the fault {name}"))?;
-                if what != Signal::Continue {
-                    note(self.args.form.alone(), format!("{t_s:>7.2} s  fault {name}"));
+            match fault.poll(steady_ns(), &input) {
+                Some(LiveAct::Signal(pid, what)) => {
+                    let name = &fault.report.fault;
+                    signal(pid, what).doing(format_args!("the fault {name}"))?;
+                    if what != Signal::Continue {
+                        note(alone, format!("{t_s:>7.2} s  fault {name}"));
+                    }
                 }
+                Some(LiveAct::Order(kind)) => orders.push(kind),
+                None => {}
             }
         }
-        Ok(())
-    }
-
-    /// Gives the orders of a list when it is time.
-    fn give_orders(&mut self, now: Time<DroneClock>, t_s: f64) {
-        let mission = *self.observer.snapshot.mission;
-        let due: Vec<CommandKind> = (self.orders.iter_mut())
-            .filter_map(|order| order.poll(t_s, mission.as_ref()))
-            .collect();
-        for kind in due {
-            note(self.args.form.alone(), format!("{t_s:>7.2} s  order: {kind:?}"));
+        for kind in orders {
+            note(alone, format!("{t_s:>7.2} s  order: {kind:?}"));
             self.send(now, kind);
         }
+        Ok(())
     }
     fn send(&mut self, now: Time<DroneClock>, kind: CommandKind) {
         self.sequence += 1;
@@ -390,14 +386,14 @@ impl<'a> Landing<'a> {
     }
 
     /// After the landing waits a little for a process that a fault met and whose messages have not returned.
-    fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
+    fn await_recovery(&mut self, memory: &Memory) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
-        while self.faults.iter().any(ProcessFault::is_under_way) && steady_ns() < until {
+        while self.faults.iter().any(LiveFault::is_under_way) && steady_ns() < until {
             if !memory.wait(SUPERVISION_PERIOD) {
                 break;
             }
             self.observer.poll();
-            self.poll_faults(t_s)?;
+            self.poll_faults(self.plan.clock.now())?;
             self.supervisor.poll(|_| Some(steady_ns()))?;
         }
         Ok(())
@@ -453,7 +449,9 @@ impl<'a> Landing<'a> {
             usage: [snapshot.usage(steady_ns()), snapshot.stages(), snapshot.radio()].concat(),
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
-                faults: self.faults.drain(..).map(|f| f.report).collect(),
+                faults: (self.faults.drain(..).filter(|f| f.process().is_some()))
+                    .map(|f| f.report)
+                    .collect(),
                 radio: self
                     .watch
                     .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),

@@ -19,10 +19,11 @@ use alight_transport::radio::RadioConfig;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::computer;
 use alight_usv::DeckConfig;
+use alight_usv::sensors::SourcesConfig;
 
 use crate::live::air::RadioPath;
 use crate::live::args::LandArgs;
-use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, write};
+use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, sources, write};
 use crate::scene::Scene;
 
 /// The world's time zero lies this much in the future when the processes start, ns.
@@ -69,11 +70,25 @@ impl LandingSetup {
             impairment: air.impairment.clone(),
             baseline: scene.nodes.baseline,
         };
-        let vessel = vessel_computer(scene, args, &air, clock(&clocks.vessel));
-        let drone = drone_computer(scene, args, &air, clock(&clocks.drone), &mavlink);
+        let line = |name: &str| format!("serial://{}:115200", owned.file(name).display());
+        let sensors = sources(&scene.scenario, |k| line(&format!("tty-sensor-{k}")));
+        let receiver = owned.file("tty-receiver");
+        let vessel = VesselComputerConfig {
+            sensor: SourcesConfig {
+                sources: sensors.clone(),
+            },
+            ..vessel_computer(scene, args, &air, clock(&clocks.vessel))
+        };
+        let mut drone = drone_computer(scene, args, &air, clock(&clocks.drone), &mavlink);
+        drone.autopilot = scene
+            .scenario
+            .sensors
+            .wired(&drone.autopilot, &line("tty-receiver"));
         let world = SimulatedWorld {
             epoch_ns,
             mavlink,
+            sensors,
+            receiver: scene.scenario.sensors.moving_base.map(|_| receiver),
             ..simulated_world(scene, args)?
         };
         Ok(LandingSetup {
@@ -100,7 +115,7 @@ impl LandingSetup {
     pub fn arguments(&self, kind: ProcessKind) -> Vec<String> {
         let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
             &self.drone_file
-        } else if kind == ProcessKind::Vessel {
+        } else if alight_usv::computer::PROCESSES.contains(&kind) {
             &self.vessel_file
         } else {
             &self.world
@@ -169,7 +184,6 @@ fn drone_computer(
 fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, CliError> {
     Ok(SimulatedWorld {
         instance: args.instance.clone(),
-        vessel_instance: args.instance.clone(),
         seed: args.seed,
         sea: scene.sea.clone(),
         planner: scene.nodes.planner_name().into(),

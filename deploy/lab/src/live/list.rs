@@ -4,43 +4,14 @@
 use std::path::Path;
 
 use alight_computer::exit::CliError;
-use alight_shared::msg::{CommandKind, MissionState, State};
 use alight_sim::harness::storm::{Fault, FaultKind, Moment, Storm};
 
+use crate::live::fault::{LiveFault, ORDERS};
 use crate::scene::Scene;
 use crate::storm::read_list;
 
-const ORDERS: [(FaultKind, CommandKind); 3] = [
-    (FaultKind::Abort, CommandKind::Abort),
-    (FaultKind::Hold, CommandKind::Hold),
-    (FaultKind::OrderedAgain, CommandKind::Land),
-];
-
 /// Command that flies the others.
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
-
-/// An order that is given when the mission has been in a state for so long.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScheduledOrder {
-    pub kind: CommandKind,
-    state: State,
-    after_s: f64,
-    /// First time of the state, s.
-    entered_s: Option<f64>,
-    given: bool,
-}
-
-impl ScheduledOrder {
-    /// The order to give now, once.
-    pub fn poll(&mut self, t_s: f64, mission: Option<&MissionState>) -> Option<CommandKind> {
-        if mission.is_some_and(|m| m.state == self.state) {
-            self.entered_s.get_or_insert(t_s);
-        }
-        let due = !self.given && self.entered_s.is_some_and(|at| t_s >= at + self.after_s);
-        self.given |= due;
-        due.then_some(self.kind)
-    }
-}
 
 /// Reads a list that real processes can fly, of one drone.
 pub fn read(path: &Path) -> Result<Storm, CliError> {
@@ -70,9 +41,8 @@ pub fn scene(storm: &Storm) -> Scene {
 /// The faults of a scene as real processes have them, without the radio's.
 #[derive(Default)]
 pub struct LiveFaults {
-    /// A fault of processes. A killed one is started again by its supervisor, not after `lasts_s`.
-    pub processes: Vec<Fault>,
-    pub orders: Vec<ScheduledOrder>,
+    /// Faults of processes, and orders. A killed process is started again by its supervisor, not after `lasts_s`.
+    pub faults: Vec<LiveFault>,
     radio_lost: bool,
 }
 
@@ -103,23 +73,17 @@ impl LiveFaults {
                     fault.size
                 ));
             }
-            self.processes.push(*fault);
+            self.faults.push(LiveFault::of(fault));
             return Ok(());
         }
-        let Moment::In(state) = fault.moment else {
+        let Moment::In(_) = fault.moment else {
             return Err(format!(
                 "{} at the contact: a process alone fails there",
                 kind.name()
             ));
         };
-        if let Some((_, order)) = ORDERS.iter().find(|(k, _)| *k == kind) {
-            self.orders.push(ScheduledOrder {
-                kind: *order,
-                state,
-                after_s: fault.after_s,
-                entered_s: None,
-                given: false,
-            });
+        if ORDERS.iter().any(|(k, _)| *k == kind) {
+            self.faults.push(LiveFault::of(fault));
         } else if kind == FaultKind::RadioLost && !self.radio_lost {
             self.radio_lost = true;
         } else {
@@ -139,6 +103,7 @@ impl LiveFaults {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::msg::State;
 
     fn with(kind: FaultKind, size: f64) -> Result<(), String> {
         let moment = Moment::In(State::Descent);
@@ -163,25 +128,5 @@ mod tests {
                 .unwrap_err()
                 .starts_with("range-stuck:")
         );
-    }
-
-    #[test]
-    fn order_once_after_its_state() {
-        let mut order = ScheduledOrder {
-            kind: CommandKind::Abort,
-            state: State::Descent,
-            after_s: 0.5,
-            entered_s: None,
-            given: false,
-        };
-        let state = |state| MissionState {
-            state,
-            ..MissionState::default()
-        };
-        let (tracking, descent) = (state(State::Tracking), state(State::Descent));
-        assert_eq!(order.poll(1.0, Some(&tracking)), None);
-        assert_eq!(order.poll(2.0, Some(&descent)), None);
-        assert_eq!(order.poll(2.6, Some(&tracking)), Some(CommandKind::Abort));
-        assert_eq!(order.poll(2.7, Some(&descent)), None);
     }
 }

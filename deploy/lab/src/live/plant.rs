@@ -11,16 +11,21 @@ use alight_computer::exit::{CliError, Doing};
 use alight_computer::process::supervisor::pause;
 use alight_computer::terminal;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{AutopilotMode, RangeSample};
+use alight_shared::msg::AutopilotMode;
 use alight_shared::time::{Time, TrueTime};
 use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::physics::drone::{MAX_ROTORS, PlantState};
+use alight_sim::sensors::DroneReadings;
+use alight_sim::sensors::beacon::BEACON;
+use alight_sim::sensors::clocks::ClockModel;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::Memory;
 use alight_transport::wake::end_requested;
+use alight_uav::autopilot::message::MavlinkMessage;
+use alight_uav::autopilot::wire::Encoder;
 
 use crate::live::config::AutopilotKind;
 
@@ -32,8 +37,6 @@ const READ: Duration = Duration::from_millis(2);
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// A rangefinder that measured nothing for this long sees nothing, ns: five of its periods at 50 Hz.
-const RANGE_NS: i64 = 100_000_000;
 /// Reads in one slice that bring something, at most.
 const MAX_READS: u32 = 64;
 
@@ -95,8 +98,8 @@ pub struct Plant {
     /// Exchanges in a tick.
     exchanges: u32,
     received_ns: i64,
-    /// When the rangefinder measured last.
-    ranged_ns: i64,
+    /// Encoder of the vessel's beacon.
+    beacon: Encoder,
     late: u64,
 }
 
@@ -155,7 +158,7 @@ impl Plant {
             config: config.clone(),
             exchanges,
             received_ns: 0,
-            ranged_ns: 0,
+            beacon: Encoder::default(),
             late: 0,
         })
     }
@@ -178,20 +181,25 @@ impl Plant {
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
         }
     }
-    /// Gives the rangefinder to the simulated autopilot, which reports it; false for a firmware, whose plant has none.
-    pub fn take_ranges(&mut self, ranges: &[RangeSample]) -> bool {
-        let Link::Simulated { autopilot, .. } = &mut self.link else {
-            return false;
+    /// Takes the readings of devices at the simulated autopilot: rangefinder and beacon. The plant of a firmware has neither: ranges
+    /// are left in.
+    pub fn take(&mut self, readings: &mut DroneReadings, clock: &ClockModel) {
+        let Link::Simulated {
+            autopilot: Some(autopilot),
+            socket,
+            ..
+        } = &mut self.link
+        else {
+            return;
         };
-        let now_ns = steady_ns();
-        if let Some(autopilot) = autopilot {
-            if let Some(newest) = ranges.last() {
-                (autopilot.range_m, self.ranged_ns) = (Some(newest.range_m), now_ns);
-            } else if now_ns - self.ranged_ns > RANGE_NS {
-                autopilot.range_m = None;
-            }
+        for sample in readings.ranges.drain(..) {
+            autopilot.take_range(clock.true_time(sample.header.at), sample);
         }
-        true
+        for report in readings.beacons.drain(..) {
+            let frame = self.beacon.frame(BEACON, &MavlinkMessage::FollowTarget(report));
+            // There may be no receiver yet.
+            frame.iter().for_each(|bytes| drop(socket.send(bytes)));
+        }
     }
     /// Slices in which the firmware did not answer in time.
     pub fn late(&self) -> u64 {
@@ -423,7 +431,6 @@ mod tests {
     use super::*;
     use alight_sim::autopilots::stand_in;
     use alight_sim::physics::streams::Streams;
-    use alight_uav::autopilot::message::MavlinkMessage;
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 

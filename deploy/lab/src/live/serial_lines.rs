@@ -1,4 +1,4 @@
-//! The wires between the simulated sensors and the vessel's computer: pseudo-terminals in the place of serial ports, or UDP.
+//! The wires between simulated devices and the computers: pseudo-terminals in the place of serial ports, or UDP.
 //!
 //! Only the end of the sensor is held open. The computer's end stands under a path of its own, like the name that a
 //! system gives a USB adapter; once the computer has closed it, it is another pseudo-terminal, because one keeps the
@@ -13,11 +13,16 @@ use std::path::{Path, PathBuf};
 use alight_computer::config::link_url::LinkUrl;
 use alight_computer::exit::{CliError, Doing};
 use alight_sim::harness::scenario::Scenario;
-use alight_sim::sensors::bytes::{BoatSensor, Carries, StatedErrors};
-use alight_usv::sensors::{Format, Readings, SourceConfig};
+use alight_sim::sensors::bytes::Carries;
+use alight_sim::sensors::bytes::boat::Boat;
+use alight_sim::sensors::clocks::ClockModel;
+use alight_usv::sensors::{Readings, SourceConfig};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// Bytes of a computer that are taken at once, at most.
+const MAX_RECEIVED: usize = 1 << 16;
 
 /// One serial line.
 pub struct SerialLine {
@@ -36,12 +41,15 @@ impl SerialLine {
             open: false,
         })
     }
-    /// Sends `bytes` to the computer, if it listens, and takes what it sent (a decoder's requests).
-    pub fn exchange(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut buffer = [0; 1024];
+    /// Sends `bytes` to the computer, if it listens, and gives the bytes that it sent: requests, corrections.
+    pub fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
+        let (mut buffer, mut received) = ([0; 1024], Vec::new());
         let open = loop {
             match self.sensor_end.read(&mut buffer) {
                 Ok(0) => break true,
+                Ok(n) if received.len() < MAX_RECEIVED => {
+                    received.extend_from_slice(buffer.get(..n).unwrap_or_default());
+                }
                 Ok(_) => {}
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
                 Err(e) if e.kind() == ErrorKind::WouldBlock => break true,
@@ -53,14 +61,14 @@ impl SerialLine {
             self.sensor_end = connect(&self.path)?;
         }
         self.open = open;
-        // No reader: as on a wire, it is gone.
-        if !open || bytes.is_empty() {
-            return Ok(0);
+        // Without a reader, and of a full line, they are gone as on a wire.
+        if open && !bytes.is_empty() {
+            match self.sensor_end.write(bytes) {
+                Err(e) if e.kind() != ErrorKind::WouldBlock => return Err(e),
+                Ok(_) | Err(_) => {}
+            }
         }
-        match self.sensor_end.write(bytes) {
-            Err(e) if e.kind() == ErrorKind::WouldBlock => Ok(0),
-            written => written,
-        }
+        Ok(received)
     }
 }
 
@@ -92,8 +100,7 @@ fn connect(path: &Path) -> io::Result<File> {
 
 /// Measurements that each of these sensors of a vessel carries.
 pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
-    let formats: Vec<Format> = sources.iter().map(|s| s.format).collect();
-    Carries::assign(&formats).ok_or_else(|| {
+    Carries::assign(sources).ok_or_else(|| {
         CliError(
             "no sensor of the vessel's file has format = \"mavlink\", in which alone a rehearsal sends inertial \
              samples; add one for the rehearsal"
@@ -133,37 +140,42 @@ impl Wire {
             ))),
         }
     }
-    fn send(&mut self, bytes: &[u8]) -> io::Result<usize> {
+    /// Sends bytes, and gives those that came.
+    fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         match self {
             Wire::Serial(line) => line.exchange(bytes),
-            Wire::Udp(_) if bytes.is_empty() => Ok(0),
-            Wire::Udp(socket) => socket.send(bytes),
+            Wire::Udp(_) if bytes.is_empty() => Ok(Vec::new()),
+            Wire::Udp(socket) => socket.send(bytes).map(|_| Vec::new()),
         }
     }
 }
 
-/// The simulated sensors, each on its line.
-pub struct SensorLines(Vec<(Wire, BoatSensor)>);
+/// The simulated devices of the vessel, each on its line.
+pub struct SensorLines {
+    boat: Boat,
+    wires: Vec<Wire>,
+}
 
 impl SensorLines {
-    /// Lines of the sensors of this configuration, which are where it names them.
-    pub fn of(sources: &[SourceConfig], scenario: &Scenario) -> Result<SensorLines, CliError> {
-        let stated = StatedErrors::of(&scenario.sensors.vessel_gnss.error);
-        let mut all = Vec::new();
-        for (source, carries) in sources.iter().zip(assigned(sources)?) {
-            let wire = Wire::to(&source.connect.parse().map_err(CliError)?)?;
-            all.push((
-                wire,
-                BoatSensor::new(source.format, &source.mount, carries, stated),
-            ));
-        }
-        Ok(SensorLines(all))
+    /// Lines of the sensors of this configuration, which are where it names them; the measurements bear times of `clock`.
+    pub fn of(
+        sources: &[SourceConfig],
+        scenario: &Scenario,
+        clock: ClockModel,
+    ) -> Result<SensorLines, CliError> {
+        let boat = Boat::new(sources, assigned(sources)?, &scenario.sensors, clock);
+        let wire = |source: &SourceConfig| Wire::to(&source.connect.parse().map_err(CliError)?);
+        Ok(SensorLines {
+            boat,
+            wires: sources.iter().map(wire).collect::<Result<_, _>>()?,
+        })
     }
-    /// Sends what was measured.
-    pub fn send(&mut self, readings: &Readings) {
-        for (wire, sensor) in &mut self.0 {
+    /// Sends what was measured, and the frames of its moving base.
+    pub fn send(&mut self, readings: &Readings, rtcm: &[u8]) {
+        let bytes = self.boat.bytes(readings, rtcm);
+        for (wire, bytes) in self.wires.iter_mut().zip(bytes) {
             // A line that broke stays silent, which the vessel's computer reports.
-            let _written = wire.send(&sensor.bytes(readings));
+            let _requests = wire.exchange(&bytes);
         }
     }
 }
@@ -177,22 +189,22 @@ mod tests {
     async fn serial_line_opened_again() {
         let path = std::env::temp_dir().join(format!("alight-line-{}", std::process::id()));
         let mut line = SerialLine::at(&path).unwrap();
-        assert_eq!(line.exchange(b"before anybody listens").unwrap(), 0);
+        assert!(line.exchange(b"before anybody listens").unwrap().is_empty());
         for _ in 0..2 {
             let url = LinkUrl::Serial(path.clone(), 115_200);
             let mut computer = ByteLink::with_peer(url, None).await.unwrap();
             // It opens with the first read, and asks for something.
             computer.read(|_| panic!("nothing was sent to it")).await;
             computer.write(b"request");
-            assert_eq!(line.exchange(b"measured").unwrap(), 8);
+            assert_eq!(line.exchange(b"measured").unwrap(), b"request");
             let mut got = Vec::new();
             while got.len() < 8 {
                 computer.read(|b| got.extend_from_slice(b)).await;
             }
             assert_eq!(got, b"measured");
-            assert_eq!(line.exchange(b"left unread").unwrap(), 11);
+            line.exchange(b"left unread").unwrap();
             drop(computer);
-            assert_eq!(line.exchange(b"into the air").unwrap(), 0);
+            assert!(line.exchange(b"into the air").unwrap().is_empty());
         }
         std::fs::remove_file(path).unwrap();
     }

@@ -13,12 +13,11 @@ use alight_computer::process::observer::Rejoined;
 use alight_computer::process::scheduling;
 use alight_computer::record::flight::recorder::NodeRecorder;
 use alight_computer::terminal;
-use alight_shared::bus::Writer as _;
 use alight_shared::config;
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{DeckForecast, Header, MissionState, SensorReadings, Seq};
+use alight_shared::msg::{DeckForecast, MissionState, Seq};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, TrueTime, VesselClock};
+use alight_shared::time::TrueTime;
 use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
 use alight_sim::harness::physics::{Physics, TICK};
@@ -27,7 +26,6 @@ use alight_sim::harness::trace::Trace;
 use alight_sim::sensors::DroneReadings;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
-use alight_usv::sensors::Readings;
 use serde::{Deserialize, Serialize};
 
 use crate::chart;
@@ -36,7 +34,7 @@ use crate::live::config::{AutopilotKind, SimulatedWorld};
 use crate::live::detections::Detections;
 use crate::live::plant::{self, Plant};
 use crate::live::render_thread::RenderThread;
-use crate::live::serial_lines::SensorLines;
+use crate::live::serial_lines::{SensorLines, SerialLine};
 use crate::live::truth::TruthSample;
 
 /// A second, ns.
@@ -167,9 +165,14 @@ struct LiveWorld<'a> {
     truth: Option<NodeRecorder>,
     life: Life,
     clock: ProcessClock,
-    sensors: VesselSide,
+    sensors: SensorLines,
+    /// The first measurement was reported.
+    sensing: bool,
     /// The camera of a drone with devices of its own.
     camera: Option<RenderThread>,
+    /// Line of the drone's own GNSS receiver, and the bytes that came for it.
+    receiver: Option<SerialLine>,
+    corrections: Vec<u8>,
     drone: Rejoined<DroneSide>,
     plant: Plant,
     physics: Physics,
@@ -195,7 +198,11 @@ impl<'a> LiveWorld<'a> {
             Some(devices) => Some(RenderThread::into_pipe(devices, &world.scenario, world.seed)?),
             None => None,
         };
-        let sensors = VesselSide::of(world)?;
+        let sensors = SensorLines::of(&world.sensors, &world.scenario, physics.vessel_clock())?;
+        let receiver = world.receiver.as_deref().map(|path| {
+            let line = SerialLine::at(path);
+            line.doing(format_args!("making the serial line {}", path.display()))
+        });
         let life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
         let truth = match &args.flight {
             Some(directory) if world.truth => Some(node_recorder(
@@ -215,7 +222,10 @@ impl<'a> LiveWorld<'a> {
                 ..ProcessClock::default()
             },
             sensors,
+            sensing: false,
             camera,
+            receiver: receiver.transpose()?,
+            corrections: Vec::new(),
             drone,
             plant,
             physics,
@@ -277,24 +287,28 @@ impl<'a> LiveWorld<'a> {
 
     /// Hands the measurements of now to both computers.
     fn measure(&mut self) {
-        let measured_at = self.physics.vessel_now();
-        self.sensors.send(measured_at, &self.physics.vessel_readings());
-        let Some(readings) = self.physics.drone_readings(0) else {
+        let measured = self.physics.vessel_readings();
+        self.sensors.send(&measured, &self.physics.vessel_rtcm());
+        if !core::mem::replace(&mut self.sensing, true) {
+            terminal::line(SENSING);
+        }
+        self.physics.receive_rtcm(0, &self.corrections);
+        let Some(mut readings) = self.physics.drone_readings(0) else {
             return;
         };
-        let readings = match &self.world.devices {
-            None => readings,
-            // In addition to the camera the rangefinder alone, which the autopilot reports; a firmware's plant has none.
-            Some(_) if self.plant.take_ranges(&readings.ranges) => DroneReadings {
-                shots: readings.shots,
-                ..DroneReadings::default()
-            },
-            Some(_) => DroneReadings {
+        if let Some(line) = &mut self.receiver {
+            // A line that broke is silent, which the drone's computer reports.
+            self.corrections = line.exchange(&readings.receiver).unwrap_or_default();
+        }
+        self.plant.take(&mut readings, &self.physics.drone_clock(0));
+        if self.world.devices.is_some() {
+            // The camera alone, and the rangefinder that a firmware's plant lacks.
+            readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,
                 ..DroneReadings::default()
-            },
-        };
+            };
+        }
         if let Some(computer) = &mut self.drone.ports {
             computer.detections.publish(&readings);
         }
@@ -400,62 +414,6 @@ impl LandingWatch {
             self.ages = self.ages.or(ages);
         }
         self.stays_until_s.is_some_and(|until| t_s >= until)
-    }
-}
-
-/// Simulated sensors in the place of the vessel's, towards its process.
-struct SensorPublisher {
-    readings: Publisher<SensorReadings>,
-    header: Header<VesselClock>,
-}
-
-impl SensorPublisher {
-    /// Publishes what there is. A vessel's process that is not there misses it, as it would at sea.
-    fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
-        self.header.at = now;
-        self.readings.send_each(&readings.messages(&mut self.header));
-    }
-}
-
-/// The vessel's computer as its simulated sensors reach it.
-enum VesselSide {
-    /// By the bytes that each sends; the first were reported.
-    Lines(SensorLines, bool),
-    /// Through its memory, once it runs.
-    Memory(Box<Rejoined<(Memory, SensorPublisher)>>),
-}
-
-impl VesselSide {
-    fn of(world: &SimulatedWorld) -> Result<VesselSide, CliError> {
-        Ok(if world.sensors.is_empty() {
-            VesselSide::Memory(Box::new(Rejoined::of(&world.vessel_instance)?))
-        } else {
-            VesselSide::Lines(SensorLines::of(&world.sensors, &world.scenario)?, false)
-        })
-    }
-    fn send(&mut self, now: Time<VesselClock>, readings: &Readings) {
-        match self {
-            VesselSide::Lines(lines, reported) => {
-                lines.send(readings);
-                if !*reported && !readings.is_empty() {
-                    *reported = true;
-                    terminal::line(SENSING);
-                }
-            }
-            VesselSide::Memory(side) => {
-                side.poll(|instance| {
-                    let memory = Memory::join(instance, "world")?;
-                    let publisher = SensorPublisher {
-                        readings: memory.publisher()?,
-                        header: Header::new(0, 0, draw_boot(), 0, Time::EPOCH),
-                    };
-                    Ok((memory, publisher))
-                });
-                if let Some((_, publisher)) = &mut side.ports {
-                    publisher.send(now, readings);
-                }
-            }
-        }
     }
 }
 

@@ -28,7 +28,7 @@ use std::collections::{BTreeMap, VecDeque};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::Signing;
-use alight_shared::msg::{AutopilotMode, LandedState};
+use alight_shared::msg::{AutopilotMode, LandedState, RangeSample};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, MavlinkMessage};
 use alight_uav::autopilot::modes::Firmware;
@@ -75,8 +75,10 @@ pub struct SimulatedAutopilot {
     place: Option<Datum>,
     /// Parameters; it does not answer for others.
     pub parameters: BTreeMap<&'static str, f64>,
-    /// Reading of its rangefinder, m; None: without one.
-    pub range_m: Option<f64>,
+    /// Limits of its rangefinder, m.
+    pub range_limits_m: [f64; 2],
+    /// Newest reading of its rangefinder, and when it was measured.
+    range: Option<(Time<TrueTime>, RangeSample)>,
     /// Jumps of its estimate.
     pub resets: u8,
     /// Charge, 0 to 1.
@@ -166,7 +168,8 @@ impl SimulatedAutopilot {
             steel_m: f64::INFINITY,
             place: None,
             parameters: protocol::parameters(config),
-            range_m: None,
+            range_limits_m: [0.05, 30.0],
+            range: None,
             resets: 0,
             battery: config.battery,
             battery_reported: true,
@@ -221,6 +224,10 @@ impl SimulatedAutopilot {
             height_m: origin.height_m - geoid_m,
             ..origin
         };
+    }
+    /// Its rangefinder measured this at `at`.
+    pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
+        self.range = Some((at, sample));
     }
     /// It has just been switched on: started before our processes or after them, with a heading that is aligned only once its
     /// origin is known. Drawn.

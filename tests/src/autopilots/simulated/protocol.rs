@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use alight_shared::frames::{DroneNed, TrueNed, Vector};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
     ARDUPILOT, ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport,
     Heartbeat, ImuReport, LandingTarget, MavlinkMessage, OUTPUTS, OdometryReport, PX4, PositionReport,
@@ -25,6 +25,8 @@ const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
 /// CURRENT_MODE is sent at this period while the mode stays.
 const MODE_PERIOD: Span = Span::from_millis(500);
+/// A rangefinder's reading is sent no longer than this after its measurement.
+const RANGE_LASTS: Span = Span::from_millis(100);
 /// PX4 sends MISSION_CURRENT at this period.
 const MISSION_PERIOD: Span = Span::from_millis(1000);
 /// PX4's parameters that are integers.
@@ -490,12 +492,16 @@ impl SimulatedAutopilot {
                 accelerometer: e.specific_force.into(),
                 gyro: e.rates.into(),
             }),
-            id::DISTANCE_SENSOR => MavlinkMessage::Distance(DistanceReport {
-                time_ms,
-                range_m: self.range_m?,
-                limits_m: [0.1, 12.0],
-                variance: None,
-            }),
+            id::DISTANCE_SENSOR => {
+                let (at, sample) = self.range.filter(|(at, _)| self.now - *at <= RANGE_LASTS)?;
+                let own: Time<DroneClock> = self.clock.read(at);
+                MavlinkMessage::Distance(DistanceReport {
+                    time_ms: (own.nanos() / 1_000_000).max(0) as u32,
+                    range_m: sample.range_m,
+                    limits_m: self.range_limits_m,
+                    variance: Some(sample.variance),
+                })
+            }
             id::EXTENDED_SYS_STATE => MavlinkMessage::Landed {
                 state: match self.landed_report.unwrap_or(self.flight.landed()) {
                     LandedState::Unknown => 0,

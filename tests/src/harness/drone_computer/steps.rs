@@ -9,9 +9,10 @@ use crate::harness::edge::edge;
 use crate::harness::foresight::{Foresight, OdometryError};
 use crate::harness::physics::Physics;
 use crate::harness::tap::Tap;
+use crate::sensors::beacon::BEACON;
 use crate::sensors::delay::DelayLine;
 use alight_bridge::{Bridge, BridgeIn, BridgeOut, Packet};
-use alight_shared::bus::{Bus, Edge, Reader as _, Row, Writer as _};
+use alight_shared::bus::{Bus, Edge, Row, Writer as _};
 use alight_shared::msg::{AutopilotMode, Plan};
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
@@ -19,8 +20,8 @@ use alight_shared::step::Recorded;
 use alight_shared::time::{DroneClock, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
-use alight_uav::autopilot::AutopilotLink;
-use alight_uav::autopilot::message::MavlinkFrame;
+use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut};
 use alight_uav::camera::CameraNode;
 use alight_uav::camera::uvdar::UvdarNode;
 use alight_uav::computer::Installed;
@@ -105,26 +106,43 @@ impl SimulatedDroneComputer {
         else {
             return;
         };
-        let mut wire = edge::<AutopilotLink>(
-            |input| swap(&mut input.received, &mut frames),
-            |_, out| linked.send(t, out),
-        );
+        let (receiver, corrections) = (&mut self.receiver, &mut self.corrections);
+        let reports = core::iter::from_fn(|| receiver.next_report());
+        frames.extend(reports.map(|report| MavlinkFrame {
+            from: Address::new(0, 0),
+            message: MavlinkMessage::RelativePlace(report),
+        }));
+        let send = |_: &AutopilotIn, out: &mut AutopilotOut| {
+            linked.send(t, out);
+            corrections.extend(out.rtcm.iter().flatten());
+        };
+        let mut wire = edge::<AutopilotLink>(|input| swap(&mut input.received, &mut frames), send);
         let step = link.step(|| now, &mut wire);
         tap.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
-    /// The cameras with what they have exposed, or what models measure in their place.
+    /// The cameras with what they have exposed, or what models measure in their place; rangefinder, beacon and receiver at the
+    /// other ends of the link's wires.
     pub(super) fn sense(&mut self, (t, now): Moment, physics: &mut Physics) {
-        // The link to the autopilot passes frames on, and what its receiver makes of them.
-        let frames = self.observer.rtcm.all(now.nanos());
-        let runs = self.rows.autopilot.is_some() && self.runs(ProcessKind::Autopilot);
-        let passes = runs && self.linked.as_ref().is_some_and(|l| !l.cut);
-        if passes {
-            physics.receive_rtcm(self.k, &frames);
-        }
+        physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
         let Some(mut readings) = physics.drone_readings(self.k) else {
             return;
         };
-        readings.relative.retain(|_| passes);
+        self.receiver.push(&readings.receiver);
+        if let Some(faults) = &self.spoiled {
+            let repeated_m = &mut self.repeated_range_m;
+            faults.borrow().spoil_ranges(&mut readings.ranges, repeated_m);
+        }
+        if let Some(linked) = &mut self.linked {
+            let clock = physics.drone_clock(self.k);
+            for sample in readings.ranges.drain(..) {
+                linked
+                    .autopilot
+                    .take_range(clock.true_time(sample.header.at), sample);
+            }
+            for report in readings.beacons.drain(..) {
+                linked.up.send(t, BEACON, &MavlinkMessage::FollowTarget(report));
+            }
+        }
         readings.shift(self.ahead);
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
             let mut images = cameras.belly(t, &readings.shots);
@@ -143,9 +161,6 @@ impl SimulatedDroneComputer {
         }
         self.outside.tags.send_each(&readings.tags);
         self.outside.uvdar.send_each(&readings.uvdar);
-        self.outside.ranges.send_each(&readings.ranges);
-        self.outside.beacons.send_each(&readings.beacons);
-        self.outside.relative.send_each(&readings.relative);
         self.outside.light.send_each(&readings.light);
     }
     pub(super) fn step_predictor(

@@ -1,7 +1,7 @@
 //! Flies a storm: people order, faults begin and end at their times, and every tick is watched.
 
 use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
-use alight_shared::msg::State;
+use alight_shared::msg::{ReasonCode, State};
 use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
@@ -95,6 +95,8 @@ struct Run {
     last_s: f64,
     /// When it did not rest on the deck last, s.
     moved_s: f64,
+    /// When the mission stated a condition of its next step last, s.
+    reported_s: f64,
     /// When a wait in our mode was left to the battery, s.
     runs_low_s: Option<f64>,
     flown: Flown,
@@ -117,6 +119,7 @@ impl Run {
             watches: vec![StormWatch::default(); storm.drones.into()],
             last_s: 0.0,
             moved_s: 0.0,
+            reported_s: 0.0,
             runs_low_s: None,
             flown: Flown {
                 ending: StormEnding::Waits,
@@ -143,6 +146,9 @@ impl Run {
         let failing = self.faults.failing(t_s);
         self.rig.world.fail(&Failing { mutant, ..failing });
         self.rig.advance(&mut NoTap);
+        if self.rig.mission(0).waiting.code != ReasonCode::None {
+            self.reported_s = self.rig.t_s();
+        }
         let over = match self.look() {
             Some(violation) => Some((StormEnding::Violated, Some(violation))),
             None if self.runs_low_s.is_some() => self.come_down(),
@@ -203,7 +209,7 @@ impl Run {
         let (flight, people, flown) = (self.flight, &self.people, &mut self.flown);
         for scheduled in &mut self.faults.0 {
             scheduled.step(&mut self.rig, |rig, scheduled| {
-                let (t_s, fault) = (rig.t_s(), scheduled.fault);
+                let (t_s, fault) = (rig.t_s(), scheduled.timer.fault);
                 scheduled.stops = !flight.takes_off() || goes_on(flight, rig, 0);
                 flown.began.push((fault.kind, rig.state(0), t_s));
                 let (name, size, lasts) = (fault.kind.name(), fault.size, fault.lasts_s);
@@ -227,7 +233,8 @@ impl Run {
     /// Ending of the flight, and the rule that a drone that was left alone for long enough has broken; None: it goes on.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
-        let active = self.faults.0.iter().any(|f| f.began_s.is_some() && !f.over);
+        let active = |f: &Scheduled| f.timer.began_s.is_some() && !f.timer.over;
+        let active = self.faults.0.iter().any(active);
         if active {
             self.last_s = t_s;
         }
@@ -248,10 +255,12 @@ impl Run {
             // A storm that is cut off has not been left alone for long enough to be asked.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
-        Some(match is_stuck(rig).or_else(|| is_unreported(rig)) {
-            Some(violation) => (StormEnding::Violated, Some(violation)),
-            None => (end(rig), None),
-        })
+        Some(
+            match is_stuck(rig).or_else(|| is_unreported(rig, self.reported_s)) {
+                Some(violation) => (StormEnding::Violated, Some(violation)),
+                None => (end(rig), None),
+            },
+        )
     }
 }
 
@@ -272,15 +281,22 @@ fn set_up(rig: &mut Rig) {
 
 /// The faults as the rules see them; people ordered something last at `ordered_s`.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
-    let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
-    let newest_s = began().map(|(f, at)| if f.over { at + f.fault.lasts_s } else { at });
-    let until = |after_s: f64| move |f: &Scheduled, at: f64| t_s < at + f.fault.lasts_s + after_s;
+    let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
+    let newest_s = began().map(|(f, at)| {
+        if f.timer.over {
+            at + f.timer.fault.lasts_s
+        } else {
+            at
+        }
+    });
+    let until = |after_s: f64| move |f: &Scheduled, at: f64| t_s < at + f.timer.fault.lasts_s + after_s;
     let takes = |what: Takes, after_s: f64| {
-        began().any(|(f, at)| f.fault.kind.spec().takes == what && until(after_s)(f, at))
+        began().any(|(f, at)| f.timer.fault.kind.spec().takes == what && until(after_s)(f, at))
     };
     let ([aborted_s, last_abort_s], withdrawn_s) = withdrawn(flight, faults);
     let received = |kind: FaultKind| kind == FaultKind::OrderedAshore && !flight.is_silent();
-    let orders = |f: &Scheduled| f.fault.kind == FaultKind::OrderedAgain || received(f.fault.kind);
+    let orders =
+        |f: &Scheduled| f.timer.fault.kind == FaultKind::OrderedAgain || received(f.timer.fault.kind);
     let ordered_again =
         withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - NOTICED_S));
     StormScene {
@@ -300,10 +316,12 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
 /// When the mission received the first abort and the newest, and when it lost its order by the first or by a take-over that the link
 /// reported, s. What stops nothing does not count: on a sortie away from the deck no landing is stopped.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
-    let began = || faults.iter().filter_map(|f| Some((f, f.began_s?)));
+    let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let stopped = |from_s: f64, until_s: f64, hides: &dyn Fn(FaultKind) -> bool| {
         began().any(|(f, at)| {
-            hides(f.fault.kind) && at < until_s + NOTICED_S && at + f.fault.lasts_s + NOTICED_S > from_s
+            hides(f.timer.fault.kind)
+                && at < until_s + NOTICED_S
+                && at + f.timer.fault.lasts_s + NOTICED_S > from_s
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
@@ -316,7 +334,7 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
     let aborts = || {
         began()
             .filter(|(f, _)| f.stops)
-            .filter_map(|(f, at)| match f.fault.kind {
+            .filter_map(|(f, at)| match f.timer.fault.kind {
                 FaultKind::Abort if flight == FlightKind::Mavlink => arrives(at, FaultKind::Abort),
                 FaultKind::Abort => Some(at).filter(received),
                 FaultKind::AbortAshore if !flight.is_silent() => arrives(at, FaultKind::AbortAshore),
@@ -328,8 +346,8 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
     let hides =
         |k: FaultKind| k != FaultKind::TakenOver && (k.stops_mission() || k.spec().takes == Takes::Command);
     let taken = began().find(|(f, at)| {
-        let lasts_s = f.fault.lasts_s;
-        let takes = f.fault.kind == FaultKind::TakenOver && f.stops && lasts_s > NOTICED_S;
+        let lasts_s = f.timer.fault.lasts_s;
+        let takes = f.timer.fault.kind == FaultKind::TakenOver && f.stops && lasts_s > NOTICED_S;
         takes && !stopped(*at, at + lasts_s, &hides)
     });
     ([aborted_s, last_abort_s], aborted_s.or(taken.map(|(_, at)| at)))

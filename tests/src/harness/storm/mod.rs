@@ -33,7 +33,7 @@ pub use fault::{Fault, Moment};
 pub use flight::{Flown, fly, fly_mutant};
 pub use kinds::{FaultKind, Spec, Takes};
 pub use plan::FlightKind;
-pub use schedule::Schedule;
+pub use schedule::{FaultTimer, FaultTurn, Schedule};
 pub use shrink::shrink;
 pub use watch::StormEnding;
 

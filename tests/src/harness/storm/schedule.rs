@@ -5,12 +5,53 @@ use super::fault::Fault;
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 
-/// A fault at its place in time.
-pub(super) struct Scheduled {
-    pub(super) fault: Fault,
+/// Change of a fault in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaultTurn {
+    Begins,
+    Ends,
+}
+
+/// A fault at its place in time, in lock-step and live.
+#[derive(Clone, Copy, Debug)]
+pub struct FaultTimer {
+    pub fault: Fault,
     /// When it began, s.
-    pub(super) began_s: Option<f64>,
-    pub(super) over: bool,
+    pub began_s: Option<f64>,
+    pub over: bool,
+}
+
+impl FaultTimer {
+    /// It has not begun.
+    pub const fn new(fault: Fault) -> FaultTimer {
+        FaultTimer {
+            fault,
+            began_s: None,
+            over: false,
+        }
+    }
+    fn is_active(&self, t_s: f64) -> bool {
+        self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
+    }
+    /// Its change at `t_s`, where one is due; its moment began at `moment_s`.
+    pub fn poll(&mut self, t_s: f64, moment_s: Option<f64>) -> Option<FaultTurn> {
+        match self.began_s {
+            None if moment_s.is_some_and(|at| t_s >= at + self.fault.after_s) => {
+                self.began_s = Some(t_s);
+                Some(FaultTurn::Begins)
+            }
+            Some(_) if !self.over && !self.is_active(t_s) => {
+                self.over = true;
+                Some(FaultTurn::Ends)
+            }
+            None | Some(_) => None,
+        }
+    }
+}
+
+/// A fault of a flight in lock-step.
+pub(super) struct Scheduled {
+    pub(super) timer: FaultTimer,
     /// An abort, or a pilot who took over, stopped something when it began.
     pub(super) stops: bool,
     /// Charge left where the fault met the battery, 0 to 1.
@@ -18,16 +59,11 @@ pub(super) struct Scheduled {
 }
 
 impl Scheduled {
-    fn is_active(&self, t_s: f64) -> bool {
-        self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
-    }
-
     /// Begins or ends it where that is due. `begins` is called when it begins; true: it gave the order itself.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
-        let (t_s, fault) = (rig.t_s(), self.fault);
-        match self.began_s {
-            None if rig.due_s(&fault).is_some_and(|at| t_s >= at) => {
-                self.began_s = Some(t_s);
+        let fault = self.timer.fault;
+        match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {
+            Some(FaultTurn::Begins) => {
                 self.charge_left = fault.kind.empties().then_some(0.0);
                 if !begins(rig, self)
                     && let Effect::Events(begin, _) = fault.kind.effect()
@@ -35,15 +71,14 @@ impl Scheduled {
                     begin(rig, fault.size);
                 }
             }
-            Some(_) if !self.over && !self.is_active(t_s) => {
-                self.over = true;
+            Some(FaultTurn::Ends) => {
                 let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
                 self.charge_left = charge.filter(|_| fault.kind.empties());
                 if let Effect::Events(_, end) = fault.kind.effect() {
                     end(rig, fault.size);
                 }
             }
-            None | Some(_) => {}
+            None => {}
         }
     }
 }
@@ -55,9 +90,7 @@ impl Schedule {
     /// None has begun.
     pub fn new(faults: &[Fault]) -> Schedule {
         let pending = |fault: &Fault| Scheduled {
-            fault: *fault,
-            began_s: None,
-            over: false,
+            timer: FaultTimer::new(*fault),
             stops: false,
             charge_left: None,
         };
@@ -75,9 +108,9 @@ impl Schedule {
     /// Present faults, of all that are active.
     pub(super) fn failing(&self, t_s: f64) -> Failing {
         let mut failing = Failing::default();
-        for f in self.0.iter().filter(|f| f.is_active(t_s)) {
-            if let Effect::Lasting(fail) = f.fault.kind.effect() {
-                fail(&mut failing, f.fault.size);
+        for timer in self.0.iter().map(|f| &f.timer).filter(|t| t.is_active(t_s)) {
+            if let Effect::Lasting(fail) = timer.fault.kind.effect() {
+                fail(&mut failing, timer.fault.size);
             }
         }
         failing

@@ -428,10 +428,13 @@ const fn names_battery(why: ReasonCode) -> bool {
     )
 }
 
-/// Long after the last fault: broken by a drone that follows our set-points in the air and is asked in vain. Its charge is known,
+/// A step that is permitted waits for nothing: the condition of the one before stands for so long, s.
+const REPORTS_S: f64 = 1.0;
+
+/// Long after the last fault, the mission having stated a condition last at `reported_s`: broken by a drone that follows our set-points in the air and is asked in vain. Its charge is known,
 /// which the status compares with what the way to the deck and one attempt take; or time is left before it turns back on a sortie;
 /// or it has raised its alarm, a place for its low battery or a reason that names that. And it states what its next step waits for.
-pub fn is_unreported(rig: &Rig) -> Option<Violation> {
+pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let waits = o.motors_on && !o.in_water && autopilot.is_some_and(SimulatedAutopilot::in_offboard);
@@ -440,7 +443,7 @@ pub fn is_unreported(rig: &Rig) -> Option<Violation> {
         .into_iter()
         .chain(mission.rejected);
     let alarms = mission.low_battery.is_some() || reasons.map(|why| why.code).any(names_battery);
-    let reports = (promised || alarms) && mission.waiting.code != ReasonCode::None;
+    let reports = (promised || alarms) && rig.t_s() - reported_s < REPORTS_S;
     (waits && !reports).then(|| Violation {
         rule: StormRule::WaitsUnsaid,
         t_s: rig.t_s(),

@@ -4,6 +4,7 @@
 //! Written from the makers' layouts, checksums included, and apart from the decoders of `alight_usv`: an error that
 //! writer and reader shared would not be found. MAVLink's frames are those of its crate, by a frame that all implementations know.
 
+pub mod boat;
 pub mod mavlink;
 pub mod n2k;
 pub mod nmea;
@@ -16,10 +17,10 @@ mod recordings;
 
 use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
-use alight_usv::sensors::{Format, Mount, Readings};
+use alight_usv::sensors::{Format, Mount, Readings, SourceConfig};
 use nalgebra::{Rotation3, Vector3};
 
-use super::gnss::GnssErrorConfig;
+use super::gnss::VesselGnssConfig;
 
 /// Time between two heartbeats of a MAVLink source, ns.
 const HEARTBEAT_NS: i64 = 1_000_000_000;
@@ -36,8 +37,12 @@ pub struct Carries {
 impl Carries {
     /// Kinds that each of a vessel's sources carries, by its format: every kind comes from one source, from the one that is
     /// made for it first. None where no source has a format for inertial samples.
-    pub fn assign(formats: &[Format]) -> Option<Vec<Carries>> {
-        let first = |wanted: &[Format]| wanted.iter().find_map(|w| formats.iter().position(|f| f == w));
+    pub fn assign(sources: &[SourceConfig]) -> Option<Vec<Carries>> {
+        let first = |wanted: &[Format]| {
+            wanted
+                .iter()
+                .find_map(|w| sources.iter().position(|s| s.format == *w))
+        };
         let imu = first(&[Format::Mavlink])?;
         let gnss = first(&[
             Format::Ubx,
@@ -53,7 +58,7 @@ impl Carries {
             Format::Ubx,
             Format::Mavlink,
         ]);
-        let all = (0..formats.len()).map(|k| Carries {
+        let all = (0..sources.len()).map(|k| Carries {
             imu: k == imu,
             gnss: Some(k) == gnss,
             heading: Some(k) == heading,
@@ -62,7 +67,8 @@ impl Carries {
     }
 }
 
-/// Errors that a receiver states, the slow ones included, m and m/s.
+/// Errors that a receiver states, m and m/s: of the white ones, as the quantities do. A `stated_factor` of 3.5 is one that states its
+/// slow error, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StatedErrors {
     /// Error of the position, each axis.
@@ -72,11 +78,12 @@ pub struct StatedErrors {
 }
 
 impl StatedErrors {
-    /// Errors stated by the receiver with these errors.
-    pub fn of(config: &GnssErrorConfig) -> StatedErrors {
+    /// Errors stated by this receiver.
+    pub fn of(config: &VesselGnssConfig) -> StatedErrors {
+        let (error, factor) = (&config.error, config.stated_factor);
         StatedErrors {
-            position_m: config.white_sd_m.hypot(config.bias_sd_m),
-            velocity_mps: config.velocity_sd_mps,
+            position_m: factor * error.white_sd_m,
+            velocity_mps: factor * error.velocity_sd_mps,
         }
     }
 }
@@ -173,7 +180,7 @@ impl BoatSensor {
                 let fix = signalk::gnss(at_ns, (m.datum, geoid_m), m.position_sd[0] / 0.5);
                 [velocity, fix].concat()
             }
-            Format::Ubx => ubx::nav_pvt(at_ns, m.datum, m.velocity, &self.stated),
+            Format::Ubx => ubx::nav_pvt(at_ns, (m.datum, geoid_m), m.velocity, &self.stated),
             Format::Rtcm => Vec::new(),
             Format::Mavlink => {
                 let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);

@@ -78,7 +78,11 @@ fn mavlink_frame_of_a_known_heartbeat() {
 fn kinds_of_measurements_of_each_source() {
     use Format::{Mavlink, Nmea, Ubx};
     let who = |formats: &[Format]| {
-        let all = Carries::assign(formats)?;
+        let source = |format: &Format| SourceConfig {
+            format: *format,
+            ..SourceConfig::default()
+        };
+        let all = Carries::assign(&formats.iter().map(source).collect::<Vec<_>>())?;
         let which = |of: fn(&Carries) -> bool| all.iter().position(of);
         Some([which(|c| c.imu), which(|c| c.gnss), which(|c| c.heading)])
     };

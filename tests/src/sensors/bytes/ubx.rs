@@ -4,6 +4,7 @@
 use core::f64::consts::TAU;
 
 use alight_shared::geodesy::Datum;
+use alight_shared::msg::CarrierSolution;
 
 use super::{StatedErrors, put};
 
@@ -41,8 +42,14 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid; velocity to north, east, down, m/s.
-pub fn nav_pvt(at_ns: i64, place: Datum, velocity: [f64; 3], stated: &StatedErrors) -> Vec<u8> {
+/// NAV-PVT of a fix in three dimensions: place with its height above the ellipsoid, and the sea's there; velocity to north, east,
+/// down, m/s.
+pub fn nav_pvt(
+    at_ns: i64,
+    (place, geoid_m): (Datum, f64),
+    velocity: [f64; 3],
+    stated: &StatedErrors,
+) -> Vec<u8> {
     let [north, east, down] = velocity;
     let (speed, course) = (north.hypot(east), east.atan2(north).to_degrees());
     let mut p = [0_u8; 92];
@@ -51,9 +58,8 @@ pub fn nav_pvt(at_ns: i64, place: Datum, velocity: [f64; 3], stated: &StatedErro
     put(&mut p, 20, &[3, 1, 0, 12]);
     put(&mut p, 24, &signed(place.longitude_deg, 1e-7));
     put(&mut p, 28, &signed(place.latitude_deg, 1e-7));
-    // Above the ellipsoid, and above the sea, which lies on it here.
     put(&mut p, 32, &signed(place.height_m, 1e-3));
-    put(&mut p, 36, &signed(place.height_m, 1e-3));
+    put(&mut p, 36, &signed(place.height_m - geoid_m, 1e-3));
     put(&mut p, 40, &unsigned(stated.position_m, 1e-3));
     put(&mut p, 44, &unsigned(stated.position_m, 1e-3));
     put(&mut p, 48, &signed(north, 1e-3));
@@ -66,6 +72,38 @@ pub fn nav_pvt(at_ns: i64, place: Datum, velocity: [f64; 3], stated: &StatedErro
     put(&mut p, 72, &unsigned(180.0, 1e-5));
     put(&mut p, 76, &120_u16.to_le_bytes());
     message(NAV, PVT, &p)
+}
+
+/// NAV-RELPOSNED of a drone's receiver whose base moves: the vector from the base's antenna to its own, NED, m, and the standard
+/// deviation of each component, m.
+pub fn nav_relposned_of_place(
+    at_ns: i64,
+    place_m: [f64; 3],
+    sd_m: [f64; 3],
+    solution: CarrierSolution,
+) -> Vec<u8> {
+    let carrier = match solution {
+        CarrierSolution::None => 0_u32,
+        CarrierSolution::Float => 1,
+        CarrierSolution::Fixed => 2,
+    };
+    let mut p = [0_u8; 64];
+    put(&mut p, 0, &[1]);
+    put(&mut p, 4, &of_week(at_ns));
+    for (k, (metres, sd)) in place_m.into_iter().zip(sd_m).enumerate() {
+        // Centimetres, and what is left in 0.1 mm.
+        let cm = (100.0 * metres).trunc();
+        put(&mut p, 8 + 4 * k, &(cm as i32).to_le_bytes());
+        put(
+            &mut p,
+            32 + k,
+            &((1e4 * metres - 100.0 * cm).round() as i8).to_le_bytes(),
+        );
+        put(&mut p, 36 + 4 * k, &unsigned(sd, 1e-4));
+    }
+    // gnssFixOK, diffSoln, relPosValid, isMoving.
+    put(&mut p, 60, &(0b10_0111 | carrier << 3).to_le_bytes());
+    message(NAV, RELPOSNED, &p)
 }
 
 /// NAV-RELPOSNED of a moving base that is 1 m from its rover: the heading of the line between them and its standard

@@ -299,7 +299,12 @@ impl LinkRig {
             ..RigidState::default()
         };
         let t = Time::<TrueTime>::from_secs(self.t_s);
-        self.linked.autopilot.range_m = Some(-self.truth().position.0.z - 0.08);
+        let range = RangeSample {
+            range_m: -self.truth().position.0.z - 0.08,
+            variance: 4e-4,
+            ..RangeSample::default()
+        };
+        self.linked.autopilot.take_range(t, range);
         let linked = &mut self.linked;
         let reports = self
             .drone

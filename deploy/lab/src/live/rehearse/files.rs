@@ -13,9 +13,10 @@ use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
 use alight_shared::msg::LandingMode;
 use alight_sim::harness::scenario::Scenario;
+use alight_sim::sensors::moving_base::MovingBaseConfig;
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::modes::Firmware;
-use alight_usv::sensors::{Format, Mount, SourceConfig};
+use alight_usv::sensors::SourceConfig;
 use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
 
@@ -33,6 +34,8 @@ const DAYS: u32 = 60;
 /// The vehicles begin at a full second of the steady clock, at least so long after now, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
+/// Serial line of the drone's own GNSS receiver.
+const RECEIVER: &str = "tty-receiver";
 /// Address at which the computers find each other.
 const HOST: &str = "127.0.0.1";
 
@@ -119,7 +122,10 @@ impl RehearsalPlan {
         let contradictions = contradictions(&vessel, &drone);
         let vessel = write(&vessel_file, &directory.file("vessel.toml"))?;
         let drone = write(&drone_file, &directory.file("drone.toml"))?;
-        let world = world(args, (&vessel, &drone), &sources, camera)?;
+        let mut world = world(args, (&vessel, &drone), &sources, camera)?;
+        if !drone.autopilot.receiver.is_empty() {
+            world.receiver = Some(directory.file(RECEIVER));
+        }
         let text = toml::to_string(&world).doing("writing the world")?;
         std::fs::write(directory.file("world.toml"), text).doing("writing world.toml")?;
         Ok(RehearsalPlan {
@@ -182,6 +188,10 @@ fn change_drone(
     // The ladder of the first flights begins with a pilot, whom a rehearsal does not have.
     if drone.drone.mission.mode == LandingMode::Shadow {
         set(file, &["drone", "mission"], "mode", "land");
+    }
+    if !drone.autopilot.receiver.is_empty() {
+        let line = format!("serial://{}:115200", directory.file(RECEIVER).display());
+        set(file, &["autopilot"], "receiver", line);
     }
     set(file, &["camera"], "source", camera.display().to_string());
     // The simulated deck carries no markers.
@@ -288,38 +298,7 @@ fn tty(name: &str) -> String {
 fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceConfig> {
     let mut sources = vessel.sensor.sources.clone();
     if sources.is_empty() {
-        let world = Scenario::default().sensors;
-        let source = |name: &str, format, latency_s, mount| SourceConfig {
-            name: name.into(),
-            format,
-            latency_s,
-            mount,
-            ..SourceConfig::default()
-        };
-        let heading = &world.vessel_heading;
-        sources = vec![
-            source(
-                "receiver",
-                Format::Ubx,
-                world.vessel_gnss.latency_s,
-                Mount::default(),
-            ),
-            source(
-                "compass",
-                Format::Nmea,
-                heading.latency_s,
-                Mount {
-                    heading_sd_deg: heading.white_sd_deg.hypot(heading.bias_sd_deg),
-                    ..Mount::default()
-                },
-            ),
-            source(
-                "imu",
-                Format::Mavlink,
-                world.vessel_imu.latency_s,
-                Mount::default(),
-            ),
-        ];
+        sources = Scenario::default().sensors.sources(vessel.vessel.deck.centre_m);
     }
     for (k, source) in sources.iter_mut().enumerate() {
         // Two sensors may have one name.
@@ -420,6 +399,15 @@ fn scenario(
         }
         if carries.heading {
             s.sensors.vessel_heading.latency_s = source.latency_s;
+        }
+        if source.is_base() {
+            let (own, deck) = (vessel.vessel.gnss.antenna_m, vessel.vessel.deck.centre_m);
+            let antenna_m = source.mount.antenna_m.unwrap_or(own);
+            s.sensors.moving_base = Some(MovingBaseConfig {
+                antenna_m: core::array::from_fn(|k| antenna_m[k] - deck[k]),
+                fix_latency_s: drone.autopilot.receiver_latency_s,
+                ..MovingBaseConfig::default()
+            });
         }
     }
     let imu = &vessel.vessel.imu;

@@ -37,7 +37,7 @@ use serde::Serialize;
 use self::args::RehearseArgs;
 use self::files::RehearsalPlan;
 use self::list::{CheckList, CheckRow};
-use crate::live::fault::{FaultInput, ProcessFault};
+use crate::live::fault::{FaultInput, LiveAct, LiveFault};
 use crate::live::service::{READY_S, Service, command};
 use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 
@@ -145,7 +145,7 @@ struct Rehearsal<'a> {
     armed: Option<bool>,
     landed: Option<Landed>,
     too_slow: Option<TooSlow>,
-    fault: Option<ProcessFault>,
+    fault: Option<LiveFault>,
     /// The drone has touched something.
     contact: bool,
     plan: RehearsalPlan,
@@ -171,7 +171,7 @@ impl<'a> Rehearsal<'a> {
             armed: None,
             landed: None,
             too_slow: None,
-            fault: args.fault.and_then(|spec| ProcessFault::new(spec, args.seed)),
+            fault: args.fault.and_then(|spec| LiveFault::new(spec, args.seed)),
             contact: false,
             plan,
         })
@@ -249,7 +249,9 @@ impl<'a> Rehearsal<'a> {
         let (Some(fault), Some((_, observer))) = (&mut self.fault, &self.observer) else {
             return Ok(());
         };
-        let (process, now_ns) = (fault.process(), steady_ns());
+        let (Some(process), now_ns) = (fault.process(), steady_ns()) else {
+            return Ok(());
+        };
         let aboard = self.aboard.poll().map(|(_, snapshot)| snapshot);
         let of_vessel = process == ProcessKind::Vessel;
         let of_computer = if of_vessel {
@@ -263,7 +265,7 @@ impl<'a> Rehearsal<'a> {
             process: of_computer.and_then(|s| s.processes.get(&process).copied()),
             contact: self.contact,
         };
-        let Some((pid, what)) = fault.poll(now_ns, &input) else {
+        let Some(LiveAct::Signal(pid, what)) = fault.poll(now_ns, &input) else {
             return Ok(());
         };
         let name = &fault.report.fault;

@@ -76,8 +76,10 @@ impl Rehearsal<'_> {
     }
     /// The injected fault, and whether its process recovered.
     pub(super) fn show_fault(&mut self, list: &mut CheckList) {
-        let Some(fault) = &self.fault else { return };
-        let (process, report) = (fault.process(), fault.report.clone());
+        let Some((process, fault)) = self.fault.as_ref().and_then(|f| Some((f.process()?, f))) else {
+            return;
+        };
+        let report = fault.report.clone();
         let happened = if fault.freezes() { "frozen" } else { "killed" };
         let recovered = report.recovery_s.is_some();
         if process != ProcessKind::Vessel {

@@ -1,0 +1,122 @@
+//! The devices of a scene: their configuration as an installer writes it, and the bytes of those of the vessel.
+
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_usv::sensors::{Format, Mount, Readings, SourceConfig};
+
+use super::{BoatSensor, Carries, StatedErrors};
+use crate::harness::physics::TICK;
+use crate::sensors::SensorConfig;
+use crate::sensors::beacon::BEACON;
+use crate::sensors::clocks::ClockModel;
+
+/// Devices of each vessel: receiver, compass, inertial sensor.
+pub const DEVICES: usize = 3;
+
+/// A latency as it is at the world's ticks, s.
+pub fn in_ticks_s(latency_s: f64) -> f64 {
+    (latency_s / TICK.secs() - 1e-6).ceil() * TICK.secs()
+}
+
+impl SensorConfig {
+    /// Configuration of the scene's devices: a receiver (UBX), a compass (NMEA 0183), an inertial sensor (MAVLink), and the port of a
+    /// moving base (RTCM 3) where there is one. `deck_m`: centre of the deck in the vessel's body frame, m.
+    pub fn sources(&self, deck_m: [f64; 3]) -> Vec<SourceConfig> {
+        let source = |name: &str, format, latency_s, mount| SourceConfig {
+            name: name.into(),
+            format,
+            latency_s: in_ticks_s(latency_s),
+            mount,
+            ..SourceConfig::default()
+        };
+        let (gnss, heading) = (&self.vessel_gnss, &self.vessel_heading);
+        let compass = Mount {
+            heading_sd_deg: heading.stated_factor * heading.white_sd_deg.hypot(heading.bias_sd_deg).max(1e-3),
+            ..Mount::default()
+        };
+        let mut all = vec![
+            source("receiver", Format::Ubx, gnss.latency_s, Mount::default()),
+            source("compass", Format::Nmea, heading.latency_s, compass),
+            source(
+                "imu",
+                Format::Mavlink,
+                self.vessel_imu.latency_s,
+                Mount::default(),
+            ),
+        ];
+        if let Some(base) = &self.moving_base {
+            let antenna_m = core::array::from_fn(|k| deck_m[k] + base.antenna_m[k]);
+            let mount = Mount {
+                antenna_m: Some(antenna_m),
+                ..Mount::default()
+            };
+            all.push(source("base", Format::Rtcm, 0.0, mount));
+        }
+        all
+    }
+}
+
+impl SensorConfig {
+    /// The drone's link as an installer configures it for the scene's beacon and moving base, whose receiver is at this address.
+    pub fn wired(&self, link: &AutopilotLinkConfig, receiver: &str) -> AutopilotLinkConfig {
+        let mut link = link.clone();
+        if self.beacon.is_some() {
+            link.beacon_system = BEACON.system;
+        }
+        if let Some(base) = &self.moving_base {
+            link.receiver = receiver.into();
+            link.receiver_latency_s = in_ticks_s(base.fix_latency_s);
+        }
+        link
+    }
+}
+
+/// The devices, each at its wire. They run on GNSS time, which is the world's.
+#[derive(Clone, Debug)]
+pub struct Boat {
+    devices: Vec<BoatSensor>,
+    /// Place of the moving base among the devices.
+    base: Option<usize>,
+    /// Clock of the measurements' stamps.
+    clock: ClockModel,
+}
+
+impl Boat {
+    /// Devices of these sources, each with what it carries.
+    pub fn new(
+        sources: &[SourceConfig],
+        carries: Vec<Carries>,
+        sensors: &SensorConfig,
+        clock: ClockModel,
+    ) -> Boat {
+        let stated = StatedErrors::of(&sensors.vessel_gnss);
+        let device = |(source, carries): (&SourceConfig, Carries)| {
+            BoatSensor::new(source.format, &source.mount, carries, stated)
+        };
+        Boat {
+            devices: sources.iter().zip(carries).map(device).collect(),
+            base: sources.iter().position(SourceConfig::is_base),
+            clock,
+        }
+    }
+    /// Bytes of each device for these measurements, and of its moving base.
+    pub fn bytes(&mut self, readings: &Readings, rtcm: &[u8]) -> Vec<Vec<u8>> {
+        let own = self.on_own_clock(readings);
+        let mut all: Vec<Vec<u8>> = self.devices.iter_mut().map(|d| d.bytes(&own)).collect();
+        if let Some(base) = self.base.and_then(|k| all.get_mut(k)) {
+            base.extend_from_slice(rtcm);
+        }
+        all
+    }
+    /// The measurements with times of the devices' own clock.
+    fn on_own_clock(&self, readings: &Readings) -> Readings {
+        let mut own = readings.clone();
+        let date = |at: &mut Time<VesselClock>| {
+            *at = Time::EPOCH + Span::from_nanos(self.clock.true_time(*at).nanos())
+        };
+        own.imu.iter_mut().for_each(|m| date(&mut m.header.at));
+        own.gnss.iter_mut().for_each(|m| date(&mut m.header.at));
+        own.heading.iter_mut().for_each(|m| date(&mut m.header.at));
+        own
+    }
+}
