@@ -1,4 +1,4 @@
-//! A row's step as those see it that only look: a log, which writes it, and a test, which reads it.
+//! Read-only view of a node's step for observers: a log writes it, and a test reads it.
 
 use core::any::Any;
 
@@ -7,11 +7,11 @@ use serde::Serialize;
 use crate::process::ProcessKind;
 use crate::wire::{self, WireError};
 
-/// An input or an output of a step.
+/// Input or output of a step.
 pub trait Recorded: Any {
-    /// Appends it as a record; an error where it is longer than [`wire::MAX_RECORD_BYTES`].
+    /// Appends it as a record; an error if it is longer than [`wire::MAX_RECORD_BYTES`].
     fn append(&self, to: &mut Vec<u8>) -> Result<(), WireError>;
-    /// [`wire::hash_record`] of it.
+    /// Hash by [`wire::hash_record`].
     fn hash(&self) -> Result<u64, WireError>;
 }
 
@@ -24,14 +24,14 @@ impl<T: Serialize + Any> Recorded for T {
     }
 }
 
-/// A step.
+/// One step of a node.
 #[derive(Clone, Copy)]
 pub struct Step<'a> {
-    /// The row that stepped.
+    /// Process of the node.
     pub process: ProcessKind,
-    /// The boot id of its start.
+    /// Boot id of the process.
     pub boot: u32,
-    /// The row's own time, ns.
+    /// Time on the node's own clock, ns.
     pub now_ns: i64,
     /// Input of the step.
     pub input: &'a dyn Recorded,
@@ -40,12 +40,12 @@ pub struct Step<'a> {
 }
 
 impl Step<'_> {
-    /// The input, where it is of this type.
+    /// Input, if it is of this type.
     pub fn input<I: 'static>(&self) -> Option<&I> {
         let input: &dyn Any = self.input;
         input.downcast_ref()
     }
-    /// The output, where it is of this type.
+    /// Output, if it is of this type.
     pub fn output<O: 'static>(&self) -> Option<&O> {
         let output: &dyn Any = self.output;
         output.downcast_ref()
