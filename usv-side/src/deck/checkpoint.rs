@@ -1,5 +1,4 @@
-//! The deck's checkpoint, for a restart of the vessel's process or computer: its owner, whether it is closed, and the
-//! operators' commands.
+//! Checkpoint of the deck for a restart of the vessel's process or computer: owner, closure, and operator commands.
 
 use alight_shared::admission::Sender;
 use alight_shared::msg::{Closure, OperatorCommand};
@@ -12,44 +11,40 @@ use serde::{Deserialize, Serialize};
 pub enum Claim {
     #[default]
     Away,
-    /// Above it, not stably: keeps it, does not request it.
+    /// Above the deck, but not steady: keeps the deck, but does not request it.
     Above,
-    /// On its way there, waits for it, or is stably above it.
+    /// On its way, waiting, or steady above the deck.
     Requesting,
     /// In descent or flare.
     Landing,
-    /// Stands on it.
     OnDeck,
 }
 
-/// A drone that has to do with the deck.
+/// Drone with a relation to the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroneClaim {
-    /// Number of the drone.
     pub drone: u32,
-    /// The boot id of its newest status.
+    /// Boot id of its newest status.
     pub boot: u32,
-    /// Relation of the drone to the deck.
     pub claim: Claim,
-    /// Waiting place of the drone.
+    /// Number of its waiting place.
     pub place: Option<usize>,
-    /// It was where only the deck's owner may be.
+    /// It was in the space reserved for the owner.
     pub inside: bool,
 }
 
-/// The arbiter's checkpoint.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeckCheckpoint {
-    /// The drone that owns the deck.
+    /// Number of the owner.
     pub owner: Option<u32>,
-    /// Why the deck is closed, if it is.
+    /// Reason why the deck is closed; None: it is open.
     pub closed: Option<Closure>,
     /// The owner, and every drone that lands, stands or waits there.
     pub claims: Vec<DroneClaim>,
 }
 
 impl DeckCheckpoint {
-    /// Replaces a checkpoint that is missing or cannot be read: no drone is known, so the deck is closed.
+    /// Replacement for a missing or unreadable checkpoint: no drone is known, so the deck is closed.
     pub fn unknown(closure: Closure) -> DeckCheckpoint {
         DeckCheckpoint {
             closed: Some(closure),
@@ -58,13 +53,12 @@ impl DeckCheckpoint {
     }
 }
 
-/// An operator's command that the vessel knows, with the time at which it was given.
+/// Operator command known to the vessel, with its original time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GivenCommand {
-    /// Who gave it.
     pub operator: Sender,
-    /// The command: boot and sequence are those of the operator's message, whose repetitions do not count.
+    /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// It is repeated to its drone: neither acknowledged nor replaced, given up or made void by an abort.
+    /// Still repeated to its drone: neither acknowledged, replaced, given up, nor cancelled by an abort.
     pub open: bool,
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// With a switch of the crew, open, and a sensor of what lies on the deck, free.
+/// Rig with an open crew switch and a sensor that reports a free deck.
 fn with_inputs() -> Rig {
     let config = DeckConfig {
         crew_switch: "switch".into(),
@@ -35,7 +35,7 @@ fn deck_closed_by_switch_and_order() {
     assert_eq!((rig.run(&waiting, 2.0), rig.closed()), (0, Some(Closure::Crew)));
     rig.order(DeckOrder::Open);
     assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
-    // Of a drone that has the deck already, as by an order.
+    // A drone that already has the deck is affected as by an order.
     rig.inputs.closed = Some(true);
     rig.run(&[(1, State::Descent)], 0.5);
     assert_eq!(rig.closed(), Some(Closure::Switch));
@@ -80,7 +80,7 @@ fn occupancy_sensor_under_a_drone() {
     assert!(occupied(&rig) && rig.closed() == Some(Closure::Sensor));
     rig.inputs.occupied = Some(false);
     assert_eq!(rig.run(&first(State::TrackingStable), 0.5), 1);
-    // Something comes to lie there while it descends, and is taken away.
+    // An object comes to lie there during the descent, and is removed.
     for (level, closed) in [(true, Some(Closure::Sensor)), (false, None)] {
         rig.inputs.occupied = Some(level);
         rig.run(&first(State::Descent), 2.0);
@@ -94,7 +94,7 @@ fn occupancy_sensor_under_a_drone() {
             "{state:?}"
         );
     }
-    // A sensor that reports nothing ends no drone's ownership, silent or not.
+    // A free deck by the sensor ends no drone's ownership, silent or not.
     rig.inputs.occupied = Some(false);
     assert_eq!(rig.run(&first(State::Landed), 9.0), 1);
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
