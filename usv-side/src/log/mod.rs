@@ -1,5 +1,4 @@
-//! Recordings of a boat's sensors (offline): bytes to measurements, in their recorded order, with the sensors' own
-//! time.
+//! Offline reading of sensor recordings: bytes to measurements in recorded order, with the sensors' own time.
 
 mod buses;
 mod csv;
@@ -13,37 +12,37 @@ use thiserror::Error;
 
 use crate::sensors::{Average, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
-/// The formats that are read, for errors.
+/// Text about the supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
-/// Beginnings of recordings that are converted first, and their formats.
+/// Signatures of recordings that need conversion first, with their formats.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
     (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
     (b"#ROSBAG V", "a bag of ROS 1"),
     (b"SQLite format 3\0", "a bag of ROS 2"),
 ];
-/// Begin of a sentence of VectorNav with its solution.
+/// Start of a VectorNav sentence with its solution.
 const VNINS: &[u8] = b"$VNINS,";
-/// Bytes at the beginning that distinguish the formats.
+/// Number of bytes at the beginning for detecting the format.
 const HEAD_BYTES: usize = 16 << 10;
-/// Most measurements that a recording may hold.
+/// Maximum number of measurements in a recording.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
-/// Why a recording was rejected.
+/// Reason for rejecting a recording.
 #[derive(Debug, Error)]
 #[error("{origin}{}: {message}", .line.map(|n| format!(", line {n}")).unwrap_or_default())]
 pub struct LogError {
     pub origin: String,
-    /// The line that makes it unusable, counted from 1.
+    /// Line with the fault, counted from 1.
     pub line: Option<u64>,
-    /// Fault, and its remedy.
+    /// Fault and remedy.
     pub message: String,
 }
 
 impl LogError {
-    /// The file is unusable as a whole.
+    /// Error about the whole file.
     pub fn new(origin: &str, message: impl Into<String>) -> Self {
         LogError {
             origin: origin.into(),
@@ -51,7 +50,7 @@ impl LogError {
             message: message.into(),
         }
     }
-    /// A line makes the file unusable.
+    /// Error at a line.
     fn at_line(origin: &str, line: u64, message: impl Into<String>) -> Self {
         LogError {
             line: Some(line),
@@ -60,20 +59,19 @@ impl LogError {
     }
 }
 
-/// The content of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct SensorRecording {
     /// File format.
     pub format: &'static str,
-    /// Measurements of the recording in their order, on a clock that begins near zero.
+    /// Measurements in recorded order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
     /// Statistics of its decoder.
     pub decoded: Decoded,
-    /// Assumptions and omissions while it was read.
+    /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Gathers measurements of one recording.
+/// Collects the measurements of one recording.
 #[derive(Debug, Default)]
 struct Gather {
     first_ns: Option<i64>,
@@ -83,7 +81,7 @@ struct Gather {
 }
 
 impl Gather {
-    /// A measurement of `source`; inertial samples are averaged to the filter's rate.
+    /// Adds a measurement of `source`; inertial samples are averaged to the filter's rate.
     fn push(&mut self, SourceMeasurement { at_ns, measurement }: SourceMeasurement, source: u8) {
         let first = *self.first_ns.get_or_insert(at_ns);
         match measurement {
@@ -108,7 +106,7 @@ impl Gather {
         let at: Time<VesselClock> = Time::from_nanos(at_ns);
         self.measurements.push(measurement.of(source, at));
     }
-    /// Text on the kinds of which nothing was gathered; empty where there is something of each.
+    /// Text about missing kinds of measurements; empty if there are none.
     fn missing(&self) -> String {
         let is_place =
             |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
@@ -123,7 +121,7 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
-    /// The recording of a decoder that counted `decoded`; `found` is what the file holds, for people.
+    /// Recording of a decoder with the counts `decoded`; `found` describes the file's content.
     fn recording(
         self,
         origin: &str,
@@ -145,7 +143,7 @@ impl Gather {
             notes,
         })
     }
-    /// All measurements, or why they are unusable; `found` is what the file holds, for people.
+    /// All measurements, or the reason why they are unusable; `found` describes the file's content.
     fn finish(mut self, origin: &str, found: &str) -> Result<Vec<Measurement>, LogError> {
         let first = self.first_ns.unwrap_or_default();
         for k in 0..self.average.len() {
@@ -184,7 +182,7 @@ impl Gather {
     }
 }
 
-/// Reads a recording and leaves out channels that cannot be true, with a note; `origin` names it in errors, `mount` is the
+/// Reads a recording and drops implausible channels with a note. `origin` names it in errors, and `mount` is the
 /// mounting of its sensors.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let recorded = read_format(bytes, origin, mount)?;
@@ -201,7 +199,7 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording
     })
 }
 
-/// Reads a recording as its format has it.
+/// Reads a recording in its format.
 fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {
@@ -222,7 +220,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
         return csv::read(bytes, origin, mount);
     }
     if sentences::is_nmea(head) {
-        // VectorNav's own sentence has the layout of NMEA 0183, and is not read live.
+        // VectorNav's sentence has the NMEA 0183 layout, but is not supported live.
         let is_vectornav = head.windows(VNINS.len()).any(|w| w == VNINS);
         let error = |e: LogError| match is_vectornav {
             true => LogError {
@@ -248,7 +246,7 @@ mod tests {
     use crate::fixtures::{damage, damaged, sentence};
     use proptest::prelude::*;
 
-    /// A table and a log of sentences of 20 s.
+    /// A table and a log of sentences, 20 s each.
     fn good() -> [Vec<u8>; 2] {
         let mut table =
             String::from("t_s,roll_deg,pitch_deg,heave_m,latitude_deg,longitude_deg,altitude_m\n");

@@ -1,4 +1,4 @@
-//! Predictions against the node's own later estimates, compared with a ridge regression and holding the last estimate.
+//! Comparison of predictions with the node's later estimates, a ridge regression, and the last estimate held constant.
 
 use std::collections::VecDeque;
 
@@ -9,34 +9,32 @@ use serde::Serialize;
 
 use super::ridge::{PublishedMotion, RefittedRidge};
 
-/// Times ahead, s.
+/// Prediction horizons, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
-/// Degrees of freedom, as in the estimate.
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
-/// Most predictions that wait for their time.
+/// Maximum number of pending predictions.
 const MAX_PENDING: usize = 64;
-/// Degrees of freedom that the regression predicts.
+/// Degrees of freedom predicted by the regression.
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
-/// Longest time between two estimates over which they are interpolated, s.
+/// Maximum time between two estimates for interpolation, s.
 const MAX_GAP_S: f64 = 0.2;
 
-/// One degree of freedom.
 #[derive(Clone, Debug, Serialize)]
 pub struct PredictionReview {
-    /// Which: position north, east, down, then roll, pitch, yaw.
+    /// Degree of freedom: position north, east, down, then roll, pitch, yaw.
     pub what: &'static str,
     /// m or deg.
     pub unit: &'static str,
-    /// Predictions compared.
+    /// Number of compared predictions.
     pub count: u64,
-    /// Root mean square difference to the later estimate, per horizon.
+    /// Root mean square difference from the later estimate, per horizon.
     pub rms: [f64; 3],
-    /// That of a ridge regression on the estimates of the last two minutes; none where it does not predict.
+    /// RMS of a ridge regression on the estimates of the last two minutes; None if it makes no prediction.
     pub ridge_rms: [Option<f64>; 3],
-    /// That of holding the last estimate.
+    /// RMS of holding the last estimate.
     pub hold_rms: [f64; 3],
-    /// Fraction of differences within 1.96 of the standard deviation that came with the prediction.
+    /// Fraction of differences within 1.96 of the predicted standard deviation.
     pub inside_95: [f64; 3],
 }
 
@@ -47,7 +45,7 @@ struct Pending {
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
-    /// By the regression: roll, pitch, height.
+    /// Regression for roll, pitch, height.
     ridge: Option<[f64; 3]>,
 }
 
@@ -61,14 +59,14 @@ struct Sums {
     ridge_squares: [f64; 3],
 }
 
-/// Predictions that wait for their time, and the errors of those before them.
+/// Pending predictions, and errors of past ones.
 #[derive(Default)]
 pub(super) struct Predictions {
     pending: VecDeque<Pending>,
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: PublishedMotion,
-    /// Since the first estimate.
+    /// Exists from the first estimate on.
     ridge: Option<RefittedRidge>,
 }
 
@@ -77,7 +75,7 @@ fn difference(dof: usize, a: f64, b: f64) -> f64 {
 }
 
 impl Predictions {
-    /// Keeps a prediction, made when the mean water level was at `level` (m down).
+    /// Stores a prediction made with the mean water level at `level`, m down.
     pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>, level: f64) {
         let Some((held, _)) = p.at(0.0) else { return };
         let ridge = self
@@ -102,7 +100,7 @@ impl Predictions {
             }
         }
     }
-    /// Compares what is due with an estimate, made when the mean water level was at `level` (m down).
+    /// Compares due predictions with an estimate made with the mean water level at `level`, m down.
     pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
         let (at, eta) = (estimate.header.at, estimate.eta);
         if self.last.is_none_or(|(before, _)| at > before) {
@@ -143,7 +141,7 @@ impl Predictions {
             });
         }
     }
-    /// The errors per degree of freedom, with heave where it is observable.
+    /// Errors per degree of freedom; with heave if it is observable.
     pub(super) fn reviews(&self, heave: bool) -> Vec<PredictionReview> {
         let count = self.sums.iter().map(|s| s.n).min().unwrap_or_default();
         if count == 0 {

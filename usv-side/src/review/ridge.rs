@@ -1,28 +1,27 @@
-//! Reference predictor without a model: ridge regression on the node's own published estimates.
+//! Model-free reference predictor: ridge regression on the node's published estimates.
 //!
 //! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
-//! ahead (Hoerl and Kennard 1970); fitted to the last 120 s.
+//! ahead (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
 use alight_shared::msg::VesselEstimate;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use nalgebra::{DMatrix, DVector};
 
-/// Time between two samples, s.
 const STEP_S: f64 = 0.1;
 /// Lags, samples.
 const LAGS: [usize; 24] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
-/// Weight of the ridge, times the number of rows.
+/// Weight of the ridge, multiplied by the number of rows.
 const RIDGE: f64 = 3e-3;
-/// It is fitted to so much of the past, s, and as often, s.
+/// Length of the past used for the fit, s.
 const WINDOW_S: f64 = 120.0;
-/// Time after which it is fitted again, s.
+/// Interval between fits, s.
 const REFIT_S: f64 = 10.0;
-/// Before that the estimator has not settled, s.
+/// Settling time of the estimator, s.
 const SETTLED_S: f64 = 10.0;
-/// Fewest rows of a fit.
+/// Minimum number of rows of a fit.
 const MIN_ROWS: usize = 200;
 const CHANNELS: usize = 6;
 const FEATURES: usize = LAGS.len() * CHANNELS;
@@ -30,7 +29,7 @@ const FEATURES: usize = LAGS.len() * CHANNELS;
 /// Roll, pitch (rad) and heave about the mean water level (m down), and their rates.
 pub type RollPitchHeave = [f64; CHANNELS];
 
-/// Estimates that the node has published, oldest first.
+/// Estimates published by the node, oldest first.
 #[derive(Clone, Debug, Default)]
 pub struct PublishedMotion {
     times: Vec<Time<VesselClock>>,
@@ -38,7 +37,7 @@ pub struct PublishedMotion {
 }
 
 impl PublishedMotion {
-    /// Takes an estimate, later than those before, and the mean water level (m down) at that time.
+    /// Adds an estimate, later than its predecessors, with the mean water level (m down) at that time.
     pub fn push(&mut self, e: &VesselEstimate<VesselClock>, level: f64) {
         let rate = |d: usize| f64::from(e.eta_dot[d]);
         self.push_motion(
@@ -53,16 +52,16 @@ impl PublishedMotion {
             ],
         );
     }
-    /// Takes a motion, later than those before.
+    /// Adds a motion later than its predecessors.
     pub fn push_motion(&mut self, at: Time<VesselClock>, motion: RollPitchHeave) {
         self.times.push(at);
         self.values.push(motion);
     }
-    /// Forgets what no fit reads any more.
+    /// Drops estimates that no fit uses any more.
     pub fn forget(&mut self) {
         let Some(last) = self.times.last() else { return };
         let from = *last - Span::from_secs(WINDOW_S + REFIT_S);
-        // Seldom, for all that is kept moves.
+        // Rarely, because all remaining entries are moved.
         let old = self.times.partition_point(|t| *t < from);
         if old > self.times.len() / 2 {
             self.times.drain(..old);
@@ -79,7 +78,7 @@ impl PublishedMotion {
     }
 }
 
-/// Estimates published until some time.
+/// Estimates published until a given time.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     times: &'a [Time<VesselClock>],
@@ -87,7 +86,8 @@ pub struct Past<'a> {
 }
 
 impl Past<'_> {
-    /// At time `t`: cubic between two estimates, from the last one on by its rates; None before the first.
+    /// Motion at time `t`: cubic between two estimates, extrapolated by the rates after the last; None before the
+    /// first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
@@ -109,18 +109,18 @@ impl Past<'_> {
     }
 }
 
-/// The regression, fitted.
+/// Fitted regression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ridge {
     mean: RollPitchHeave,
     scale: RollPitchHeave,
-    /// By horizon: weights of the features for roll, pitch, heave.
+    /// Weights of the features for roll, pitch, heave, by horizon.
     weights: Vec<DMatrix<f64>>,
 }
 
 impl Ridge {
-    /// Fitted for these times ahead (s) to what was published in the two minutes before `t` and not before `settled`;
-    /// None where that is too little.
+    /// Fits to estimates published in the two minutes before `t` and not before `settled`, for these horizons (s). None
+    /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,
@@ -152,7 +152,7 @@ impl Ridge {
             weights: Vec::with_capacity(horizons_s.len()),
         };
         let scaled: Vec<RollPitchHeave> = samples.iter().map(|s| ridge.scaled(s)).collect();
-        // One row per sample that has all its lags.
+        // One row per sample with all lags.
         let z = DMatrix::from_fn(scaled.len() - reach, FEATURES, |r, f| {
             scaled[reach + r - LAGS[f / CHANNELS]][f % CHANNELS]
         });
@@ -197,17 +197,17 @@ impl Ridge {
     }
 }
 
-/// The regression in use: fitted again every 10 s since the node began, once the estimator has settled.
+/// Regression fitted every 10 s from the start of the node, once the estimator has settled.
 #[derive(Clone, Debug)]
 pub struct RefittedRidge {
     began: Time<VesselClock>,
     horizons_s: Vec<f64>,
-    /// By which 10 s.
+    /// Number of the interval, and its fit.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 
 impl RefittedRidge {
-    /// For these times ahead (s), of a node that began to publish at `began`.
+    /// For these horizons (s) and a node that began to publish at `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
@@ -215,7 +215,7 @@ impl RefittedRidge {
             fitted: None,
         }
     }
-    /// Roll, pitch and heave at every horizon after `t`, of what was published until then; times do not decrease.
+    /// Roll, pitch and heave at every horizon after `t`, from estimates published until then; times must not decrease.
     pub fn predict(&mut self, published: &PublishedMotion, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
         let period = ((t - self.began).secs() / REFIT_S).floor();
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
@@ -237,7 +237,7 @@ mod tests {
 
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-    /// Two lines, and their rates.
+    /// Two linear motions with their rates.
     fn motion(t: Time<VesselClock>) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;
