@@ -41,7 +41,7 @@ config! {
             this.tag_side_m.is_none() || this.tags.is_empty(),
             "tag_side_m",
             this.tag_side_m.unwrap_or_default(),
-            "one of both: tag_side_m for one tag alone, or the list `tags`",
+            "either tag_side_m for a single tag, or the list `tags`",
         )?;
     }
 }

@@ -99,7 +99,7 @@ mod tests {
     fn senders_of_every_radio_topic() {
         let sent: Vec<&str> = RadioTopic::ALL.iter().map(|t| t.row().topic.name).collect();
         for topic in topics::ALL.iter().filter(|t| t.medium == Medium::Radio) {
-            assert!(sent.contains(&topic.name), "{} is sent by none", topic.name);
+            assert!(sent.contains(&topic.name), "{} has no sender", topic.name);
         }
     }
 }

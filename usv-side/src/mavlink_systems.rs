@@ -154,9 +154,9 @@ impl Systems {
                 None,
             ),
             None => (
-                format!("no system on this link is known as the vessel's; left out: {others}"),
+                format!("no system on this link is identified as the vessel's; left out: {others}"),
                 Some(
-                    "its heartbeat must have the MAV_TYPE of a boat; or name its number: system = N at this source",
+                    "its heartbeat must have the MAV_TYPE of a boat; or set its number: system = N at this source",
                 ),
             ),
         })

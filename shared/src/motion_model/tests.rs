@@ -196,7 +196,7 @@ fn motion_model_after_a_gap_and_nan() {
     let fading = &model.modes().unwrap().modes;
     assert!(
         matches!(&fading[..], [m] if m.pole.im == 0.0),
-        "the past has a hole"
+        "the past has a gap"
     );
 }
 

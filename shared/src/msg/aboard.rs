@@ -88,7 +88,7 @@ impl fmt::Display for Starved {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "drone {} has the deck and is silent for {:.0} s, and drone {} waits for it with {:.0} % of its battery",
+            "drone {} has the deck and has been silent for {:.0} s, and drone {} waits for it with a battery of {:.0} %",
             self.owner,
             self.silent_s,
             self.waiting,

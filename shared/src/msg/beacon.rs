@@ -42,7 +42,7 @@ impl BeaconSource {
             BeaconSource::GlobalPosition => "GLOBAL_POSITION_INT",
             BeaconSource::FollowTarget => "FOLLOW_TARGET",
             BeaconSource::Ais => "AIS",
-            BeaconSource::Vessel => "the vessel when it was known last",
+            BeaconSource::Vessel => "the last known place of the vessel",
         }
     }
 }

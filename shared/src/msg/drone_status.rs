@@ -95,11 +95,7 @@ mod tests {
         assert!(!old.is_current() && !old.armed);
         assert!((old.mission_age_s - 10.0).abs() < 1e-6);
         assert_eq!((old.landed, old.battery), (LandedState::Unknown, None));
-        assert_eq!(
-            old.deck_distance_m,
-            Some(1.0),
-            "whose age its own function looks at"
-        );
+        assert_eq!(old.deck_distance_m, Some(1.0), "deck_distance_m checks its age");
         let unlinked = DroneStatus::of(header(10.1), &mission, None, None);
         assert!(unlinked.is_current() && unlinked.battery.is_none());
     }

@@ -196,7 +196,7 @@ reasons! {
     BatteryHere { "battery at {v_percent:.0} % (needs {l_percent:.0} %): the autopilot lands here" }
     /// Aborted by an operator close to the deck, where a climb would meet it harder than the landing: the landing is
     /// completed.
-    CompletesLanding { "stopped where a climb would meet the deck harder than the landing: completes it" }
+    CompletesLanding { "stopped where a climb would hit the deck harder than the landing: completes the landing" }
     /// The autopilot has not reported the origin of its NED.
     NoOrigin { "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)" }
     /// The origin or position estimate has jumped without a new forecast since: shift of the origin, m.
@@ -220,11 +220,10 @@ reasons! {
     Swings { "attitude set-points swing by {v_deg:.0} deg rms (limit {l_deg:.0}): the autopilot's attitude gains do \
         not suit" }
     /// The landing order expired: the drone was not flying, or something else prevented the start, for this time, s.
-    OrderExpired { "the order to land has ended after {v:.0} s in which the drone did not begin (limit {l:.0}): give \
-        it again" }
+    OrderExpired { "the landing order expired after {v:.0} s without a start (limit {l:.0}): give it again" }
     /// Only the radio gives the deck's height: minimum height of the drone above it until confirmed, m.
     HeightUnconfirmed { "only the radio gives the deck's height: stays {v:.0} m above it until the camera, mean sea \
-        level or a take-off from the deck agrees, or a person flies lower" }
+        level or a take-off from the deck agrees, or a pilot flies lower" }
     /// Battery below the reserve, fraction, with the landing stopped: below the limit a place is chosen unless an
     /// operator decides earlier.
     BatteryStopped { "battery at {v_percent:.0} %: below {l_percent:.0} % it lands on the deck, or at the next \
@@ -240,8 +239,8 @@ reasons! {
     /// Distance between the deck's position by vision and by radio, m, and the bound of both errors.
     DeckElsewhere { "the deck is detected {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?" }
     /// Difference between the deck's height by rangefinder and by camera, in standard deviations of both.
-    HeightContradicted { "rangefinder and camera contradict each other about the deck's height: by {v:.1} times what \
-        they err (limit {l:.1})" }
+    HeightContradicted { "rangefinder and camera contradict each other about the deck's height: by {v:.1} \
+        standard deviations (limit {l:.1})" }
     /// Distance from the hold height, m.
     OffHeight { "{v:.1} m off its height (limit {l:.1} m)" }
     /// Descent: height above the deck, m, and height at which the flare begins.
@@ -261,7 +260,7 @@ reasons! {
     /// Armed again, by the pilot, after the landing.
     ArmedAgain { "armed again after the landing" }
     /// Time since the missing data returned, s.
-    Recovered { "what was missing is back for {v:.1} s" }
+    Recovered { "missing data has been back for {v:.1} s" }
     /// The motion of a vessel known by its tags alone is not identified yet.
     NotIdentified { "the deck's motion is not identified yet: it takes a minute of vision" }
     /// Tags of a vessel without radio are detected.
@@ -275,9 +274,9 @@ reasons! {
     /// No tags found around the beacon's position: search radius, m, and duration, s.
     NotFound { "no tags within {v:.0} m of the beacon in {l:.0} s of search" }
     /// Beacon position too inaccurate for a search: required search radius, m, and the limit.
-    BeaconVague { "the beacon is too inexact: the search would reach {v:.0} m (limit {l:.0})" }
+    BeaconVague { "the beacon is too inaccurate: the search would reach {v:.0} m (limit {l:.0})" }
     /// Number of decks in sight with this deck's tags, none of them identified as the drone's own.
-    SeveralDecks { "{v:.0} decks with these tags are near, and none in sight is known as its own" }
+    SeveralDecks { "{v:.0} decks with these tags are near, and the drone's own is not identified" }
     /// A take-off was commanded.
     TakeOffCommanded { "take-off commanded" }
     /// Take-offs are disabled: `drone.mission.takeoff`, or a mode without commands.
@@ -296,17 +295,17 @@ reasons! {
     /// The autopilot did not arm: time waited, s, and the limit.
     ArmingRejected { "the autopilot did not arm within {l:.0} s: its own text has the reason" }
     /// The autopilot reports no turning rotors yet: time since arming, s, and the limit.
-    SpinningUp { "the autopilot reports no rotors that turn, {v:.1} s after arming (limit {l:.1})" }
+    SpinningUp { "the autopilot reports no turning rotors {v:.1} s after arming (limit {l:.1})" }
     /// Probability of a take-off too low because the deck tilts or moves sideways.
     TakeOffTilted { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck tilts or slides away" }
     /// Probability of a take-off too low because the deck may rise into the drone.
-    TakeOffHit { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck may rise into it" }
+    TakeOffHit { "a take-off is {likely:.0} % likely (needs {needed:.0}): the deck may hit the drone" }
     /// A better moment to take off comes soon: probability now and then.
     BetterMoment { "a take-off is {likely:.0} % likely now, {:.0} % within seconds", l_percent.floor() }
     /// Probability of a take-off at this moment.
     GoodMoment { "a take-off is {likely:.0} % likely now" }
     /// No suitable moment to take off: time waited, s, and the limit.
-    NoMoment { "no moment to take off in {v:.0} s (limit {l:.0})" }
+    NoMoment { "no good moment to take off in {v:.0} s (limit {l:.0})" }
     /// Leaving the deck: height gained, m.
     Leaving { "leaves the deck, {v:.1} m above it" }
     /// The feet do not leave the deck: height gained, m, and the minimum by that time.
@@ -318,7 +317,7 @@ reasons! {
     /// At the target height after the take-off.
     TakenOff { "at its height after the take-off" }
     /// Armed on the deck after a stopped take-off, s.
-    StillArmed { "stands armed for {v:.0} s: if it stays so, disarm by remote control" }
+    StillArmed { "armed on the deck for {v:.0} s: if this continues, disarm by remote control" }
     /// The autopilot is disarmed.
     Disarmed { "disarmed on the deck" }
     /// Battery too low for a take-off, fraction.
@@ -339,7 +338,7 @@ reasons! {
     /// All sorties are done: their number, and the planned number.
     SortiesDone { "all sorties are done: {v:.0} (limit {l:.0})";
         if l == 0.0 => "no unattended cycles (drone.mission.sorties_max = 0)";
-        if v < l => "no cycles go on, {v:.0} of {l:.0} sorties begun: order a take-off" }
+        if v < l => "no cycles in progress, {v:.0} of {l:.0} sorties begun: order a take-off" }
     /// Out of radio range, flying to the vessel's expected position: distance, m, and time since its last message, s.
     SeeksVessel { "no radio for {l:.0} s: flies to where the vessel should be, {v:.0} m" }
     /// Handing over to the autopilot's own mission after a take-off: time waited, s, and the limit.
@@ -353,7 +352,7 @@ reasons! {
     /// Several autopilots on the link: the MAVLink system in use, and the other.
     SeveralAutopilots { "autopilots {v:.0} and {l:.0} received: set autopilot.vehicle" }
     /// The remote control's switch is in its abort position.
-    SwitchAborts { "the remote control's switch stands on abort" }
+    SwitchAborts { "the remote control's switch is on abort" }
     /// A light blinds the camera: saturated part of its image, %, while no tag is detected; the limit is the maximum of
     /// a glint.
     Glare { "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen \
@@ -364,21 +363,21 @@ reasons! {
     /// The time on the station has elapsed.
     StationOver { "the time on the station is over" }
     /// Station below the approach height: its height, m, and the minimum.
-    StationTooLow { "no station {v:.0} m up: {l:.0} m at least, the height of the approach" }
+    StationTooLow { "a station {v:.0} m up is too low: at least {l:.0} m, the approach height" }
     /// Station above another drone's deck, or without a deck of its own: horizontal distance from the deck's centre, m,
     /// and the minimum.
-    StationTooNear { "no station {v:.0} m from a deck that is not its own: {l:.0} m at least" }
+    StationTooNear { "a station {v:.0} m from a deck that is not its own is too near: at least {l:.0} m" }
     /// Station at another drone's height: that height, m, and the minimum difference.
     StationTaken { "another drone waits {v:.0} m up: a station has to be {l:.0} m higher or lower" }
     /// A station cannot begin now: the drone takes off, descends, stands or searches for the vessel.
-    StationNotNow { "no station from here: it takes off, descends, stands or looks for the vessel" }
+    StationNotNow { "no station from here: the drone takes off, descends, stands or searches for the vessel" }
     /// Order rejected: the pilot, the autopilot's own mission or its hold is in control.
     NotInControl { "the pilot or the autopilot's own mode has the drone: choose another mode there, or order a \
         landing" }
     /// Landing order rejected: the drone stands on the deck.
     OnDeck { "the drone stands on the deck" }
     /// Landing order rejected: the drone is about to take off, or its take-off was just stopped.
-    DuringTakeOff { "it takes off: abort that, or order again once it is clear of the deck" }
+    DuringTakeOff { "the drone takes off: abort the take-off, or order again once it is clear of the deck" }
     /// The drone follows set-points again near the deck: height of the feet above it, m.
     GivenBack { "follows set-points again, feet {v:.2} m above the deck" }
     /// The autopilot reports no battery.
@@ -386,9 +385,9 @@ reasons! {
         power module" }
     /// Fewer than two sources confirm that a drone with turning rotors stands on the deck: it may be in the air, and
     /// climbs.
-    MayFly { "nothing shows that it stands on the deck (rangefinder, way up, what carries it): climbs out" }
+    MayFly { "not confirmed on the deck (by rangefinder, height gained and thrust): climbs out" }
     /// The mission was suspended for too long and restarts: height of the feet above the deck, m, and duration, s.
-    StoodStill { "mission stood still for {l:.1} s, feet {v:.2} m above the deck: begins again" }
+    StoodStill { "mission suspended for {l:.1} s, feet {v:.2} m above the deck: starts again" }
     /// Probability of an unsafe contact too high.
     HarmLikely { "an unsafe contact is {v_percent:.1} % likely (limit {l_percent:.1})" }
     /// Deck dimensions in the drone's configuration differ from the vessel's: the pair that differs most, the drone's
@@ -400,5 +399,5 @@ reasons! {
         if l > 0.0 => "battery at {v_percent:.0} %: waits for the deck until {l_percent:.0} %, which the next place \
             needs" }
     /// Charge above the reserve again, fraction.
-    BatteryRecovered { "battery at {v_percent:.0} % (needs {l_percent:.0} %): goes on" }
+    BatteryRecovered { "battery at {v_percent:.0} % (needs {l_percent:.0} %): continues" }
 }

@@ -452,7 +452,7 @@ mod tests {
         estimate.header = header(3, 1.1);
         assert!(usable(&estimate));
         estimate.header = header(7, 3.0);
-        assert!(usable(&estimate), "the rest of the sixth is lost");
+        assert!(usable(&estimate), "the sixth message with its rest is lost");
         estimate.header = header(8, 3.2);
         assert!(!usable(&estimate), "for too long");
         estimate.header = header(9, 3.3);

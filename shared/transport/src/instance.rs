@@ -146,7 +146,7 @@ mod tests {
         let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
         assert!(matches!(instance(2), Ok(Ok(_))));
         let Ok(Err(rejected)) = instance(32) else {
-            panic!("32 bytes fit into no path of a socket");
+            panic!("a name of 32 bytes leaves no room for a socket path");
         };
         assert!(rejected.to_string().contains("shorter fits"), "{rejected}");
         assert!(instance(33).is_err());

@@ -163,9 +163,9 @@ struct Open {
     publishers: Vec<Publisher<'static>>,
     /// Queriers with the index of their subscription.
     queriers: Vec<(usize, Querier<'static>)>,
-    #[allow(dead_code, reason = "who answers lives as long as this is held")]
+    #[allow(dead_code, reason = "the queryables live as long as this is held")]
     queryables: Vec<Queryable<()>>,
-    #[allow(dead_code, reason = "a token is there as long as this is held")]
+    #[allow(dead_code, reason = "the token lives as long as this is held")]
     token: Option<LivelinessToken>,
     /// Peers that are present.
     present: Present,

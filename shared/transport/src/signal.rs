@@ -82,11 +82,11 @@ mod tests {
         let span = Duration::from_millis(1);
         assert!(memory.wait(span));
         raise(SIGCONT).unwrap();
-        assert!(memory.wait(span), "another signal ends nothing");
+        assert!(memory.wait(span), "other signals do not end the process");
         raise(SIGTERM).unwrap();
         raise(SIGCONT).unwrap();
         for _ in 0..2 {
-            assert!(!memory.wait(span), "the end is not forgotten");
+            assert!(!memory.wait(span), "a request to end is kept");
         }
         drop((services, memory));
         instance.wipe().unwrap();

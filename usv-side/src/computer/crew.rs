@@ -69,7 +69,7 @@ mod tests {
         );
         assert_eq!(orders.taken()[..], [1, 3]);
         let late = events.pop().map(|e| (e.is_warning(), e.to_string()));
-        let text = "crew order: deck closed: it came too late and does not count: give it again";
+        let text = "crew order: deck closed: too late and rejected: give it again";
         assert_eq!(late, Some((true, text.to_owned())));
         assert_eq!(events.len(), 2);
         // The last accepted orders are known after any number of others.

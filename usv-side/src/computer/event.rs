@@ -116,14 +116,16 @@ impl fmt::Display for VesselEvent {
                     "crew order: deck open, drone {drone} is neither on it nor above it"
                 )
             }
-            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => write!(f, "crew order: no course is stated"),
+            VesselEvent::DeckOrder(DeckOrder::Steady(0)) => {
+                write!(f, "crew order: course statement withdrawn")
+            }
             VesselEvent::DeckOrder(DeckOrder::Steady(for_s)) => {
                 write!(f, "crew order: course and speed are kept for {for_s} s")
             }
             VesselEvent::DeckOrder(DeckOrder::Turning) => write!(f, "crew order: the vessel turns"),
             VesselEvent::LateOrder(order) => {
                 let order = VesselEvent::DeckOrder(*order);
-                write!(f, "{order}: it came too late and does not count: give it again")
+                write!(f, "{order}: too late and rejected: give it again")
             }
             VesselEvent::ClearanceEnded { drone, why } => write!(
                 f,
@@ -135,7 +137,7 @@ impl fmt::Display for VesselEvent {
             VesselEvent::StuckImu { source, stuck: true } => write!(
                 f,
                 "inertial sensor {source} is STUCK: {MAX_REPEATED} samples in a row have the same numbers, and no \
-                 more are used: power it off and on, see to its cable and driver"
+                 more are used: power it off and on, check its cable and driver"
             ),
             VesselEvent::StuckImu { source, stuck: false } => {
                 write!(f, "inertial sensor {source} measures again")

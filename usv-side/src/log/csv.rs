@@ -139,7 +139,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
         ));
     }
     let alone = |q: Quantity, needs: &str| {
-        table.header_error(format!("column `{}` is there without {needs}", q.name()))
+        table.header_error(format!("column `{}` is present without {needs}", q.name()))
     };
     if table.has(Heave) && !table.has(Roll) {
         return Err(error(alone(Heave, "`roll_deg`")));
@@ -175,7 +175,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
         ));
     }
     if let Some((line, _)) = table.backwards {
-        notes.push(format!("the time goes back in line {line}"));
+        notes.push(format!("the time decreases in line {line}"));
     }
     notes.extend(reading.notes(&table));
     if table.rows.len() > MAX_MEASUREMENTS {
@@ -417,7 +417,7 @@ impl Reading {
         let hz = self.tilt.hz();
         if !self.inertial && hz > 0.0 && hz < SLOW_HZ {
             notes.push(format!(
-                "attitudes at {hz:.1} Hz, below 5 Hz: what moves fast between them is not in the estimate"
+                "attitudes at {hz:.1} Hz, below 5 Hz: fast motion between them is missing from the estimate"
             ));
         }
         let empty = table.unused(&[]).into_iter().filter(|q| !table.any(*q));

@@ -133,7 +133,7 @@ impl Gather {
         let missing = self.missing();
         let mut notes = vec![match missing.is_empty() {
             true => found.to_owned(),
-            false => format!("{found}; of all that came {missing}"),
+            false => format!("{found}; there is {missing}"),
         }];
         notes.extend(remarks.into_iter().map(|r| r.text));
         Ok(SensorRecording {

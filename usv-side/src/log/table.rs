@@ -417,7 +417,11 @@ impl CsvTable {
             let there = group.iter().find(|q| self.has(**q));
             let missing = group.iter().find(|q| !self.has(**q));
             if let (Some(there), Some(missing)) = (there, missing) {
-                let message = format!("column `{}` is there without `{}`", there.name(), missing.name());
+                let message = format!(
+                    "column `{}` is present without `{}`",
+                    there.name(),
+                    missing.name()
+                );
                 return Err(self.header_error(message));
             }
             let count = |row: &CsvRow| group.iter().filter(|q| row.get(**q).is_some()).count();
@@ -433,7 +437,7 @@ impl CsvTable {
                     bad.push(
                         row.line,
                         format!(
-                            "{name} is empty, not a number, but others of its kind are there; allowed is -{limit} to {limit}"
+                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to {limit}"
                         ),
                     );
                 }

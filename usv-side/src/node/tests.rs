@@ -109,7 +109,7 @@ fn accelerometer_that_clips_for_a_while() {
     };
     assert!(!run(0..2000, 10.0).is_empty());
     run(2000..2300, 8.5);
-    assert_eq!(run(2300..4500, 8.5), [], "no estimate of what it measures");
+    assert_eq!(run(2300..4500, 8.5), [], "no estimate from clipped samples");
     run(4500..4800, 10.0);
     let after = run(4800..6000, 10.0);
     assert!(after.len() > 350, "{}", after.len());
@@ -120,7 +120,7 @@ fn accelerometer_that_clips_for_a_while() {
     let observed_s = filter.map(|f| f.motion.observed_s());
     assert!(
         observed_s.is_some_and(|s| s < 15.0),
-        "{observed_s:?}: its modes are begun again"
+        "{observed_s:?}: the modes start again"
     );
 }
 
@@ -354,7 +354,7 @@ fn prediction_that_begins_at_the_estimate() {
             let limit = if d < 3 { 0.02 } else { 4e-3 };
             assert!(
                 off.abs() < limit,
-                "{:?}: degree {d} begins {off} off",
+                "{:?}: degree of freedom {d} starts {off} off",
                 p.header.at
             );
         }

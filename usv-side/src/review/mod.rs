@@ -140,13 +140,15 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     let no_heading = !has(|m| matches!(m, Measurement::Heading(_)));
     let no_place = !has(is_place) && !has(is_velocity);
     if !has(is_place) && has(is_velocity) {
-        notes.push("no position recorded: the boat begins anywhere and goes by its velocity".into());
+        notes.push(
+            "no position recorded: an arbitrary start is assumed, and motion by the recorded velocity".into(),
+        );
     }
     if no_place {
-        notes.push("no position recorded: the boat is taken to keep to a place, within 5 m".into());
+        notes.push("no position recorded: a boat on station is assumed, within 5 m".into());
     }
     if no_heading {
-        notes.push("no heading recorded: it is taken to head north".into());
+        notes.push("no heading recorded: a heading of north is assumed".into());
     }
     let mut node = VesselNode::new(config, 1, 1);
     let mut evaluation = Evaluation {

@@ -283,7 +283,7 @@ fn unheard_owner_that_gives_way() {
         rig.run(&both, last_s);
         let after = rig.run(&[(2, State::Approach)], 600.0);
         if last_s > topics::DECK.stale_after.secs() {
-            assert_eq!(after, 2, "{last_s} s: it knows");
+            assert_eq!(after, 2, "{last_s} s: it knows that it gave way");
         } else {
             assert_eq!(after, 0, "{last_s} s");
             assert_eq!(rig.run(&both, 1.0), 2, "it reports from beyond");
@@ -303,7 +303,7 @@ fn waiting_places() {
             .collect()
     };
     let mut held: Vec<u32> = (1..=PLACES as u32).collect();
-    assert_eq!(places(&rig), held, "the last two have none");
+    assert_eq!(places(&rig), held, "no place is left for the last two");
     // Also through silence and a restart of the vessel.
     rig.run(&crowd[3..], 600.0);
     rig.restart(Some(rig.arbiter.checkpoint()));

@@ -14,14 +14,14 @@ fn clearance_for_a_take_off() {
     );
     assert_eq!(rig.run(&[(1, State::Landed)], 2.0), 1);
     let cleared = |rig: &Rig| rig.arbiter.take_off;
-    assert!(cleared(&rig), "given before it was known there");
+    assert!(cleared(&rig), "given before the drone was known to stand there");
     rig.run(&[(1, State::Preparing)], 2.0);
     rig.run(&[(1, State::SpinUp)], 2.0);
     assert!(cleared(&rig));
     assert!(!rig.order(DeckOrder::Closed).take_off);
     assert!(
         !rig.order(DeckOrder::Open).take_off,
-        "what was cleared before it was closed"
+        "a clearance from before the deck was closed"
     );
     assert!(!rig.order(DeckOrder::TakeOff(2)).take_off, "another's");
     assert!(rig.order(DeckOrder::TakeOff(1)).take_off);
@@ -111,7 +111,7 @@ fn standing_clearance_of_two_drones() {
     assert!(!rig.order(DeckOrder::Closed).take_off);
     rig.order(DeckOrder::Open);
     rig.run(&[(2, State::Landed)], 2.0);
-    assert!(!cleared(&rig), "closed once, it stands no more");
+    assert!(!cleared(&rig), "closing the deck ended it");
 }
 
 /// Rig whose first drone stands on the deck with a standing clearance.

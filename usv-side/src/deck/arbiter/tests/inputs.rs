@@ -24,7 +24,7 @@ fn deck_closed_by_switch_and_order() {
     rig.inputs.closed = Some(true);
     assert_eq!((rig.run(&waiting, 2.0), rig.closed()), (0, Some(Closure::Switch)));
     rig.order(DeckOrder::Open);
-    assert_eq!(rig.closed(), Some(Closure::Switch), "the switch is closed still");
+    assert_eq!(rig.closed(), Some(Closure::Switch), "the switch is still closed");
     assert_eq!(
         rig.arbiter.checkpoint().closed,
         None,
