@@ -22,7 +22,6 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::config::ClockConfig;
 
-/// Maximum number of stored exchanges.
 const MAX_SAMPLES: usize = 256;
 /// Number of exchanges that count as recent in the detection of a step.
 const RECENT: usize = 10;
@@ -89,12 +88,10 @@ impl ClockOffset {
         self.combined = None;
     }
 
-    /// Number of offset steps since the start.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Adds an exchange with its four time stamps.
     pub fn exchange(
         &mut self,
         t1: Time<DroneClock>,

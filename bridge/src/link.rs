@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use alight_shared::estimation::quantile;
 use alight_shared::time::{DroneClock, Time};
 
-/// Maximum number of stored arrivals.
 const MAX_ARRIVALS: usize = 256;
 
 #[derive(Clone, Copy, Debug)]

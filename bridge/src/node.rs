@@ -28,11 +28,9 @@ pub struct Packet {
     pub kind: RadioTopic,
     /// Owner of the key it arrived on.
     pub sender: Sender,
-    /// Content as encoded by [`wire::encode`].
     pub bytes: Vec<u8>,
 }
 
-/// Input since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeIn {
     /// In order of arrival, with arrival times.
@@ -87,7 +85,6 @@ wiring! {
     }
 }
 
-/// Maximum number of pending requests.
 const MAX_OPEN: usize = 16;
 
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +95,6 @@ struct Request {
     answered: bool,
 }
 
-/// Admission, clock offset and link statistics.
 #[derive(Clone, Debug)]
 pub struct Bridge {
     config: BridgeConfig,

@@ -12,7 +12,6 @@ use std::collections::VecDeque;
 use alight_shared::admission::RejectionReason;
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Maximum number of other boots stored.
 const MAX_OTHERS: usize = 16;
 /// Silence of the current computer after which a boot that was never received at the same time counts as its restart:
 /// fifteen estimates, and half of the maximum age of an estimate.
@@ -23,7 +22,6 @@ pub const CURRENT_SILENCE: Span = Span::from_millis(60_000);
 /// Time after which a silent second computer is no longer reported.
 const SECOND_TIMEOUT: Span = Span::from_millis(10_000);
 
-/// Boots of the vessel's computer.
 #[derive(Clone, Debug, Default)]
 pub struct Boots {
     current: Option<CurrentComputer>,
@@ -54,7 +52,6 @@ struct Other {
 /// Relation of a boot id to the current computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
-    /// The current computer.
     Current,
     /// The first boot ever received.
     First,
@@ -113,7 +110,6 @@ impl Boots {
                 .for_each(|o| o.is_second = true);
         }
     }
-    /// Makes `boot` the current computer.
     pub fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
         let second = self.others.iter().any(|o| o.boot == boot && o.is_second);
         self.others.retain(|o| o.boot != boot);

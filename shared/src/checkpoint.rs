@@ -51,7 +51,6 @@ impl fmt::Display for CheckpointRejection {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery<M> {
     since: Option<Time<DroneClock>>,
-    /// The stored checkpoint.
     answer: Option<M>,
 }
 
@@ -132,7 +131,6 @@ kept! {
     link: LinkCheckpoint, LINK_CHECKPOINT;
 }
 
-/// Layout of the file.
 const FILE_VERSION: u32 = 1;
 
 /// File with state that outlives a process, and the fields that validate it.

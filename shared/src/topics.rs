@@ -278,7 +278,6 @@ mod tests {
     use crate::surroundings::{KeepOut, Surroundings};
     use crate::wire;
 
-    /// Takes `n` bytes.
     fn take<'a>(bytes: &mut &'a [u8], n: usize) -> &'a [u8] {
         let (taken, rest) = bytes.split_at(n);
         *bytes = rest;

@@ -30,10 +30,8 @@ use crate::rtcm_relay::RtcmRelay;
 use crate::sensors::{Readings, SensorNode, SourcesConfig};
 use crew::CrewOrders;
 
-/// Input since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ComputerIn {
-    /// Measurements from the sensor process.
     pub sensors: Vec<SensorReadings>,
     pub crew: Vec<CrewOrder>,
     /// RTCM frames of a moving base from the sensor process.
@@ -66,13 +64,10 @@ pub struct ComputerOut {
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones named in their headers.
     pub commands: Vec<OperatorCommand<VesselClock>>,
-    /// Progress of operator commands.
     pub receipts: Vec<CommandReceipt>,
-    /// Drone statuses for operators.
     pub statuses: Vec<DroneStatus>,
     /// RTCM frames of a moving base for the drones' receivers.
     pub rtcm: Vec<RtcmFrames<VesselClock>>,
-    /// Events of this step.
     pub events: Vec<VesselEvent>,
     /// Lights the lamp at the helm: a drone asks the vessel to keep course and speed.
     pub lamp: bool,
@@ -142,10 +137,8 @@ computer! {
     PROCESSES: Installed
 }
 
-/// Configurations of the nodes of a vessel's computer.
 #[derive(Clone, Debug)]
 pub struct VesselNodes {
-    /// Number of the vessel.
     pub id: u32,
     pub sensors: SourcesConfig,
     pub vessel: VesselNodeConfig,
@@ -185,7 +178,6 @@ pub struct VesselComputer {
 }
 
 impl VesselComputer {
-    /// Computer of vessel `vessel` with the boot id of this start.
     pub fn new(node: &VesselNodeConfig, deck: &DeckConfig, vessel: u32, boot: u32) -> VesselComputer {
         VesselComputer {
             node: VesselNode::new(node, vessel, boot),
@@ -204,7 +196,6 @@ impl VesselComputer {
             crew: CrewOrders::default(),
         }
     }
-    /// Newest accepted crew orders.
     pub fn orders_taken(&self) -> Seq<u32, MAX_ORDERS> {
         self.crew.taken()
     }
@@ -236,7 +227,6 @@ impl VesselComputer {
         let reason = RejectionReason::Sender;
         self.rejected.of(reason) + self.node.rejected().of(reason)
     }
-    /// State that must survive a restart.
     pub fn checkpoint(&self) -> VesselCheckpoint {
         VesselCheckpoint {
             deck: self.arbiter.checkpoint(),

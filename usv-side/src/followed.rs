@@ -21,7 +21,6 @@ struct Following {
     newest: Time<VesselClock>,
 }
 
-/// Boots followed by the drones.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Followed {
     drones: BTreeMap<u32, Following>,

@@ -20,7 +20,6 @@ const SILENT_HEARTBEAT: u64 = 100;
 /// Maximum number of components distinguished.
 const MAX_RECEIVED: usize = 16;
 
-/// Received component.
 #[derive(Clone, Copy, Debug, Default)]
 struct Received {
     system: u32,

@@ -33,7 +33,6 @@ const MAX_IMU_AGE_S: f64 = 0.5;
 /// Interval between messages about the deck's surroundings.
 const SURROUNDINGS_PERIOD: Span = Span::from_millis(1000);
 
-/// Input since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselIn {
     pub readings: Readings,
@@ -74,7 +73,6 @@ const GNSS: usize = 1;
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
 
-/// Statistics of the measurements of one source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SourceCounts {
     /// Measurements passed to the filter.

@@ -44,7 +44,6 @@ config! {
     }
 }
 
-/// Link to one drone.
 #[derive(Clone, Copy, Debug)]
 struct DroneLink {
     drone: u32,

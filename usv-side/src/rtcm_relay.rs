@@ -29,7 +29,6 @@ pub struct RtcmRelay {
 }
 
 impl RtcmRelay {
-    /// Relay of vessel `vessel`, whose process started with this boot id.
     pub fn new(vessel: u32, boot: u32) -> Self {
         RtcmRelay {
             header: Header::new(vessel, 0, boot, 0, Time::EPOCH),
@@ -39,7 +38,6 @@ impl RtcmRelay {
             dropped: 0,
         }
     }
-    /// Number of dropped frames.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }

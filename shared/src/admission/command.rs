@@ -108,7 +108,6 @@ impl<C: Clock> CommandAdmission<C> {
         }
         first
     }
-    /// Accepts a command at `now`, or returns the reason for rejecting it.
     fn admit(&mut self, now: Time<C>, command: &OperatorCommand<C>) -> Result<(), RejectionReason> {
         let h = &command.header;
         if h.version != MESSAGE_VERSION {

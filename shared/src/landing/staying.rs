@@ -116,7 +116,6 @@ impl Stand {
     }
 }
 
-/// Maximum hold-down force considered, N.
 const MAX_HOLD_N: u32 = 1000;
 
 /// Smallest `hold_n` (whole newtons) for which a drone subject to these slopes stays with at least `probability`; None
@@ -338,7 +337,6 @@ impl Slopes {
         }
         (moved, variance.sqrt())
     }
-    /// Downwind direction of a strong wind.
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }

@@ -126,7 +126,6 @@ impl Signing {
         frame.calculate_signature(&self.key, &mut signature);
         frame.signature_value() == signature
     }
-    /// Whether the frame is newer than its predecessors.
     fn is_later(&self, frame: &MAVLinkV2MessageRaw) -> bool {
         let from = [
             frame.signature_link_id().into(),

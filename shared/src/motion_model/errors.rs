@@ -145,7 +145,6 @@ impl<C: Clock> ForecastErrors<C> {
             })
         });
     }
-    /// Compares due predictions.
     pub(super) fn compare(&mut self, now: &MotionSample<C>) {
         let [_, _, _, north, east] = now.rate;
         let values = core::array::from_fn(|d| match now.value.get(d) {

@@ -17,7 +17,6 @@ const REFIT: u32 = 50;
 /// Number of rows required for the first identification.
 const FIRST_FIT: f64 = 100.0;
 
-/// Directions of the horizontal axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Axes {
     /// North and east.

@@ -78,7 +78,6 @@ impl<C: Clock> MotionSample<C> {
 #[derive(Clone, Debug)]
 pub struct MotionModel<C: Clock> {
     newest: Option<MotionSample<C>>,
-    /// Number of samples since the start.
     samples: f64,
     /// Heel and trim: slow residual of the tilt, in the vessel's axes, rad.
     heel: [f64; 2],

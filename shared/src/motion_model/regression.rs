@@ -39,7 +39,6 @@ pub(super) struct Regression {
     pub(super) squares: DVector<f64>,
     /// Sum of `[z; f]`.
     pub(super) sums: DVector<f64>,
-    /// Sum of the weights.
     pub(super) weight: f64,
     rows: f64,
 }
@@ -114,7 +113,6 @@ impl Regression {
         self.weight = keep * self.weight + 1.0;
         self.rows += 1.0;
     }
-    /// Number of rows since the start.
     pub(super) fn rows(&self) -> f64 {
         self.rows
     }

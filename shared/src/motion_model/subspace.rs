@@ -9,7 +9,6 @@ use nalgebra::{Complex, DVector};
 use super::SAMPLE_S;
 use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OUTPUTS, Regression, STRIDE, channels_of};
 
-/// Number of states of the linear system.
 const ORDER: usize = 24;
 /// Ridge of a full record, as a fraction of each input's variance.
 const RIDGE: f64 = 3e-3;
@@ -58,7 +57,6 @@ enum Stage {
     },
 }
 
-/// Progress of an identification.
 pub(super) enum FitProgress {
     /// More parts remain.
     Working(Box<Fit>),
@@ -68,7 +66,6 @@ pub(super) enum FitProgress {
     Failed,
 }
 
-/// Identified modes.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     mean_in: DVector<f64>,
@@ -102,7 +99,6 @@ impl Model {
 }
 
 impl Fit {
-    /// Starts an identification from the present sums.
     pub(super) fn new(sums: &Regression, level_variance: f64) -> Fit {
         let w = sums.weight;
         let mean = &sums.sums / w;
@@ -143,7 +139,6 @@ impl Fit {
         }
     }
 
-    /// Performs the next part.
     pub(super) fn advance(mut self) -> FitProgress {
         match core::mem::replace(&mut self.stage, Stage::Solve) {
             Stage::Solve => {

@@ -17,7 +17,6 @@ const MAX_QUESTION_HZ: f64 = 2.0;
 pub const SCHEMA: &str = "@schema";
 /// Subject of messages that come through a router, whose certificate name is configured.
 const ROUTER: &str = "router";
-/// Maximum number of peers.
 pub const PEERS: usize = MAX_PEERS;
 
 /// Whether `name` is valid as a key chunk and as a certificate's common name.

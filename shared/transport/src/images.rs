@@ -102,7 +102,6 @@ impl ImageServices {
     }
 }
 
-/// Publisher of images up to a maximum size in bytes.
 pub struct ImagePublisher {
     service: Service,
     port: IoxPublisher<Ipc, [u8], ImageHeader>,
@@ -149,7 +148,6 @@ impl ImagePublisher {
     pub fn is_read(&self) -> bool {
         self.service.dynamic_config().number_of_subscribers() > 0
     }
-    /// Number of images that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }

@@ -88,7 +88,6 @@ impl Instance {
             std::env::temp_dir().join(name)
         }
     }
-    /// Prefix of its file names in shared memory.
     pub fn prefix(&self) -> String {
         format!("alight_{}_", self.name)
     }

@@ -21,7 +21,6 @@ use thiserror::Error;
 
 use alight_shared::admission::Sender;
 
-/// Message received by radio.
 #[derive(Clone, Debug)]
 pub struct Received {
     /// Index of its subscription.
@@ -33,7 +32,6 @@ pub struct Received {
     pub bytes: Vec<u8>,
 }
 
-/// Failure of a transport.
 #[derive(Debug, Error)]
 #[error("{doing}: {what}")]
 pub struct TransportError {

@@ -51,13 +51,11 @@ unsafe impl<T: Plain> ZeroCopySend for Sample<T> {
     }
 }
 
-/// Connection of a process to shared memory.
 pub struct Memory {
     node: IoxNode<Ipc>,
 }
 
 impl Memory {
-    /// Joins `instance` under the name of a process.
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
         warnings::listen();
         let doing = || format!("joining the shared memory of instance {}", instance.name());
@@ -179,7 +177,6 @@ pub struct Services {
 }
 
 impl Services {
-    /// Creates the services of all shared-memory topics.
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
         let images = ImageServices::create(&memory.node)?;
         let mut created = Created(memory, Vec::new());
@@ -237,7 +234,6 @@ impl<T: Plain> Publisher<T> {
             self.send(message);
         }
     }
-    /// Number of messages that could not be sent.
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
@@ -302,7 +298,6 @@ impl<T: Plain> Subscriber<T> {
         }
         messages
     }
-    /// Statistics of all messages read.
     pub fn statistics(&self) -> &InputStatistics {
         &self.statistics
     }

@@ -6,7 +6,6 @@ use crate::Received;
 
 /// Channel between the radio and a process.
 pub trait ReceiveChannel: Send {
-    /// Takes a received packet.
     fn take(&mut self, packet: Received);
     /// Next packet that the process may read at `now_ns` on the steady clock.
     fn ready(&mut self, now_ns: i64) -> Option<Received>;

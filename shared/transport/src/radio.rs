@@ -51,10 +51,8 @@ const MAX_IN_A_ROW: usize = 128;
 /// Polling interval of a test bench for delayed messages that arrive without a wake-up.
 const BENCH_WAIT: Duration = Duration::from_millis(5);
 
-/// Subscribed key.
 #[derive(Clone, Debug)]
 pub struct Subscription {
-    /// The key expression.
     key: String,
     /// The newest message is also queried ([`Radio::ask`]).
     asked: bool,
@@ -103,7 +101,6 @@ pub struct Flow {
     pub bytes: u64,
 }
 
-/// Message counts of the radio.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RadioCounts {
     /// Messages passed to the middleware.
@@ -112,17 +109,14 @@ pub struct RadioCounts {
     pub sent_bytes: u64,
     /// Messages rejected by the middleware.
     pub unsent: u64,
-    /// Messages received.
     pub received: u64,
     /// Queries for newest messages.
     pub asked: u64,
     /// Messages dropped because of their length, or replaced by newer ones before the process read them.
     pub dropped: u64,
-    /// Number of times a session was reopened.
     pub reopened: u64,
 }
 
-/// One end of the radio.
 pub struct Radio {
     parts: Parts,
     open: Option<Open>,
@@ -144,7 +138,6 @@ pub struct Radio {
     channel: Option<Box<dyn ReceiveChannel>>,
 }
 
-/// Parameters for opening a session.
 #[derive(Clone)]
 struct Parts {
     config: RadioConfig,
@@ -158,7 +151,6 @@ struct Parts {
     due: Arc<AtomicBool>,
 }
 
-/// Open session with its declarations.
 struct Open {
     publishers: Vec<Publisher<'static>>,
     /// Queriers with the index of their subscription.
@@ -167,7 +159,6 @@ struct Open {
     queryables: Vec<Queryable<()>>,
     #[allow(dead_code, reason = "the token lives as long as this is held")]
     token: Option<LivelinessToken>,
-    /// Peers that are present.
     present: Present,
     session: zenoh::Session,
 }
@@ -519,7 +510,6 @@ impl Radio {
         core::mem::forget((self.open.take(), self.opening.take()));
     }
 
-    /// Traffic per publication.
     pub fn flows(&self) -> &[Flow] {
         &self.flows
     }

@@ -28,7 +28,6 @@ use zenoh::Wait;
 use zenoh::sample::SampleKind;
 use zenoh::session::LinkEvent;
 
-/// Rejections since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AccessRejections {
     /// Total number of sessions and messages.
@@ -39,7 +38,6 @@ pub struct AccessRejections {
 }
 
 impl AccessRejections {
-    /// Number for this reason.
     pub fn of(&self, rejection: AccessRejection) -> u64 {
         let at = AccessRejection::ALL.iter().position(|r| *r == rejection);
         at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
@@ -53,7 +51,6 @@ static COUNTED: Mutex<AccessRejections> = Mutex::new(AccessRejections {
 });
 static LISTENING: Once = Once::new();
 
-/// Rejections counted in this process.
 pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -27,7 +27,6 @@ pub fn end_requested() -> bool {
     END.load(Ordering::Relaxed)
 }
 
-/// Signal of a fault test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     Kill,

@@ -6,7 +6,6 @@ use alight_shared::bus::ReadCounts;
 use alight_shared::process::InputState;
 use alight_shared::topics::Topic;
 
-/// Statistics of one topic in one process.
 #[derive(Clone, Debug)]
 pub struct InputStatistics {
     received: ReadCounts,
@@ -20,7 +19,6 @@ impl InputStatistics {
             ages: Quantiles::default(),
         }
     }
-    /// Counts a message.
     pub fn count(&mut self, order: Option<(u32, u32)>, at_ns: i64, now_ns: i64) {
         self.received.count(order, at_ns);
         self.ages.add(now_ns.saturating_sub(at_ns) as f64 * 1e-9);

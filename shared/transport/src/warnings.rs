@@ -14,7 +14,6 @@ pub fn counted() -> u64 {
     COUNTED.load(Ordering::Relaxed)
 }
 
-/// Starts counting.
 pub(super) fn listen() {
     // It can be set once per process.
     let _again = set_logger(&Counter);

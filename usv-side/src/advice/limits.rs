@@ -9,7 +9,6 @@ const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
 /// Maximum turn if there are keep-out sectors, rad (150 deg): a half turn may be made either way, while only one way is
 /// checked.
 const SURE_TURN_RAD: f64 = 2.62;
-/// Maximum number of sectors.
 const MAX_SECTORS: usize = 8;
 
 config! {

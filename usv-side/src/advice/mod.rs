@@ -63,9 +63,7 @@ const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 /// The deck's motion on a course, and the probability of a landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CourseOutlook {
-    /// Heading, rad.
     pub heading_rad: f64,
-    /// Speed, m/s.
     pub speed_mps: f64,
     /// Standard deviations of roll and pitch, rad.
     pub tilt_sd_rad: [f64; 2],
@@ -97,10 +95,8 @@ impl CourseOutlook {
     }
 }
 
-/// Advice for the helm to improve a landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advice {
-    /// The present course.
     pub here: CourseOutlook,
     /// Best course; the present one if none is better.
     pub best: CourseOutlook,
@@ -154,7 +150,6 @@ struct Conditions {
     steepest: Vec<f64>,
 }
 
-/// Pending round of courses.
 #[derive(Clone, Debug)]
 struct Round {
     now: Conditions,
@@ -165,7 +160,6 @@ struct Round {
 /// State of the vessel from the estimator.
 #[derive(Clone, Copy, Debug)]
 pub struct Underway<'a> {
-    /// Identified motion.
     pub motion: &'a MotionModel<VesselClock>,
     /// Mean velocity, NED, m/s.
     pub velocity: Vector2<f64>,

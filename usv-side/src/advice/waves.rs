@@ -35,7 +35,6 @@ const TURN_RAD: f64 = 15.0 * TAU / 360.0;
 /// Frequency of the shortest waves that move a boat, rad/s. A change of speed `dU` that shifts them by one bin in a
 /// head sea (`omega² dU / g`) counts as another course ([`course_change_mps`]).
 const SHORT_RADPS: f64 = 1.3;
-/// Number of directions in a spectrum.
 const DIRECTIONS: usize = 24;
 /// Maximum length of the mean direction: seas always have some spread.
 const MAX_DIRECTED: f64 = 0.95;
@@ -73,7 +72,6 @@ struct Bin {
     speed: f64,
     /// Covariance of heave (up) with the velocity north and east, m²/s.
     towards: Vector2<f64>,
-    /// Powers of the deck's signals.
     deck: Powers,
 }
 

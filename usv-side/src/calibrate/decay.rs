@@ -22,12 +22,10 @@ const OVER: f64 = 3.0;
 const STRONG: f64 = 0.2;
 /// Minimum fraction of a push's motion explained by the fit.
 const EXPLAINED: f64 = 0.8;
-/// Minimum number of samples of a push.
 const MIN_SAMPLES: usize = 12;
 /// Maximum number of pushes in a record, and of samples in a push.
 const MAX_PUSHES: usize = 64;
 const MAX_SAMPLES: usize = 2000;
-/// Maximum iterations of the fit.
 const ITERATIONS: usize = 50;
 /// Maximum relative standard error of an observable parameter.
 const KNOWN: f64 = 0.3;
@@ -54,11 +52,9 @@ pub struct Decay {
     pub damping: ValueWithSd,
     /// Stiffness per mass, 1/s²; zero for a free degree of freedom.
     pub stiffness: ValueWithSd,
-    /// Number of pushes used.
     pub pushes: usize,
 }
 
-/// Reason why the parameters of a degree of freedom are not observable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotObservable {
     /// No measurements.

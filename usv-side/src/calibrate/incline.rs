@@ -17,15 +17,12 @@ use super::decay::{Decay, DecaySignal};
 
 /// Length of pieces, s; the level at rest is the median of their medians. Longer than a push and its decay.
 const PIECE_S: f64 = 5.0;
-/// Minimum number of pieces.
 const MIN_PIECES: usize = 4;
 /// Maximum relative standard error of an observable stiffness.
 const KNOWN: f64 = 0.1;
 
-/// Weight on the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    /// Mass of the weight, kg.
     pub mass_kg: f64,
     /// Position relative to the vessel's reference point, m: forward, right.
     pub at_m: [f64; 2],

@@ -24,10 +24,8 @@ const AROUND: usize = 2;
 const FLOOR_M: f64 = 0.005;
 const FLOOR_SHARE: f64 = 0.05;
 
-/// State of the vessel at an inertial sample.
 #[derive(Clone, Copy, Debug)]
 pub struct InertialState {
-    /// Time, s.
     pub t_s: f64,
     /// Number of the gap-free run of samples.
     pub run: u32,
@@ -66,7 +64,6 @@ pub struct Lever {
 }
 
 impl Lever {
-    /// Adds a fix, in order.
     pub fn fix(&mut self, fix: &GnssFix, states: &[InertialState]) {
         let Some((k, m)) = at(states, fix.header.at.secs()) else {
             return;

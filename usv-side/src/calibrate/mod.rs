@@ -45,12 +45,9 @@ pub const fn order(dof: usize) -> DecayOrder {
     }
 }
 
-/// Identified parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VesselCalibration {
-    /// Length of the record, s.
     pub seconds: f64,
-    /// Result for each degree of freedom.
     pub decays: [Result<Decay, NotObservable>; DOFS],
     /// Roll and pitch at rest.
     pub level: RestTilt,

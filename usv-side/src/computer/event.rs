@@ -21,14 +21,18 @@ pub enum VesselEvent {
         /// Battery of the drone, 0 to 1; None: not reported.
         battery: Option<f64>,
     },
-    /// An operator command was accepted.
-    Command { drone: u32, kind: CommandKind },
-    /// A crew order was accepted.
+    Command {
+        drone: u32,
+        kind: CommandKind,
+    },
     DeckOrder(DeckOrder),
     /// A crew order arrived too late and was rejected.
     LateOrder(DeckOrder),
     /// A take-off clearance ended without being used or withdrawn.
-    ClearanceEnded { drone: u32, why: ClearanceEnd },
+    ClearanceEnded {
+        drone: u32,
+        why: ClearanceEnd,
+    },
     /// The deck has a new owner.
     DeckOwner(Option<u32>),
     /// A landed drone is still armed after its disarm should have finished.
@@ -39,7 +43,6 @@ pub enum VesselEvent {
     },
     /// An inertial sensor repeats one sample, or measures again.
     StuckImu {
-        /// Number of the source.
         source: usize,
         /// It repeats one sample.
         stuck: bool,
@@ -51,13 +54,11 @@ pub enum VesselEvent {
     /// Two drones have the same number.
     DoubleNumber {
         drone: u32,
-        /// The boot ids of both.
         boots: [u32; 2],
     },
 }
 
 impl VesselEvent {
-    /// Event for a drone's new state.
     pub(super) fn of(status: &DroneStatus) -> VesselEvent {
         VesselEvent::DroneState {
             drone: status.header.drone,

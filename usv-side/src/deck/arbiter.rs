@@ -63,7 +63,6 @@ const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
 /// crew time to look.
 const LOW_BATTERY: f64 = 0.3;
 
-/// Input since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
     /// Drone statuses in order of arrival.
@@ -111,7 +110,6 @@ pub struct DeckArbiter {
 }
 
 impl DeckArbiter {
-    /// Arbiter of vessel `vessel` with the boot id of this start; no drone owns the deck.
     pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckArbiter {
         DeckArbiter {
             config: config.clone(),
@@ -216,7 +214,6 @@ impl DeckArbiter {
             }
         })
     }
-    /// Checkpoint for the next start of the process.
     pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
             |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone) || d.place.is_some();
@@ -331,7 +328,6 @@ impl DeckArbiter {
         }
     }
 
-    /// Applies a crew order.
     fn apply(&mut self, now: Time<VesselClock>, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),

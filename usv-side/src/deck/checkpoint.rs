@@ -20,7 +20,6 @@ pub enum Claim {
     OnDeck,
 }
 
-/// Drone with a relation to the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroneClaim {
     pub drone: u32,
@@ -35,7 +34,6 @@ pub struct DroneClaim {
 
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeckCheckpoint {
-    /// Number of the owner.
     pub owner: Option<u32>,
     /// Reason why the deck is closed; None: it is open.
     pub closed: Option<Closure>,

@@ -17,7 +17,6 @@ pub struct DeckInputs {
     pub turning: Option<bool>,
 }
 
-/// Last reading of a digital input.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
     pub(super) level: bool,

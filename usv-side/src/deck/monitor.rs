@@ -12,10 +12,8 @@ use super::MAX_DRONES;
 /// Validity of a mean wind, s.
 const MAX_WIND_AGE_S: f64 = 600.0;
 
-/// Changes caused by a status.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct News {
-    /// The mission state changed.
     pub(crate) state: bool,
     /// Time since the landing, s, when the drone is first reported landed and still armed after its disarm should have
     /// finished.
@@ -64,11 +62,9 @@ impl DroneMonitor {
         self.drones.insert(header.drone, *status);
         news
     }
-    /// Newest status of every drone with its arrival.
     pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
         self.drones.values()
     }
-    /// Newest status of all.
     pub fn newest(&self) -> Option<&Arrival<VesselClock, DroneStatus>> {
         self.drones.get(&self.newest?)
     }
@@ -82,7 +78,6 @@ impl DroneMonitor {
         let [north, east] = known.max_by_key(|s| s.at)?.message.wind?.map(f64::from);
         Some(Vector2::new(north, east))
     }
-    /// Number of received statuses.
     pub fn received(&self) -> u64 {
         self.received
     }

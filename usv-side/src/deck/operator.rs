@@ -34,7 +34,6 @@ use super::checkpoint::GivenCommand;
 /// Maximum number of stored commands: at most one open command per drone, and the newest others.
 const MAX_COMMANDS: usize = 4 * MAX_DRONES;
 
-/// Command with its repetitions to the drone.
 #[derive(Clone, Copy, Debug)]
 struct Relayed {
     operator: Sender,
@@ -68,7 +67,6 @@ impl Relayed {
     }
 }
 
-/// Input since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct OperatorIn {
     /// From operators with accepted certificates.
@@ -88,7 +86,6 @@ pub struct OperatorOut {
     pub receipts: Vec<CommandReceipt>,
 }
 
-/// Node that relays operator commands.
 #[derive(Clone, Debug)]
 pub struct OperatorRelay {
     vessel: u32,
@@ -104,7 +101,6 @@ pub struct OperatorRelay {
 }
 
 impl OperatorRelay {
-    /// Relay of vessel `vessel` with the boot id of this start.
     pub fn new(vessel: u32, boot: u32) -> OperatorRelay {
         OperatorRelay {
             vessel,
@@ -120,7 +116,6 @@ impl OperatorRelay {
     pub fn admit(&mut self, drones: impl IntoIterator<Item = u32>) {
         self.admitted = drones.into_iter().take(MAX_DRONES).collect();
     }
-    /// Rejected commands by reason.
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }

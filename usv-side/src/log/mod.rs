@@ -30,19 +30,16 @@ const HEAD_BYTES: usize = 16 << 10;
 /// Maximum number of measurements in a recording.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
-/// Reason for rejecting a recording.
 #[derive(Debug, Error)]
 #[error("{origin}{}: {message}", .line.map(|n| format!(", line {n}")).unwrap_or_default())]
 pub struct LogError {
     pub origin: String,
     /// Line with the fault, counted from 1.
     pub line: Option<u64>,
-    /// Fault and remedy.
     pub message: String,
 }
 
 impl LogError {
-    /// Error about the whole file.
     pub fn new(origin: &str, message: impl Into<String>) -> Self {
         LogError {
             origin: origin.into(),
@@ -50,7 +47,6 @@ impl LogError {
             message: message.into(),
         }
     }
-    /// Error at a line.
     fn at_line(origin: &str, line: u64, message: impl Into<String>) -> Self {
         LogError {
             line: Some(line),
@@ -61,7 +57,6 @@ impl LogError {
 
 #[derive(Clone, Debug, Default)]
 pub struct SensorRecording {
-    /// File format.
     pub format: &'static str,
     /// Measurements in recorded order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
@@ -199,7 +194,6 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording
     })
 }
 
-/// Reads a recording in its format.
 fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {

@@ -8,9 +8,7 @@ use thiserror::Error;
 
 /// Conversion command for other programs' recordings, for errors.
 pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
-/// Name of the time column.
 const TIME: &str = "t_s";
-/// Maximum time, s.
 const MAX_TIME_S: f64 = 1e10;
 const MAX_ROWS: usize = 2_000_000;
 /// Fraction of rows with the time of the previous row above which the times are too coarse.
@@ -58,7 +56,6 @@ pub enum Quantity {
     Latitude,
     /// WGS-84, deg.
     Longitude,
-    /// m.
     Altitude,
     /// Velocity north, m/s.
     North,
@@ -107,7 +104,6 @@ impl Quantity {
 pub struct CsvRow {
     /// Line in the file, counted from 1.
     pub line: u64,
-    /// Time, s.
     pub t: f64,
     cells: [Option<f64>; Quantity::COUNT],
 }
@@ -133,7 +129,6 @@ impl CsvRow {
     }
 }
 
-/// Unusable rows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Bad {
     pub count: u64,
@@ -148,7 +143,6 @@ impl Bad {
     }
 }
 
-/// Reason why a table cannot be read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TableError {
     /// Required columns are missing.
@@ -173,11 +167,9 @@ pub struct CsvTable {
     pub rows: Vec<CsvRow>,
     /// Number of rows in the file that were merged into `rows`.
     pub read: u64,
-    /// Dropped rows.
     pub bad: Bad,
     /// First row whose time precedes that of the previous row: line and time.
     pub backwards: Option<(u64, f64)>,
-    /// Line of the header.
     line: u64,
     has: [bool; Quantity::COUNT],
 }

@@ -45,13 +45,11 @@ pub struct SourceReview {
     pub kind: &'static str,
     /// Number of the source within its kind.
     pub source: usize,
-    /// Measurements recorded.
     pub samples: u64,
     /// Usual rate (median step), Hz.
     pub rate_hz: f64,
     /// Silences longer than five usual steps and 0.3 s.
     pub gaps: u64,
-    /// Maximum silence, s.
     pub longest_gap_s: f64,
     /// Use of the measurements by the node.
     #[serde(flatten)]
@@ -99,20 +97,16 @@ pub struct FitReview {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Review {
-    /// File format.
     pub format: &'static str,
     /// Duration from the first to the last measurement, s.
     pub duration_s: f64,
     /// Start of the evaluation after the first measurement, s.
     pub evaluated_from_s: f64,
-    /// Statistics of the decoder.
     pub decoded: Decoded,
     /// Measurements dated far ahead of the following ones.
     pub outliers_in_time: u64,
     pub sources: Vec<SourceReview>,
-    /// Restarts of the estimator.
     pub restarts: u64,
-    /// Number of estimates published.
     pub estimates: u64,
     /// Standard deviation of heave (m), roll and pitch (deg) of the estimates.
     pub motion_sd: [Option<f64>; 3],
@@ -317,7 +311,6 @@ struct Evaluation {
 }
 
 impl Evaluation {
-    /// Steps the node and collects its output.
     fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, readings: Readings) {
         let out = node.step(now, &readings.into());
         let counted = now >= self.from;

@@ -9,11 +9,9 @@ use serde::Serialize;
 
 use super::ridge::{PublishedMotion, RefittedRidge};
 
-/// Prediction horizons, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
-/// Maximum number of pending predictions.
 const MAX_PENDING: usize = 64;
 /// Degrees of freedom predicted by the regression.
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
@@ -26,7 +24,6 @@ pub struct PredictionReview {
     pub what: &'static str,
     /// m or deg.
     pub unit: &'static str,
-    /// Number of compared predictions.
     pub count: u64,
     /// Root mean square difference from the later estimate, per horizon.
     pub rms: [f64; 3],

@@ -21,7 +21,6 @@ const WINDOW_S: f64 = 120.0;
 const REFIT_S: f64 = 10.0;
 /// Settling time of the estimator, s.
 const SETTLED_S: f64 = 10.0;
-/// Minimum number of rows of a fit.
 const MIN_ROWS: usize = 200;
 const CHANNELS: usize = 6;
 const FEATURES: usize = LAGS.len() * CHANNELS;
@@ -109,7 +108,6 @@ impl Past<'_> {
     }
 }
 
-/// Fitted regression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ridge {
     mean: RollPitchHeave,

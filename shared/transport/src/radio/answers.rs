@@ -22,7 +22,6 @@ const MAX_WAITING: usize = 16;
 /// Maximum rate of each schema, 1/s: schemas are longer than messages, and programs query them once.
 const MAX_SCHEMAS_PER_S: u32 = 1;
 
-/// Queried content.
 #[derive(Clone, Copy)]
 enum Question {
     /// Newest message of this publication.
@@ -56,7 +55,6 @@ pub(super) fn declare(
     declared.collect()
 }
 
-/// Content for replies.
 struct Answers {
     publications: Vec<Publication>,
     schemas: Vec<Described>,

@@ -7,7 +7,6 @@ const FIRST_PAUSE_NS: i64 = 1_000_000_000;
 /// Maximum pause, ns, for a drone in flight.
 const MAX_PAUSE_NS: i64 = 10_000_000_000;
 
-/// State of the attempts so far.
 #[derive(Debug, Default)]
 pub(super) struct Attempts {
     opened: u64,
@@ -18,7 +17,6 @@ pub(super) struct Attempts {
 }
 
 impl Attempts {
-    /// Records a success.
     pub(super) fn succeeded(&mut self) {
         self.opened = self.opened.saturating_add(1);
         (self.next, self.reported) = (None, None);
@@ -43,7 +41,6 @@ impl Attempts {
     pub(super) fn is_pausing(&self) -> bool {
         self.next.is_some()
     }
-    /// Whether the next attempt is due.
     pub(super) fn is_due(&self, now_ns: i64) -> bool {
         self.next.is_some_and(|(_, at_ns)| now_ns >= at_ns)
     }

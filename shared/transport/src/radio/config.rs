@@ -312,7 +312,6 @@ const UNSETTABLE: [(&str, &str); 2] = [
     ),
 ];
 
-/// Whether nothing is set in a value.
 fn is_empty(value: &Value) -> bool {
     match value {
         Value::Null => true,
@@ -322,7 +321,6 @@ fn is_empty(value: &Value) -> bool {
     }
 }
 
-/// File of Zenoh's own configuration as read.
 #[derive(Clone, Debug)]
 pub(super) struct ZenohFile {
     path: String,

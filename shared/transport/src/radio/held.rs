@@ -28,7 +28,6 @@ impl PerSecond {
     }
 }
 
-/// Newest message of a publication.
 #[derive(Debug, Default)]
 pub(super) struct NewestMessage(Mutex<Newest>);
 

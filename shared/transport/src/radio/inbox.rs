@@ -108,7 +108,6 @@ impl Inbox {
         let order = waiting.orders.pop();
         order.or_else(|| waiting.others.pop())
     }
-    /// Waits until a message is available.
     pub(super) async fn arrival(&self) {
         while self.lock().is_empty() {
             self.arrived.1.notified().await;

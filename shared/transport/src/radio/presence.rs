@@ -13,7 +13,6 @@ use zenoh::sample::SampleKind;
 use crate::access;
 use alight_shared::admission::Sender;
 
-/// Key expression of all tokens.
 const ALL: &str = "alight/*";
 /// Maximum number of stored tokens: peers on both sides, and operators.
 const MAX_PRESENT: usize = 2 * access::PEERS;
@@ -54,7 +53,6 @@ impl Present {
     }
 }
 
-/// Declares our own token.
 pub(super) fn declare(session: &zenoh::Session, name: &str) -> zenoh::Result<LivelinessToken> {
     session.liveliness().declare_token(name.to_owned()).wait()
 }

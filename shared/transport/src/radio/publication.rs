@@ -10,7 +10,6 @@ use crate::radio::held::NewestMessage;
 use alight_shared::radio::Urgency;
 use alight_shared::topics::Topic;
 
-/// Zenoh priority for this urgency.
 pub(super) fn priority(urgency: Urgency) -> Priority {
     match urgency {
         Urgency::Order => Priority::RealTime,
@@ -20,7 +19,6 @@ pub(super) fn priority(urgency: Urgency) -> Priority {
     }
 }
 
-/// Key to publish on.
 #[derive(Clone, Debug)]
 pub struct Publication {
     pub(super) key: String,

@@ -40,7 +40,6 @@ impl fmt::Display for ClearanceEnd {
     }
 }
 
-/// Take-off clearance of a drone.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clearance {
     drone: u32,
@@ -50,7 +49,6 @@ pub(super) struct Clearance {
 }
 
 impl Clearance {
-    /// Clearance for one take-off.
     pub(super) fn once(drone: u32, now: Time<VesselClock>) -> Clearance {
         Clearance {
             drone,
@@ -130,7 +128,6 @@ impl Clearances {
             self.given.push(clearance);
         }
     }
-    /// Processes a change of a drone's state.
     pub(super) fn follow(&mut self, drone: u32, before: State, now: State) {
         self.given.retain(|c| c.drone != drone || !c.ends(before, now));
     }

@@ -14,7 +14,6 @@ const RESTART_SILENCE: Span = Span::from_millis(1500);
 /// cause one.
 const MIN_ALTERNATIONS: u32 = 2;
 
-/// Drone with received statuses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Drone {
     pub(super) header: Header<DroneClock>,
