@@ -41,7 +41,7 @@ pub trait Visitor {
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(
-            #[allow(unsafe_code, reason = "the SAFETY comment of `plain!` says why it is sound")]
+            #[allow(unsafe_code, reason = "the SAFETY comment of `plain!` gives the reason")]
             unsafe impl $crate::plain::Plain for $ty {
                 const TOPIC: &'static Topic = &$topic;
                 fn order(&self) -> Option<(u32, u32)> {

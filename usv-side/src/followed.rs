@@ -10,7 +10,7 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use crate::deck::MAX_DRONES;
 
 /// Time for which a drone may follow the former boot of this computer: ten times what it needs to accept a restart.
-const SETTLED: Span = Span::from_millis(5000);
+const RESTART_TIMEOUT: Span = Span::from_millis(5000);
 /// Age up to which a request counts; a drone sends two per second.
 const FRESH: Span = Span::from_millis(3000);
 
@@ -51,7 +51,7 @@ impl Followed {
     pub(crate) fn another(&self, now: Time<VesselClock>, boot: u32) -> Option<FollowsAnother> {
         let follows = |f: &Following| {
             // Boot 0: no estimate received yet.
-            f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= SETTLED
+            f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= RESTART_TIMEOUT
         };
         let another = self.drones.iter().find(|(_, f)| follows(f));
         another.map(|(drone, f)| FollowsAnother {

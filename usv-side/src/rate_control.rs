@@ -190,10 +190,10 @@ mod tests {
     fn rate_control_on_a_narrow_link() {
         let mut rate_control = RateControl::new(&RateControlConfig::default());
         let fractions = run(&mut rate_control, 0.0, 120.0, 0.4, 1.0);
-        let settled = &fractions[60..];
-        let mean = settled.iter().sum::<f64>() / settled.len() as f64;
+        let steady = &fractions[60..];
+        let mean = steady.iter().sum::<f64>() / steady.len() as f64;
         assert!((0.25..0.45).contains(&mean), "{mean}");
-        assert!(settled.iter().all(|s| *s < 0.75));
+        assert!(steady.iter().all(|s| *s < 0.75));
         let after = run(&mut rate_control, 120.0, 30.0, 10.0, 1.0);
         assert_eq!(*after.last().unwrap(), 1.0);
     }

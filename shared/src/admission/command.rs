@@ -188,9 +188,9 @@ mod tests {
     use RejectionReason::{Duplicate, Future, OutOfOrder, Stale, Unaware};
 
     /// Boot, sequence, time given (s) and kind.
-    type Given = (u32, u32, f64, CommandKind);
+    type TestCommand = (u32, u32, f64, CommandKind);
 
-    fn command((boot, sequence, given_s, kind): Given) -> OperatorCommand<DroneClock> {
+    fn command((boot, sequence, given_s, kind): TestCommand) -> OperatorCommand<DroneClock> {
         OperatorCommand {
             header: Header::new(1, 1, boot, sequence, Time::from_secs(given_s)),
             kind,
@@ -200,9 +200,9 @@ mod tests {
     #[test]
     fn command_admission_table() {
         // Each line: commands accepted at their own times, then a command at a time and its expected result.
-        let before_landing: &[Given] = &[(9, 1, 10.0, Land)];
-        let before_abort: &[Given] = &[(9, 1, 10.0, Land), (9, 2, 20.0, Abort)];
-        let landing_again: &[Given] = &[(5, 1, 10.0, Abort), (9, 1, 20.0, Land)];
+        let before_landing: &[TestCommand] = &[(9, 1, 10.0, Land)];
+        let before_abort: &[TestCommand] = &[(9, 1, 10.0, Land), (9, 2, 20.0, Abort)];
+        let landing_again: &[TestCommand] = &[(5, 1, 10.0, Abort), (9, 1, 20.0, Land)];
         for (before, now_s, given, expected) in [
             (&[][..], 10.0, (9, 1, 10.0, Land), Ok(())),
             (&[], 16.0, (9, 1, 10.0, Land), Err(Stale)),
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn late_abort() {
         let mut admission = CommandAdmission::default();
-        let mut first_of = |now_s, given: &[Given]| {
+        let mut first_of = |now_s, given: &[TestCommand]| {
             let commands: Vec<_> = given.iter().copied().map(command).collect();
             admission.first_of(Time::from_secs(now_s), &commands)
         };

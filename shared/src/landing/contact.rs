@@ -38,7 +38,7 @@ const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
 const PLACE_SD_M: f64 = 0.03;
 /// Duration of an alignment, s. Deck motion that an aligned drone does not follow separates the two during this time.
 const ALIGNMENT_S: f64 = 0.1;
-/// Growth factor of the deck's uncertainty between decision and contact, caused by wave groups.
+/// Factor by which the deck's uncertainty increases between decision and contact, caused by wave groups.
 const CHANGES: f64 = 1.3;
 /// Fraction of the planned bank that remains at the contact, and standard deviation on one axis of the unfinished part
 /// of a turn of `w_s / g`. Maximum-likelihood fit to the angles of 48 landings begun at random moments in 12 m/s

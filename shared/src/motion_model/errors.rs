@@ -12,7 +12,7 @@ pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
 /// Memory of the mean squares, comparisons: half a minute. Initially a fifth of all comparisons, because the first
 /// models are the worst.
 const MEMORY: f64 = 300.0;
-const SHARE: f64 = 0.2;
+const INITIAL_FRACTION: f64 = 0.2;
 /// Number of comparisons before measured errors replace the deviation of the motion itself.
 const FIRST: f64 = 15.0;
 /// Memory of the recent mean squares, comparisons: two seconds.
@@ -88,7 +88,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             if now - w.due < near {
                 let compared = count[w.horizon] + 1.0;
                 count[w.horizon] = compared;
-                let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
+                let n = (INITIAL_FRACTION * compared).clamp(compared.min(FIRST), MEMORY);
                 for (d, (measured, predicted)) in values.into_iter().zip(w.value).enumerate() {
                     let e = measured - predicted;
                     let sum = &mut squares[w.horizon][d];
@@ -167,7 +167,7 @@ impl<C: Clock> ForecastErrors<C> {
     /// Ratio of the recent mean squares to the usual ones at the shortest horizons, at least 1. A change shows there
     /// long before predictions at longer horizons are due: an unforeseen acceleration is part of the past from which
     /// everything is predicted.
-    fn surprise(&self) -> [f64; DOFS] {
+    fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);
             if self.0.count[h] < FIRST {
@@ -188,13 +188,13 @@ impl<C: Clock> ForecastErrors<C> {
         floor: &[[f64; DOFS]; SPREAD_AT_S.len()],
         ahead: f64,
     ) -> [f64; DOFS] {
-        let surprise = self.surprise();
+        let recent_increase = self.recent_increase();
         let knots = core::array::from_fn(|h| {
             self.0.mean_squares(h).map_or(deviation, |squares| {
                 core::array::from_fn(|d| {
                     let unknown = 2.0 * deviation[d] * deviation[d];
-                    let surprised = (self.0.squares[h][d] * surprise[d]).min(unknown);
-                    squares[d].max(surprised).sqrt().max(floor[h][d])
+                    let widened = (self.0.squares[h][d] * recent_increase[d]).min(unknown);
+                    squares[d].max(widened).sqrt().max(floor[h][d])
                 })
             })
         });

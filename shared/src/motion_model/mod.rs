@@ -159,14 +159,14 @@ impl<C: Clock> MotionModel<C> {
         let modes = match (earth.modes(), vessel.modes()) {
             (Some(a), Some(b)) => {
                 let (of_a, of_b) = (earth.weights(), vessel.weights());
-                let share: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
+                let weight: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
                 for (apart, ahead) in self.apart.iter_mut().zip(SPREAD_AT_S) {
                     let (p, q) = (a.motion(ahead), b.motion(ahead));
-                    let both = |d: usize| (share[d] * (1.0 - share[d])).sqrt();
+                    let both = |d: usize| (weight[d] * (1.0 - weight[d])).sqrt();
                     *apart = core::array::from_fn(|d| both(d) * (p[d][0] - q[d][0]).abs());
                 }
-                let rest = share.map(|s| 1.0 - s);
-                [(a, share), (b, rest)]
+                let rest = weight.map(|s| 1.0 - s);
+                [(a, weight), (b, rest)]
                     .into_iter()
                     .flat_map(|(m, by)| m.modes.iter().take(MAX_MODES / 2).map(move |m| m.scaled(&by)))
                     .collect()

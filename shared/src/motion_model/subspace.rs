@@ -296,8 +296,8 @@ impl Fit {
                 add(pole * ratio, channel(c));
             }
             for j in 0..AHEAD {
-                let grown = (pole * ((j + 1) as f64 * STEP_S)).exp();
-                add(grown, output(DOFS * j + d));
+                let propagator = (pole * ((j + 1) as f64 * STEP_S)).exp();
+                add(propagator, output(DOFS * j + d));
             }
             sum / squares * (twice * self.scale_out[d])
         })
@@ -313,18 +313,18 @@ impl Fit {
         modes.sort_by(|a, b| b.0.total_cmp(&a.0));
         modes.truncate(MAX_MODES);
         let mut modes: Vec<ModeFit> = modes.into_iter().map(|(_, m)| m).collect();
-        let share = self.share_slow_heave(&mut modes);
+        let fraction = self.keep_slow_heave(&mut modes);
         Some(Model {
             mean_in: self.mean_in.clone(),
             modes,
-            slow_variance: share * self.level_variance,
+            slow_variance: fraction * self.level_variance,
         })
     }
 
     /// Fraction of the slow heave that is not caused by the level's error (Wiener 1949): `1 - P / V` with the slow
     /// heave's variance `V` and the level's variance `P`. A following sea, met slowly, keeps nearly all of it, a
     /// drifting boat next to nothing. Returns the fraction `s`; the kept part has an error variance of `s P`.
-    fn share_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
+    fn keep_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
         let slow = |m: &&mut ModeFit| !wave(m.pole, m.shape);
         // Slow heave from the past: Re c (r + i s)' z.
         let mut gain = DVector::zeros(INPUTS);
@@ -333,11 +333,11 @@ impl Fit {
         }
         let scaled = Mat::from_fn(INPUTS, 1, |i, _| gain[i] * self.scale_in[i]);
         let variance = (scaled.transpose() * &self.gram * &scaled)[(0, 0)];
-        let share = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
+        let fraction = (1.0 - self.level_variance / variance.max(f64::MIN_POSITIVE)).max(0.0);
         for m in modes.iter_mut().filter(slow) {
-            m.shape[HEAVE] *= Complex::from(share);
+            m.shape[HEAVE] *= Complex::from(fraction);
         }
-        share
+        fraction
     }
 
     /// Mean square of a mode's motion relative to the total, summed over the degrees of freedom; excited by this row's

@@ -39,7 +39,7 @@ pub enum DeckOrder {
     Open,
     /// The deck is clear, and this drone is neither on it nor above it.
     Clear(u32),
-    /// Nobody and nothing is near this drone on the deck, and it is not tied down: it may take off within
+    /// The crew and all objects are clear of this drone on the deck, and it is not tied down: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
     /// Clears every take-off of this drone until somebody steps on the deck, for at most [`TAKE_OFF_WATCH_S`]. The crew

@@ -216,8 +216,7 @@ pub struct DeckForecast {
     pub beacon: Option<[f64; 2]>,
     /// Relative position by moving base, if a receiver measures it.
     pub relative: Option<RelativeState>,
-    /// Number of decks in view with the tags of this one, while the drone's own cannot be told apart; 0: none, or
-    /// identified.
+    /// Number of decks in view with the tags of this one while the drone's own is not identified; otherwise 0.
     pub decks_in_sight: u32,
     /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged over 3 s,
     /// recent maximum. 1 if both match their stated errors; None if either is missing.

@@ -34,9 +34,9 @@ impl Mode {
     }
     /// `Re c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
     pub fn motion(&self, t: f64) -> Motion {
-        let grown = (self.pole * t).exp();
+        let propagator = (self.pole * t).exp();
         self.shape.map(|c| {
-            let z = c * grown;
+            let z = c * propagator;
             let rate = z * self.pole;
             [z.re, rate.re, (rate * self.pole).re]
         })

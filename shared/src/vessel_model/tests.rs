@@ -179,7 +179,7 @@ fn turn_tilt_against_linear_rotation() {
 }
 
 #[test]
-fn update_with_a_gated_outlier() {
+fn update_with_a_rejected_outlier() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
     let mut belief = Belief::new(&model, &spec());
     let before = belief.clone();

@@ -1,6 +1,6 @@
 //! Images between processes of one computer: a header and a bounded number of bytes in shared memory instead of a
 //! message. The writer produces the pixels in place, and the reader reads them in place. Only the newest few are
-//! buffered, and a slow reader loses the oldest. An image wakes nobody: its reader polls.
+//! buffered, and a slow reader loses the oldest. An image causes no wake-up: its reader polls.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;

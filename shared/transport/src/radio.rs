@@ -56,7 +56,7 @@ pub struct Subscription {
     key: String,
     /// The newest message is also queried ([`Radio::ask`]).
     asked: bool,
-    /// Its messages are read before all others.
+    /// Messages on this key are read before all others.
     order: bool,
 }
 
@@ -333,21 +333,21 @@ impl Radio {
         self.last_received_ns = Some(self.last_fresh_ns);
     }
     /// Opens a new session; after a failure it is retried later.
-    fn begin_anew(&mut self) {
+    fn reopen(&mut self) {
         if let Err(e) = self.begin() {
             self.failed(&e);
         }
     }
     fn failed(&mut self, why: &TransportError) {
-        if let Some(said) = self.attempts.failed(steady_ns(), why) {
-            warn!("{said}");
+        if let Some(error) = self.attempts.failed(steady_ns(), why) {
+            warn!("{error}");
         }
     }
     /// Takes over a session opened by the thread, or starts again after a failed opening.
     fn take_opened(&mut self) {
         let Some(opening) = &self.opening else {
             if self.open.is_none() && self.attempts.is_due(steady_ns()) {
-                self.begin_anew();
+                self.reopen();
             }
             return;
         };
@@ -460,7 +460,7 @@ impl Radio {
     /// Watchdog of the dialling side, to be called periodically. Reopens the session when it went silent, or has
     /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The latter is a
     /// stream far behind, or a datagram session whose declarations were lost or overtaken: then one side publishes
-    /// while the other has nobody to publish to (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
+    /// while the other has no subscriber (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
     /// listening side keeps its socket, and silence carries no information for it; its watchdog is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
@@ -491,7 +491,7 @@ impl Radio {
         }
         self.last_received_ns = Some(now);
         self.last_fresh_ns = now;
-        self.begin_anew();
+        self.reopen();
     }
 
     /// Whether the session is usable after its process was suspended for `gap_s`. After a suspension of about one

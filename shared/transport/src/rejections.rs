@@ -57,10 +57,10 @@ pub fn counted() -> AccessRejections {
 
 /// Counting layer for a process with its own log.
 pub fn layer<S: Subscriber + for<'a> LookupSpan<'a>>() -> impl Layer<S> {
-    let says_so = |metadata: &Metadata<'_>| {
+    let is_rejection = |metadata: &Metadata<'_>| {
         metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
     };
-    Counter.with_filter(filter_fn(says_so))
+    Counter.with_filter(filter_fn(is_rejection))
 }
 
 /// Starts counting; an existing log of the process is kept.
@@ -162,7 +162,7 @@ impl PlaintextAttempts {
         for _ in 0..Self::AT_ONCE {
             match self.0.accept() {
                 Ok(_shut_at_once) => count(AccessRejection::NotTls),
-                Err(_nobody) => break,
+                Err(_none_waiting) => break,
             }
         }
     }

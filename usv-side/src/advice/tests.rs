@@ -146,7 +146,7 @@ fn no_advice_where_every_course_is_as_good() {
 }
 
 #[test]
-fn no_sea_before_enough_motion_and_in_a_calm() {
+fn no_sea_before_enough_motion_or_in_calm_water() {
     assert!(sampled(&[[0.4, 1.2, 0.5]], 0.0, 2.0, 1.0, 30.0).sea.is_none());
     let calm = sampled(&[], 0.0, 2.0, 1.0, 150.0);
     assert!(calm.sea.is_none() && calm.advice().is_none());

@@ -299,18 +299,18 @@ impl WaveSpectrum {
         let mut waves: Vec<WaveComponent> = Vec::with_capacity(DIRECTIONS * LINES.len());
         for j in 0..DIRECTIONS {
             let towards = TAU * j as f64 / DIRECTIONS as f64;
-            let share = (0.5 * (towards - mean)).cos().abs().powf(spread);
+            let weight = (0.5 * (towards - mean)).cos().abs().powf(spread);
             let along = speed_mps * (towards - heading).cos();
             waves.extend(LINES.iter().map(|line| WaveComponent {
                 omega: own_frequency(frequency(k) + line * step, along),
                 towards,
-                variance: share,
+                variance: weight,
             }));
         }
-        let shares: f64 = waves.iter().map(|w| w.variance).sum();
+        let total: f64 = waves.iter().map(|w| w.variance).sum();
         let (mut modelled, mut heaves) = (Powers::default(), 0.0);
         for w in &mut waves {
-            w.variance /= shares;
+            w.variance /= total;
             let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
             let motion = hull.motion(&e);
             heaves += w.variance * motion.heave.norm_sqr();

@@ -70,9 +70,9 @@ pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffn
         };
         let heel = ValueWithSd::new(b.value - a.value, a.sd.hypot(b.sd));
         let value = states[i] / heel.value;
-        let share = heel.sd / heel.value.abs();
-        if value.is_finite() && value > 0.0 && share <= KNOWN {
-            Ok(ValueWithSd::relative(value, share))
+        let relative_sd = heel.sd / heel.value.abs();
+        if value.is_finite() && value > 0.0 && relative_sd <= KNOWN {
+            Ok(ValueWithSd::relative(value, relative_sd))
         } else {
             Err(Some(heel))
         }
@@ -82,8 +82,8 @@ pub fn stiffness(weight: &Weight, without: &RestTilt, with: &RestTilt) -> Stiffn
 /// Inertia including added mass in a stiff degree of freedom, kg m², from its stiffness and its free decay.
 pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
     let value = stiffness.value / decay.stiffness.value;
-    let share = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
-    (value.is_finite() && value > 0.0).then_some(ValueWithSd::relative(value, share))
+    let relative_sd = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
+    (value.is_finite() && value > 0.0).then_some(ValueWithSd::relative(value, relative_sd))
 }
 
 #[cfg(test)]

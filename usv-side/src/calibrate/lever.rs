@@ -22,7 +22,7 @@ const AROUND: usize = 2;
 /// Minimum standard error, m, and as a fraction of the distance. Distances of the simulated vessel come out 5 to 8 %
 /// short (seeds 1 and 2, pushed and in waves).
 const FLOOR_M: f64 = 0.005;
-const FLOOR_SHARE: f64 = 0.05;
+const FLOOR_FRACTION: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
 pub struct InertialState {
@@ -157,7 +157,7 @@ impl Lever {
             .sum();
         let n = self.windows.len() as f64;
         let shared = bread * meat * bread * (n / (n - 1.0));
-        let floor = FLOOR_M.hypot(FLOOR_SHARE * r.norm());
+        let floor = FLOOR_M.hypot(FLOOR_FRACTION * r.norm());
         Some(core::array::from_fn(|i| {
             ValueWithSd::new(r[i], white[(i, i)].max(shared[(i, i)]).sqrt().hypot(floor))
         }))

@@ -291,7 +291,7 @@ impl DeckArbiter {
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
-            // Until it knows that it gave way it may still approach.
+            // It may still approach until it receives that it gave way.
             Some(_) => !claim::is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
@@ -526,8 +526,8 @@ impl Node for DeckArbiter {
                 stations,
                 places: core::array::from_fn(|k| {
                     // Two drones with one number would both go there.
-                    let holder = self.drones.iter().find(|d| d.place == Some(k));
-                    holder.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
+                    let occupant = self.drones.iter().find(|d| d.place == Some(k));
+                    occupant.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
                 }),
             }),
         }

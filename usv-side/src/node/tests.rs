@@ -338,9 +338,9 @@ fn prediction_that_begins_at_the_estimate() {
     let at = |t: Time<VesselClock>| -> Option<[f64; 6]> {
         let k = estimates.partition_point(|e| e.header.at <= t);
         let (a, b) = (estimates.get(k.checked_sub(1)?)?, estimates.get(k)?);
-        let share = (t - a.header.at).secs() / (b.header.at - a.header.at).secs();
+        let fraction = (t - a.header.at).secs() / (b.header.at - a.header.at).secs();
         Some(core::array::from_fn(|d| {
-            a.eta[d] + share * difference(d, b.eta[d], a.eta[d])
+            a.eta[d] + fraction * difference(d, b.eta[d], a.eta[d])
         }))
     };
     let (mut compared, mut inside) = (0, 0);

@@ -29,7 +29,7 @@ const JUMP_S: f64 = 5.0;
 /// Number of following measurements among which one must return to the former time for a lead to count as an outlier.
 const LOOK_AHEAD: usize = 20;
 /// Start of the evaluation, s, or after a third of a shorter recording: the record length for identifying the sea.
-const SETTLE_S: f64 = 60.0;
+const WARM_UP_S: f64 = 60.0;
 /// Number of missing usual steps that counts as a gap, together with `GAP_S`.
 const GAP_STEPS: f64 = 5.0;
 /// Minimum gap, s.
@@ -146,7 +146,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     }
     let mut node = VesselNode::new(config, 1, 1);
     let mut evaluation = Evaluation {
-        from: first + Span::from_secs(SETTLE_S.min((last - first).secs() / 3.0)),
+        from: first + Span::from_secs(WARM_UP_S.min((last - first).secs() / 3.0)),
         heave: heave_is_observable(&all),
         ..Evaluation::default()
     };

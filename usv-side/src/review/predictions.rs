@@ -113,14 +113,14 @@ impl Predictions {
                 if p.due > at {
                     return true;
                 }
-                let share = (p.due - before).secs() / whole;
+                let fraction = (p.due - before).secs() / whole;
                 if let Some(s) = sums.get_mut(p.horizon)
                     && sound
-                    && (0.0..=1.0).contains(&share)
+                    && (0.0..=1.0).contains(&fraction)
                 {
                     s.n += 1;
                     let then: [f64; 6] =
-                        core::array::from_fn(|d| was[d] + share * difference(d, eta[d], was[d]));
+                        core::array::from_fn(|d| was[d] + fraction * difference(d, eta[d], was[d]));
                     if let Some(ridge) = p.ridge {
                         s.ridge += 1;
                         for (k, d) in RIDGE_DOFS.into_iter().enumerate() {

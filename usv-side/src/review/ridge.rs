@@ -20,7 +20,7 @@ const WINDOW_S: f64 = 120.0;
 /// Interval between fits, s.
 const REFIT_S: f64 = 10.0;
 /// Settling time of the estimator, s.
-const SETTLED_S: f64 = 10.0;
+const WARM_UP_S: f64 = 10.0;
 const MIN_ROWS: usize = 200;
 const CHANNELS: usize = 6;
 const FEATURES: usize = LAGS.len() * CHANNELS;
@@ -117,17 +117,17 @@ pub struct Ridge {
 }
 
 impl Ridge {
-    /// Fits to estimates published in the two minutes before `t` and not before `settled`, for these horizons (s). None
+    /// Fits to estimates published in the two minutes before `t` and not before `valid_from`, for these horizons (s). None
     /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,
-        settled: Time<VesselClock>,
+        valid_from: Time<VesselClock>,
         horizons_s: &[f64],
     ) -> Option<Ridge> {
         let past = all.until(t);
         let last = *past.times.last()?;
-        let begin = (t - Span::from_secs(WINDOW_S)).max(settled);
+        let begin = (t - Span::from_secs(WINDOW_S)).max(valid_from);
         let begin = begin.max(*past.times.first()?);
         let reach = LAGS.iter().max().copied().unwrap_or(0);
         let count = ((last - begin).secs() / STEP_S).floor();
@@ -218,10 +218,10 @@ impl RefittedRidge {
         let period = ((t - self.began).secs() / REFIT_S).floor();
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
             let at = self.began + Span::from_secs(period * REFIT_S);
-            let settled = self.began + Span::from_secs(SETTLED_S);
+            let valid_from = self.began + Span::from_secs(WARM_UP_S);
             self.fitted = Some((
                 period as u64,
-                Ridge::fit(published, at, settled, &self.horizons_s),
+                Ridge::fit(published, at, valid_from, &self.horizons_s),
             ));
         }
         let (_, ridge) = self.fitted.as_ref()?;
@@ -256,15 +256,15 @@ mod tests {
             let t = Time::from_secs(f64::from(k) / 30.0);
             published.push_motion(t, motion(t));
         }
-        let settled = Time::from_secs(10.0);
+        let valid_from = Time::from_secs(10.0);
         let t = Time::from_secs(80.0);
-        let ridge = Ridge::fit(&published, t, settled, &AHEAD_S).unwrap();
+        let ridge = Ridge::fit(&published, t, valid_from, &AHEAD_S).unwrap();
         let mut known = PublishedMotion::default();
         for k in 0..=30 * 80 {
             let t = Time::from_secs(f64::from(k) / 30.0);
             known.push_motion(t, motion(t));
         }
-        let again = Ridge::fit(&known, t, settled, &AHEAD_S).unwrap();
+        let again = Ridge::fit(&known, t, valid_from, &AHEAD_S).unwrap();
         assert_eq!(ridge, again);
         let t = Time::from_secs(85.0);
         let predicted = ridge.predict(&published.until(t), t).unwrap();
@@ -275,8 +275,8 @@ mod tests {
                 assert!((predicted[q] - then[q]).abs() < 0.1 * sd, "{ahead} {q}");
             }
         }
-        assert!(Ridge::fit(&published, Time::from_secs(30.0), settled, &AHEAD_S).is_none());
-        assert!(Ridge::fit(&PublishedMotion::default(), t, settled, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&published, Time::from_secs(30.0), valid_from, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&PublishedMotion::default(), t, valid_from, &AHEAD_S).is_none());
     }
 
     #[test]

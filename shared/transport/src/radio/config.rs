@@ -120,7 +120,7 @@ config! {
         pub authority: String = String::new();
         /// Our certificate.
         pub certificate: String = String::new();
-        /// Its private key.
+        /// Private key of the certificate.
         pub key: String = String::new();
         /// Certificate names of admitted peers, `vessel-N` or `drone-N`. Each may publish under its own key expressions
         /// only.
@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn zenoh_file_beside_certificates() {
+    fn zenoh_file_with_certificates() {
         let mut config = through_router("vessel-9");
         let mut tried = |text: &str| {
             config.zenoh = text.into();
@@ -514,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn zenoh_file_beside_the_configuration() {
+    fn zenoh_file_and_configuration() {
         let path = std::env::temp_dir().join(format!("alight-zenoh-{}.json5", std::process::id()));
         let tried = |text: &str| {
             std::fs::write(&path, text).unwrap();

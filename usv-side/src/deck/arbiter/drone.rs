@@ -86,7 +86,7 @@ impl Drone {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
     /// Whether a look at the deck shows that a silent drone has left. A drone that stood there is visible or gone; one
-    /// that was in the air may descend in silence, unseen by the sensor, for as long as a landing takes.
+    /// that was in the air may descend in silence, undetected by the sensor, for as long as a landing takes.
     pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }

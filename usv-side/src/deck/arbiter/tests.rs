@@ -273,7 +273,7 @@ fn deck_opened_under_a_silent_descent() {
 }
 
 #[test]
-fn unheard_owner_that_gives_way() {
+fn silent_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::after(&[(State::Approach, 0.5)]);
         // The deck was closed in the meantime: both wait, and the owner for too long.
@@ -297,9 +297,9 @@ fn waiting_places() {
     let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
     rig.run(&crowd, 1.0);
     let places = |rig: &Rig| -> Vec<u32> {
-        let holder = |k| rig.arbiter.drones.iter().find(|d| d.place == Some(k));
+        let occupant = |k| rig.arbiter.drones.iter().find(|d| d.place == Some(k));
         (0..PLACES)
-            .map(|k| holder(k).map_or(0, |d| d.header.drone))
+            .map(|k| occupant(k).map_or(0, |d| d.header.drone))
             .collect()
     };
     let mut held: Vec<u32> = (1..=PLACES as u32).collect();
