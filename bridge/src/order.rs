@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(b.observe(at(61.0), 8), Boot::Second);
         assert_eq!(b.observe(at(62.0), 8), Boot::Next);
         b.adopt(at(62.0), 8);
-        // The first is now the second, and becomes current only by the same proof.
+        // The first is now the second computer, and only the same evidence makes it current again.
         assert!(!b.returns(at(64.0), 7, at(63.0)));
         b.received(at(65.0), at(65.0));
         assert_eq!(b.observe(at(65.1), 7), Boot::Second);

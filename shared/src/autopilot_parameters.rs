@@ -373,7 +373,8 @@ mod tests {
         let text = |name: &str, value| named(name).describe(value).to_string();
         assert_eq!(
             text("COM_OF_LOSS_T", 1.0),
-            "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed: the drone keeps descending for this time after the last set-point"
+            "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed: the drone keeps descending for this time after the last \
+             set-point"
         );
         assert!(
             text("MPC_ACC_UP_MAX", 4.0).starts_with("MPC_ACC_UP_MAX is 4 m/s², at least 8 m/s² is needed")

@@ -429,7 +429,8 @@ impl CsvTable {
                     bad.push(
                         row.line,
                         format!(
-                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to {limit}"
+                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to \
+                             {limit}"
                         ),
                     );
                 }

@@ -205,7 +205,7 @@ pub struct RefittedRidge {
 }
 
 impl RefittedRidge {
-    /// For these horizons (s) and a node that began to publish at `began`.
+    /// Regression for these horizons (s) and a node that began to publish at `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,

@@ -33,7 +33,8 @@ impl Attempts {
         self.reported = Some(why.clone());
         is_news.then(|| {
             format!(
-                "{why}; the radio is opened again later: if this continues, check [radio] in the configuration (alight check)"
+                "{why}; the radio is opened again later: if this continues, check [radio] in the configuration \
+                 (alight check)"
             )
         })
     }

@@ -61,7 +61,7 @@ fn evidence_of_a_departure_between_contrary_statuses() {
         rig.run(&[(2, State::Approach)], 1.5);
         assert_eq!(rig.run_as(restarted, 5), 1);
     }
-    // Many statuses at once have no duration.
+    // Statuses that arrive at once do not span the required time.
     let mut rig = Rig::with_a_landed_drone();
     let burst = (1..20).map(|k| {
         let mut far = rig.flying(200.0);
