@@ -208,12 +208,20 @@ mod tests {
         assert_eq!(names, ["1077", "4072.1", "1005"]);
         assert_eq!(decoder.damaged(), 1);
         assert_eq!(number(&damaged), None);
-        let of = |message, subtype| RtcmNumber { message, subtype };
+        let rtcm_number = |message, subtype| RtcmNumber { message, subtype };
         assert!(frames(&all[0].1).is_some_and(|f| f.len() == 1) && frames(&[]).is_none());
         let two = [&all[0].1[..], &all[2].1].concat();
-        assert_eq!(frames(&two).unwrap()[1], (of(1005, 0), &all[2].1[..]));
+        assert_eq!(frames(&two).unwrap()[1], (rtcm_number(1005, 0), &all[2].1[..]));
         assert!(frames(&two[..two.len() - 1]).is_none() && frames(&[&two[..], &damaged].concat()).is_none());
-        assert!(of(1077, 0).is_observation() && of(1005, 0).is_base() && of(UBLOX, 0).is_base());
-        assert!(!of(UBLOX, 1).is_base() && !of(1230, 0).is_observation() && !of(1080, 0).is_observation());
+        assert!(
+            rtcm_number(1077, 0).is_observation()
+                && rtcm_number(1005, 0).is_base()
+                && rtcm_number(UBLOX, 0).is_base()
+        );
+        assert!(
+            !rtcm_number(UBLOX, 1).is_base()
+                && !rtcm_number(1230, 0).is_observation()
+                && !rtcm_number(1080, 0).is_observation()
+        );
     }
 }

@@ -45,9 +45,9 @@ const ALONE: (f64, f64) = (1.0, 0.7);
 /// common unless their numbers differ by a multiple of 23. No boat has the first ids of the family, which all examples
 /// use.
 pub fn first_number(vessel: u32) -> u16 {
-    let each = MAX_TAGS as u16;
-    let boats = u32::from(FAMILY / each) - 1;
-    each * (1 + (vessel % boats) as u16)
+    let ids_per_boat = MAX_TAGS as u16;
+    let boats = u32::from(FAMILY / ids_per_boat) - 1;
+    ids_per_boat * (1 + (vessel % boats) as u16)
 }
 /// These tags with the ids of the boat `vessel`, in the same order.
 pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {

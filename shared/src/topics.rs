@@ -542,22 +542,28 @@ mod tests {
                 );
             }
         }
-        let of = |topic: &Topic, path: &str| {
+        let field_of = |topic: &Topic, path: &str| {
             let all = fields(&(topic.schema)());
             let f = all.into_iter().find(|f| f.path == path).unwrap();
             (f.kind, f.unit, f.frame)
         };
         let text = |kind: &str, unit: &str, frame: &str| (kind.to_owned(), unit.to_owned(), frame.to_owned());
-        assert_eq!(of(&ESTIMATE, "position"), text("f32[3]", "m", "vessel's NED"));
         assert_eq!(
-            of(&BRIDGE_ESTIMATE, "eta"),
+            field_of(&ESTIMATE, "position"),
+            text("f32[3]", "m", "vessel's NED")
+        );
+        assert_eq!(
+            field_of(&BRIDGE_ESTIMATE, "eta"),
             text("f64[6]", "m, rad", "vessel's NED")
         );
-        assert_eq!(of(&ESTIMATE, "header.at"), text("i64", "ns", "vessel clock"));
-        assert_eq!(of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
-        assert_eq!(of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));
         assert_eq!(
-            of(&DRONE_STATUS, "deck_distance_m"),
+            field_of(&ESTIMATE, "header.at"),
+            text("i64", "ns", "vessel clock")
+        );
+        assert_eq!(field_of(&WAVE, "modes[].pole"), text("f32[2]", "1/s", ""));
+        assert_eq!(field_of(&WAVE, "slopes"), text("u8[<= 60]", "", "deck's axes"));
+        assert_eq!(
+            field_of(&DRONE_STATUS, "deck_distance_m"),
             text("f32?", "m", "deck's centre")
         );
     }

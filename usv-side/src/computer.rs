@@ -78,34 +78,35 @@ impl ComputerOut {
     pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
         // A drone that connects later cannot use a continued wave model.
         let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
-        let mut each = |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
-            let held = topic.row().held && (topic != RadioTopic::Wave || whole);
-            // A message that cannot be encoded is not sent; the receiver detects the gap.
-            messages.flatten().for_each(|bytes| send(topic, bytes, held));
-        };
+        let mut send_all =
+            |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
+                let held = topic.row().held && (topic != RadioTopic::Wave || whole);
+                // A message that cannot be encoded is not sent; the receiver detects the gap.
+                messages.flatten().for_each(|bytes| send(topic, bytes, held));
+            };
         let vessel = &self.vessel;
-        each(
+        send_all(
             RadioTopic::Estimate,
             &mut vessel.estimate_update.iter().map(wire::encode),
         );
-        each(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
-        each(
+        send_all(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
+        send_all(
             RadioTopic::Prediction,
             &mut vessel.prediction.iter().map(wire::encode),
         );
-        each(
+        send_all(
             RadioTopic::Surroundings,
             &mut vessel.surroundings.iter().map(wire::encode),
         );
-        each(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
-        each(
+        send_all(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
+        send_all(
             RadioTopic::TimeReply,
             &mut vessel.time_replies.iter().map(wire::encode),
         );
-        each(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
-        each(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
-        each(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
-        each(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
+        send_all(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
+        send_all(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
+        send_all(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
+        send_all(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
     }
 }
 

@@ -160,14 +160,14 @@ mod tests {
     #[test]
     fn odds_of_a_contact_in_strong_wind() {
         let margins = Margins::on(&DeckGeometry::default(), &DroneGeometry::default());
-        let of = |push: f64| {
+        let odds_in_wind = |push: f64| {
             let wind = WindPush {
                 mean: Vector2::new(0.0, push),
                 gust_sd: 0.3 * push,
             };
             Contact { wind, ..calm() }.odds(&margins)
         };
-        let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(of);
+        let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(odds_in_wind);
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
         assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");

@@ -326,14 +326,14 @@ impl Slopes {
                 waves => moments(waves),
             };
             let along = self.bias.try_normalize(0.0).unwrap_or_default();
-            let (by, of) = self.wave(friction, mean, self.bias.norm(), sd);
+            let (displacement, displacement_sd) = self.wave(friction, mean, self.bias.norm(), sd);
             let waves = TIME_TO_REST_S / WAVE_S;
-            return (along * (by * waves), of * waves.sqrt());
+            return (along * (displacement * waves), displacement_sd * waves.sqrt());
         }
         for (slope, push, along, sd) in &self.predicted {
-            let (by, of) = self.wave(friction, *slope, *push, *sd);
-            moved += along * by;
-            variance += of * of;
+            let (displacement, displacement_sd) = self.wave(friction, *slope, *push, *sd);
+            moved += along * displacement;
+            variance += displacement_sd * displacement_sd;
         }
         (moved, variance.sqrt())
     }
@@ -423,12 +423,12 @@ fn strong(wind: &WindPush) -> WindPush {
 }
 
 /// Mean of a function of a standard normal variable.
-fn over_gusts(of: impl Fn(f64) -> f64) -> f64 {
+fn over_gusts(value: impl Fn(f64) -> f64) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for k in -GUSTS..=GUSTS {
         let sds = GUST_STEP * f64::from(k);
         let weight = (-0.5 * sds * sds).exp();
-        sum += weight * of(sds);
+        sum += weight * value(sds);
         weights += weight;
     }
     sum / weights
@@ -521,12 +521,12 @@ mod tests {
             friction: 0.4,
             edge_m: 0.65,
         };
-        let of = Staying::of(&gusty, &stand);
+        let staying = Staying::of(&gusty, &stand);
         assert!(
-            (of.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
-            "{of:?}"
+            (staying.meets - Vector2::new(0.0, -gusty.blown(0.4))).norm() < 1e-9,
+            "{staying:?}"
         );
-        assert!(gusty.stays(0.4, 0.65, of.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
+        assert!(gusty.stays(0.4, 0.65, staying.meets.norm()) > gusty.stays(0.4, 0.65, 0.0));
         let narrow = Stand { edge_m: 0.1, ..stand };
         assert!((Staying::of(&gusty, &narrow).meets.norm() - 0.05).abs() < 1e-9);
         let [none, far] = [f64::NAN, f64::INFINITY].map(|w| Staying::of(&slopes(w, 1.0), &stand));

@@ -86,24 +86,24 @@ mod tests {
 
     #[test]
     fn drift_and_tilt_in_strong_wind() {
-        let of = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
-        assert_eq!((of(0.7), of(-1.2)), (0.7, -1.2));
-        assert!((of(1.201) - 1.2006).abs() < 1e-9 && (of(3.2) - 2.4).abs() < 1e-9);
+        let accepted = |d: f64| wind_during_alignment(&Vector2::new(0.0, d)).y;
+        assert_eq!((accepted(0.7), accepted(-1.2)), (0.7, -1.2));
+        assert!((accepted(1.201) - 1.2006).abs() < 1e-9 && (accepted(3.2) - 2.4).abs() < 1e-9);
         let beyond = |d: f64| beyond_aligned(&Vector2::new(0.0, d));
         assert!(beyond(-1.2) == 0.0 && (beyond(-3.2) - 2.0).abs() < 1e-9);
     }
 
     #[test]
     fn wind_over_a_vessel_under_way() {
-        let of = |wind: [f64; 2], way: [f64; 2]| WindPush::over(wind.into(), way.into());
+        let wind_over = |wind: [f64; 2], way: [f64; 2]| WindPush::over(wind.into(), way.into());
         // The vessel's speed of 5 m/s causes a headwind without gusts; an equal following wind cancels it.
-        let own = of([0.0, 0.0], [5.0, 0.0]);
+        let own = wind_over([0.0, 0.0], [5.0, 0.0]);
         assert!(
             own.mean.x < -0.7 && own.mean.x > -0.8 && own.gust_sd == 0.0,
             "{own:?}"
         );
-        let along = of([5.0, 0.0], [5.0, 0.0]);
+        let along = wind_over([5.0, 0.0], [5.0, 0.0]);
         assert!(along.mean.norm() < 1e-12 && along.gust_sd > 0.0);
-        assert!(of([-5.0, 0.0], [5.0, 0.0]).mean.x < -2.5);
+        assert!(wind_over([-5.0, 0.0], [5.0, 0.0]).mean.x < -2.5);
     }
 }

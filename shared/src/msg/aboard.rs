@@ -176,7 +176,7 @@ pub struct Decoded {
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Announced pulses whose first fix cannot belong to them: receiver and pulse use different time bases.
+    /// Announced pulses whose fix does not have the time of the next pulse: different time bases.
     pub mismatched_pulses: u64,
 }
 

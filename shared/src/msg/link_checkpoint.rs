@@ -60,7 +60,7 @@ pub struct LinkCheckpoint {
     pub ended_missions: [bool; 3],
     /// Times of the signed frames.
     pub signing: SigningTimes,
-    /// The autopilot has completed its own mission in this flight, and no other mode was chosen since.
+    /// The autopilot has flown its own mission in this flight, and no other mode was chosen since.
     pub own_mission: bool,
 }
 

@@ -286,7 +286,7 @@ impl<C: Clock> VesselPrediction<C> {
             let origin = self.origin.get(dof).copied().unwrap_or(0.0);
             origin + pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h
         });
-        let of = |s: &PredictedStage, d: usize| {
+        let sd_of = |s: &PredictedStage, d: usize| {
             let [north, east, heading] = s.course_sd;
             f64::from(match d {
                 SURGE => north,
@@ -295,7 +295,7 @@ impl<C: Clock> VesselPrediction<C> {
                 _ => s.sd[d],
             })
         };
-        let sd = core::array::from_fn(|d| of(a, d) + f * (of(b, d) - of(a, d)));
+        let sd = core::array::from_fn(|d| sd_of(a, d) + f * (sd_of(b, d) - sd_of(a, d)));
         Some((eta, sd))
     }
 }

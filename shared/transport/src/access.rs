@@ -38,7 +38,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
             "id": id, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys,
         })
     };
-    let of = |name: &str| json!([format!("{name}/**"), format!("{name}/{SCHEMA}/**")]);
+    let keys_of = |name: &str| json!([format!("{name}/**"), format!("{name}/{SCHEMA}/**")]);
     let all = json!(["alight/**", format!("alight/*/{SCHEMA}/**")]);
     let listened = [
         "declare_subscriber",
@@ -49,7 +49,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
     let answered = ["reply", "declare_queryable", "liveliness_token"];
     let mut rules = vec![
         rule("subscribe", &both, &listened, all),
-        rule("answer", &["egress"], &answered, of(name)),
+        rule("answer", &["egress"], &answered, keys_of(name)),
     ];
     let mut granted = vec!["subscribe", "answer"];
     if !own.is_empty() {
@@ -73,7 +73,7 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
             &["put"],
             json!([format!("{own}/**")]),
         ));
-        rules.push(rule(&answers, &["ingress"], &answered, of(&own)));
+        rules.push(rule(&answers, &["ingress"], &answered, keys_of(&own)));
         policies.push(json!({ "rules": [receive, answers], "subjects": [subject(peer)] }));
     }
     let subjects: Vec<Value> = subjects

@@ -390,8 +390,8 @@ impl Radio {
     }
     /// Number of these peers with a session, by their liveliness tokens. A frozen process keeps its token, so decisions
     /// must rely on its messages and their times.
-    pub fn count_present(&self, of: impl Fn(&Sender) -> bool) -> usize {
-        self.open.as_ref().map_or(0, |o| o.present.count(of))
+    pub fn count_present(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
+        self.open.as_ref().map_or(0, |o| o.present.count(is_counted))
     }
 
     /// Stores this message of publication `publication` for queries, if the publication is held.

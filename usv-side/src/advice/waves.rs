@@ -372,8 +372,8 @@ mod tests {
     /// Number of accepted segments after motion northwards at these speeds, m/s, each for this number of samples.
     fn segments(speeds: &[(f64, usize)]) -> f64 {
         let mut spectrum = WaveSpectrum::new(Vector3::zeros());
-        let each = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
-        for (k, mps) in each.enumerate() {
+        let samples = speeds.iter().flat_map(|(mps, n)| core::iter::repeat_n(*mps, *n));
+        for (k, mps) in samples.enumerate() {
             let sample = MotionSample {
                 at: alight_shared::time::Time::from_secs(SAMPLE_S * k as f64),
                 mean_heading: 0.0,

@@ -193,7 +193,7 @@ fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: DecayOrder) -> 
 
 /// Logarithms of `a` and `b` with the smallest residual, by Levenberg-Marquardt from the best point of a grid.
 fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
-    let of = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
+    let cost_at = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
     let mut best = (f64::INFINITY, Vector2::zeros());
     for k in 0..32 {
         let x = f64::from(k) / 31.0;
@@ -207,7 +207,7 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
             }),
         };
         for p in tries {
-            let c = of(*p);
+            let c = cost_at(*p);
             if c < best.0 {
                 best = (c, *p);
             }
@@ -224,7 +224,7 @@ fn fit(order: DecayOrder, pushes: &[&DecaySamples]) -> Option<Vector2<f64>> {
         let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
         let step = lifted.try_inverse()? * -g;
         let next = p + step.map(|v| v.clamp(-0.5, 0.5));
-        let cn = of(next);
+        let cn = cost_at(next);
         if cn < c {
             let done = step.norm() < 1e-9 || c - cn < 1e-12 * c;
             (c, p, damp) = (cn, next, (damp * 0.3_f64).max(1e-12));

@@ -143,13 +143,13 @@ mod tests {
 
     #[test]
     fn inertia_error_of_stiffness_and_decay() {
-        let of = ValueWithSd::relative;
+        let with_sd = ValueWithSd::relative;
         let decay = Decay {
-            damping: of(6.0, 0.1),
-            stiffness: of(243.0, 0.03),
+            damping: with_sd(6.0, 0.1),
+            stiffness: with_sd(243.0, 0.03),
             pushes: 3,
         };
-        let m = inertia(&of(35e3, 0.04), &decay).unwrap();
+        let m = inertia(&with_sd(35e3, 0.04), &decay).unwrap();
         assert!(
             (m.value - 144.0).abs() < 0.1 && (m.sd / m.value - 0.05).abs() < 1e-9,
             "{m:?}"
@@ -158,6 +158,6 @@ mod tests {
             stiffness: ValueWithSd::default(),
             ..decay
         };
-        assert_eq!(inertia(&of(35e3, 0.04), &free), None);
+        assert_eq!(inertia(&with_sd(35e3, 0.04), &free), None);
     }
 }

@@ -113,9 +113,9 @@ impl CsvRow {
         self.cells.get(q as usize).copied().flatten()
     }
     /// Values of these quantities, if all are present.
-    pub fn all<const N: usize>(&self, of: [Quantity; N]) -> Option<[f64; N]> {
+    pub fn all<const N: usize>(&self, quantities: [Quantity; N]) -> Option<[f64; N]> {
         let mut all = [0.0; N];
-        for (to, q) in all.iter_mut().zip(of) {
+        for (to, q) in all.iter_mut().zip(quantities) {
             *to = self.get(q)?;
         }
         Some(all)
@@ -355,13 +355,13 @@ impl CsvTable {
         let read = rows.len() as u64;
         let rows = joined(rows);
         let repeated = || rows.windows(2).filter(|w| w[1].t == w[0].t);
-        let (count, of) = (repeated().count(), rows.len());
-        if of - count >= 3
-            && count as f64 >= COARSE * of as f64
+        let (count, total) = (repeated().count(), rows.len());
+        if total - count >= 3
+            && count as f64 >= COARSE * total as f64
             && let Some([_, first]) = repeated().next()
         {
             let message = format!(
-                "{count} of {of} rows have the time of the row above: the times are coarser than the rows, and {CONVERT} \
+                "{count} of {total} rows have the time of the row above: the times are coarser than the rows, and {CONVERT} \
                  to times that are spread evenly; or record times with fractions of a second"
             );
             return Err(TableError::Row {

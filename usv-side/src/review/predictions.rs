@@ -147,18 +147,18 @@ impl Predictions {
         let dofs = (0..6).filter(|d| *d != HEAVE || heave);
         dofs.map(|d| {
             let scale = if d < 3 { 1.0 } else { 1.0_f64.to_degrees() };
-            let each = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);
+            let per_horizon = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);
             PredictionReview {
                 what: DOFS[d],
                 unit: if d < 3 { "m" } else { "deg" },
                 count,
-                rms: each(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
+                rms: per_horizon(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
                 ridge_rms: self.sums.each_ref().map(|s| {
                     let k = RIDGE_DOFS.iter().position(|r| *r == d)?;
                     (s.ridge > 0).then(|| scale * (s.ridge_squares[k] / s.ridge as f64).sqrt())
                 }),
-                hold_rms: each(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
-                inside_95: each(&|s| s.inside[d] as f64 / s.n as f64),
+                hold_rms: per_horizon(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
+                inside_95: per_horizon(&|s| s.inside[d] as f64 / s.n as f64),
             }
         })
         .collect()

@@ -187,11 +187,11 @@ impl Ridge {
                 features[i * CHANNELS + c] = value;
             }
         }
-        let of = |w: &DMatrix<f64>| {
+        let prediction = |w: &DMatrix<f64>| {
             let y = w.tr_mul(&features);
             core::array::from_fn(|q| self.mean[q] + self.scale[q] * y[q])
         };
-        Some(self.weights.iter().map(of).collect())
+        Some(self.weights.iter().map(prediction).collect())
     }
 }
 
@@ -241,11 +241,11 @@ mod tests {
             let x = w * t.secs() + p;
             [a * x.sin(), a * w * x.cos()]
         };
-        let of = |a: f64, b: f64, p: f64| {
+        let wave = |a: f64, b: f64, p: f64| {
             let (x, y) = (wave(a, 1.1, p), wave(b, 1.7, 2.0 * p));
             [x[0] + y[0], x[1] + y[1]]
         };
-        let (roll, pitch, heave) = (of(0.1, 0.05, 0.3), of(0.03, 0.06, 1.0), of(0.4, 0.2, 2.0));
+        let (roll, pitch, heave) = (wave(0.1, 0.05, 0.3), wave(0.03, 0.06, 1.0), wave(0.4, 0.2, 2.0));
         [roll[0] + 0.05, pitch[0], heave[0], roll[1], pitch[1], heave[1]]
     }
 

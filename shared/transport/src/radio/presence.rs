@@ -47,9 +47,9 @@ impl Present {
         }
     }
     /// Number of these peers with a token.
-    pub(super) fn count(&self, of: impl Fn(&Sender) -> bool) -> usize {
+    pub(super) fn count(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.iter().filter(|s| of(s)).count()
+        all.iter().filter(|s| is_counted(s)).count()
     }
 }
 

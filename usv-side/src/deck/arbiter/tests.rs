@@ -365,14 +365,14 @@ fn station_of_two_drones() {
         let statuses = kept.iter().map(|(id, height_m)| keeps(rig, *id, *height_m));
         let statuses = statuses.collect();
         let grant = rig.step(statuses).unwrap();
-        let of = |id| {
+        let station_of = |id| {
             grant
                 .places
                 .iter()
                 .position(|d| *d == id)
                 .map_or(0, |k| grant.stations[k])
         };
-        [of(1), of(2)]
+        [station_of(1), station_of(2)]
     };
     assert_eq!(step(&mut rig, &[(2, 30)]), [0, 30]);
     assert_eq!(step(&mut rig, &[(1, 31), (2, 30)]), [0, 30]);

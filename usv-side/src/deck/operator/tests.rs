@@ -120,26 +120,26 @@ fn receipts(
 fn receipts_of_a_command_in_every_progress() {
     use CommandProgress::{Forbidden, GivenUp, Pending, Replaced, Taken, Unknown};
     let mut relay = relay_of(9);
-    let of = |sequence, kind| Some(command(sequence, 3, kind));
+    let command_of = |sequence, kind| Some(command(sequence, 3, kind));
     let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
     // A drone that gave up before does not acknowledge an abort.
-    let abort = of(1, CommandKind::Abort);
+    let abort = command_of(1, CommandKind::Abort);
     assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
     // Each repetition by the terminal gets a reply.
     assert_eq!(receipts(&mut relay, 1.5, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(
-        receipts(&mut relay, 1.6, of(2, CommandKind::Land), None),
+        receipts(&mut relay, 1.6, command_of(2, CommandKind::Land), None),
         [(5, 2, Forbidden)]
     );
     let over = echo(&relay);
     assert_eq!(receipts(&mut relay, 2.0, None, over), [(5, 1, Taken)]);
     assert_eq!(receipts(&mut relay, 2.5, abort, None), [(5, 1, Taken)]);
     assert_eq!(
-        receipts(&mut relay, 4.0, of(3, CommandKind::Land), None),
+        receipts(&mut relay, 4.0, command_of(3, CommandKind::Land), None),
         [(5, 3, Pending)]
     );
-    let hold = of(4, CommandKind::Hold);
+    let hold = command_of(4, CommandKind::Hold);
     assert_eq!(
         receipts(&mut relay, 4.5, hold, None),
         [(5, 3, Replaced), (5, 4, Pending)]
@@ -147,18 +147,18 @@ fn receipts_of_a_command_in_every_progress() {
     assert_eq!(receipts(&mut relay, 14.6, None, None), [(5, 4, GivenUp)]);
     // A pending abort survives a restart; other commands are lost.
     assert_eq!(
-        receipts(&mut relay, 15.0, of(5, CommandKind::Abort), None),
+        receipts(&mut relay, 15.0, command_of(5, CommandKind::Abort), None),
         [(5, 5, Pending)]
     );
     let (mut relay, _) = restarted(&relay, 16.0);
     assert_eq!(
-        receipts(&mut relay, 16.5, of(5, CommandKind::Abort), None),
+        receipts(&mut relay, 16.5, command_of(5, CommandKind::Abort), None),
         [(5, 5, Pending)]
     );
     assert_eq!(receipts(&mut relay, 17.0, hold, None), [(5, 4, Unknown)]);
     // A command that the drone acknowledges and rejects is not repeated.
     let mut relay = relay_of(9);
-    let ready = of(1, CommandKind::Ready);
+    let ready = command_of(1, CommandKind::Ready);
     assert_eq!(receipts(&mut relay, 1.0, ready, None), [(5, 1, Pending)]);
     let rejected = DroneStatus {
         order: Some([relay.boot, relay.sequence]),
@@ -184,20 +184,20 @@ fn receipts_of_a_command_in_every_progress() {
 
 #[test]
 fn landing_ordered_unaware_of_an_abort() {
-    let of = |boot: u32, sequence: u32, kind: CommandKind| {
+    let command_of = |boot: u32, sequence: u32, kind: CommandKind| {
         let mut c = command(sequence, 3, kind);
         c.header.boot = boot;
         Some(c)
     };
     let mut relay = relay_of(9);
-    let before = of(6, 1, CommandKind::Land);
+    let before = command_of(6, 1, CommandKind::Land);
     assert!(step(&mut relay, 1.0, before, None).0);
-    assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
-    let meanwhile = of(7, 1, CommandKind::Land);
+    assert!(step(&mut relay, 2.0, command_of(5, 1, CommandKind::Abort), None).0);
+    let meanwhile = command_of(7, 1, CommandKind::Land);
     assert!(!step(&mut relay, 2.1, meanwhile, None).0);
     let over = echo(&relay);
     assert!(step(&mut relay, 2.4, None, over).1.is_empty());
-    let just_after = of(8, 1, CommandKind::Land);
+    let just_after = command_of(8, 1, CommandKind::Land);
     assert!(!step(&mut relay, 2.9, just_after, None).0);
     assert_eq!(relay.rejected().total(), 2);
     // Terminals repeat their commands, also to the vessel's next process.
@@ -210,7 +210,7 @@ fn landing_ordered_unaware_of_an_abort() {
             assert!(!accepted && sent.is_empty(), "{repeated:?}");
         }
     }
-    assert!(step(&mut relay, 15.0, of(7, 2, CommandKind::Land), None).0);
+    assert!(step(&mut relay, 15.0, command_of(7, 2, CommandKind::Land), None).0);
     assert!(!step(&mut relay, 15.5, meanwhile, None).0);
 }
 
