@@ -1,6 +1,6 @@
 //! Selection of the vessel's current computer among restarts and duplicates, and the order of its messages.
 //!
-//! One identity has one current computer. Two computers with one certificate look like a computer that restarts
+//! Only one computer is current for an identity. Two computers with one certificate look like a computer that restarts
 //! repeatedly, except that a restarted computer no longer sends under its former boot. A new boot is therefore accepted
 //! only after the current computer has been silent: for [`RESTART_SILENCE`] if nothing contradicts a restart. A boot
 //! that was received before a later message of the current computer belongs to a second computer ([`Boots::second`]),

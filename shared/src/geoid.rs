@@ -84,7 +84,7 @@ impl LocalGeoid {
 mod tests {
     use super::*;
 
-    fn of(latitude_deg: f64, longitude_deg: f64) -> Undulation {
+    fn undulation_deg(latitude_deg: f64, longitude_deg: f64) -> Undulation {
         undulation(latitude_deg.to_radians(), longitude_deg.to_radians())
     }
 
@@ -99,7 +99,7 @@ mod tests {
             (38.625473, 359.9995, 50.07),
             (-0.466744, 0.0023, 17.33),
         ] {
-            let u = of(latitude, longitude);
+            let u = undulation_deg(latitude, longitude);
             assert!(
                 (u.height_m - published).abs() < 0.02,
                 "{latitude} {longitude}: {u:?}"
@@ -116,7 +116,7 @@ mod tests {
             (47.28523, 8.56526, 48.0),
             (37.39, -122.03, -25.7),
         ] {
-            let u = of(latitude, longitude);
+            let u = undulation_deg(latitude, longitude);
             assert!((u.height_m - stated).abs() < 3.0 * u.sigma_m, "{stated}: {u:?}");
         }
     }
@@ -125,7 +125,7 @@ mod tests {
     fn undulation_anywhere() {
         for latitude in [-90.0, -60.0, -10.0, 0.0, 35.0, 89.9, 90.0] {
             for longitude in [-180.0, -179.9, -66.0, 0.0, 10.0, 179.9, 180.0] {
-                let u = of(latitude, longitude);
+                let u = undulation_deg(latitude, longitude);
                 assert!(u.height_m.abs() < LARGEST_M, "{u:?}");
                 assert!(
                     (TABLE_SD..30.0).contains(&u.sigma_m),
@@ -134,9 +134,9 @@ mod tests {
             }
         }
         // The date line is one meridian, and the pole one point.
-        assert!((of(20.0, -180.0).height_m - of(20.0, 180.0).height_m).abs() < 1e-9);
-        assert!((of(90.0, 0.0).height_m - of(90.0, 123.0).height_m).abs() < 1e-6);
-        assert_eq!(of(f64::NAN, 0.0).sigma_m, LARGEST_M);
+        assert!((undulation_deg(20.0, -180.0).height_m - undulation_deg(20.0, 180.0).height_m).abs() < 1e-9);
+        assert!((undulation_deg(90.0, 0.0).height_m - undulation_deg(90.0, 123.0).height_m).abs() < 1e-6);
+        assert_eq!(undulation_deg(f64::NAN, 0.0).sigma_m, LARGEST_M);
     }
 
     #[test]

@@ -105,7 +105,7 @@ thread_local! {
 }
 
 /// Rejection described by a log text.
-fn of(target: &str, text: &str) -> Option<AccessRejection> {
+fn rejection_in(target: &str, text: &str) -> Option<AccessRejection> {
     if target.starts_with(HANDSHAKES) {
         // The middleware mistakes any failed handshake for a lack of file descriptors.
         if !text.contains("Hint: increase the system open file limit") {
@@ -186,7 +186,7 @@ impl<S: Subscriber> Layer<S> for Counter {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut text = Text(String::new());
         event.record(&mut text);
-        if let Some(rejection) = of(event.metadata().target(), &text.0) {
+        if let Some(rejection) = rejection_in(event.metadata().target(), &text.0) {
             count(rejection);
         }
     }
@@ -199,23 +199,26 @@ mod tests {
     #[test]
     fn access_rejections_with_cached_permissions() {
         let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
-        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
-        assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);
-        assert_eq!(of(RULES, put), None);
+        assert_eq!(rejection_in(RULES, put), Some(AccessRejection::Key));
         assert_eq!(
-            of(RULES, &format!("Using cached result: {put}")),
+            rejection_in(RULES, "ACL (ingress): caching permissions for `x` ..."),
+            None
+        );
+        assert_eq!(rejection_in(RULES, put), None);
+        assert_eq!(
+            rejection_in(RULES, &format!("Using cached result: {put}")),
             Some(AccessRejection::Key)
         );
         let last = "abc on drone-1 is unauthorized to Declare Liveliness Subscriber (ingress) on x";
-        assert_eq!(of(RULES, last), None);
-        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
+        assert_eq!(rejection_in(RULES, last), None);
+        assert_eq!(rejection_in(RULES, put), Some(AccessRejection::Key));
         assert_eq!(
-            of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
+            rejection_in(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
             None
         );
         // Its link is counted instead.
         let unnamed =
             "abc did not match any configured ACL subject. Default permission `Deny` will be applied";
-        assert_eq!(of(RULES, unnamed), None);
+        assert_eq!(rejection_in(RULES, unnamed), None);
     }
 }

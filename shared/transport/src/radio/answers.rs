@@ -149,7 +149,7 @@ mod tests {
         let all = "alight/*/@schema/**";
         let second = (0..1000).map(|ms| 1_000_000_000 + ms * 1_000_000);
         let texts: Vec<ZBytes> = second.flat_map(|now_ns| asked(all, now_ns)).collect();
-        assert_eq!(texts.len(), 2, "each once a second");
+        assert_eq!(texts.len(), 2, "one reply per schema and second");
         assert_eq!(
             &*texts[0].to_bytes(),
             topics::WAVE.described().to_string().as_bytes()
