@@ -26,10 +26,8 @@ const MAX_SAMPLES: usize = 256;
 /// Number of exchanges that count as recent in the detection of a step.
 const RECENT: usize = 10;
 
-/// Bounds of the drone clock minus the vessel clock.
 type Bounds = OffsetBounds<DroneClock>;
 
-/// Clock offset at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
     /// Drone clock minus vessel clock, s.
@@ -40,10 +38,8 @@ pub struct Offset {
     pub max_error_s: f64,
 }
 
-/// Reason for rejecting an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeRejection {
-    /// The round trip is negative or too long.
     RoundTrip,
     /// Contradicts all others. It may be the first after a step, and is stored separately.
     Contradiction,

@@ -15,7 +15,6 @@ struct Admitted {
     latency_s: f64,
 }
 
-/// Loss and latency over a sliding window with bounded memory.
 #[derive(Clone, Debug)]
 pub struct LinkStatistics {
     window_s: f64,
@@ -37,7 +36,6 @@ impl LinkStatistics {
         }
     }
 
-    /// Adds an estimate valid at `valid` and admitted at `arrival`, `advance` sequence numbers after the previous one.
     pub fn admitted(&mut self, arrival: Time<DroneClock>, valid: Time<DroneClock>, advance: u32) {
         if self.arrivals.len() == MAX_ARRIVALS {
             self.arrivals.pop_front();

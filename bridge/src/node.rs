@@ -53,7 +53,6 @@ pub struct BridgeOut {
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
     /// In order of arrival.
     pub commands: Vec<Command>,
-    /// Link state, at its own rate.
     pub link: Option<LinkState>,
     /// Time request for the vessel, to be sent at once.
     pub time_request: Option<TimeRequest<DroneClock>>,
@@ -89,7 +88,6 @@ const MAX_OPEN: usize = 16;
 
 #[derive(Clone, Copy, Debug)]
 struct Request {
-    /// Time of sending (t1).
     at: Time<DroneClock>,
     /// The current computer has replied.
     answered: bool,
@@ -104,7 +102,6 @@ pub struct Bridge {
     orders: [SequenceOrder; RadioTopic::ALL.len()],
     /// Newest time of validity in the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
-    /// Boot and time of validity of the newest estimate.
     newest_received: Option<(u32, Time<VesselClock>)>,
     updates: UpdateReceiver<VesselClock>,
     clock: ClockOffset,

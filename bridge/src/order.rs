@@ -49,7 +49,6 @@ struct Other {
     is_second: bool,
 }
 
-/// Relation of a boot id to the current computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
     Current,
@@ -152,7 +151,6 @@ impl Boots {
         let lately = |o: &&Other| o.is_second && now - o.newest <= SECOND_TIMEOUT;
         self.others.iter().rfind(lately).map(|o| o.boot)
     }
-    /// Drops the oldest boot for a new one.
     fn remember(&mut self, other: Other) {
         if self.others.len() == MAX_OTHERS {
             // Boots known to belong to a second computer are dropped last.

@@ -223,7 +223,6 @@ impl<'a> SchemaKind<'a> {
             .filter(|v| !v.is_empty())
             .map_or(SchemaKind::Unknown, SchemaKind::Enum)
     }
-    /// Whether it is a number or a sequence of numbers.
     fn is_number(&self) -> bool {
         match self {
             SchemaKind::Number(_) => true,
@@ -265,7 +264,6 @@ pub fn is_optional(schema: &Object) -> bool {
     null("type") || null("anyOf") || null("oneOf")
 }
 
-/// Rust name of a number format.
 fn short(format: &str) -> &str {
     match format {
         "double" => "f64",

@@ -46,7 +46,6 @@ pub struct ComputerIn {
 }
 
 impl ComputerIn {
-    /// Input of the estimator.
     pub fn vessel(&self) -> VesselIn {
         VesselIn {
             readings: Readings::of(&self.sensors),
@@ -60,7 +59,6 @@ impl ComputerIn {
 pub struct ComputerOut {
     /// Estimate, models and time replies.
     pub vessel: VesselOut,
-    /// Deck grant, when due.
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones named in their headers.
     pub commands: Vec<OperatorCommand<VesselClock>>,
@@ -111,7 +109,6 @@ impl ComputerOut {
 }
 
 wiring! {
-    /// Topics read by the vessel's process, whose output goes to the radio and the crew.
     VesselPorts of VesselComputer: ComputerIn => ComputerOut {
         reads { all sensors: SensorReadings, all crew: CrewOrder, all rtcm: RtcmFrames<VesselClock> }
         edge { time_requests, statuses, commands, deck_inputs, checkpoint }

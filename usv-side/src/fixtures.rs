@@ -35,7 +35,6 @@ pub(crate) fn count(all: &[SourceMeasurement], kind: usize) -> usize {
     all.iter().filter(|m| m.measurement.kind() == kind).count()
 }
 
-/// Attitudes with their times.
 pub(crate) fn attitudes(all: &[SourceMeasurement]) -> Vec<(i64, AttitudeFix)> {
     let attitude = |m: &SourceMeasurement| match m.measurement {
         Measurement::Attitude(a) => Some((m.at_ns, a)),
@@ -52,7 +51,6 @@ pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
     all.iter().filter_map(fix).collect()
 }
 
-/// Headings, rad.
 pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
     let heading = |m: &SourceMeasurement| match m.measurement {
         Measurement::Heading(h) => Some(h.heading),

@@ -17,7 +17,6 @@ const COMPUTER: u8 = 18;
 /// Number of messages after which a sensor without heartbeats counts as the vessel's; every autopilot sends one
 /// heartbeat per second.
 const SILENT_HEARTBEAT: u64 = 100;
-/// Maximum number of components distinguished.
 const MAX_RECEIVED: usize = 16;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -85,7 +84,6 @@ impl Systems {
         let own = self.own.map(|(system, _)| system).or(self.configured);
         own.and_then(|system| u8::try_from(system).ok())
     }
-    /// Whether a message is from the vessel.
     pub(crate) fn is_own(&mut self, raw: &RawFrame) -> bool {
         let id = (raw.system, raw.component);
         let at = self.received.iter().position(|h| (h.system, h.component) == id);

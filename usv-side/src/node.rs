@@ -27,7 +27,6 @@ const FUTURE_S: f64 = 0.02;
 const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// Maximum age of an attitude, s; it drives the filter like an inertial sample.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
-/// Maximum age of an inertial sample, s.
 const MAX_IMU_AGE_S: f64 = 0.5;
 
 /// Interval between messages about the deck's surroundings.
@@ -50,19 +49,15 @@ impl From<Readings> for VesselIn {
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
-    /// State estimate, when due.
     pub estimate: Option<VesselEstimate<VesselClock>>,
     /// Radio form of the estimate.
     pub estimate_update: Option<EstimateUpdate<VesselClock>>,
-    /// Wave model, when due.
     pub wave: Option<WaveModel<VesselClock>>,
     /// Radio form of the wave model.
     pub wave_update: Option<WaveUpdate<VesselClock>>,
-    /// Prediction, when due.
     pub prediction: Option<VesselPrediction<VesselClock>>,
     /// Obstacles around the deck, when due; None without obstacles.
     pub surroundings: Option<VesselSurroundings<VesselClock>>,
-    /// Replies to the time requests of this step.
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
 }
 
@@ -180,7 +175,6 @@ impl VesselNode {
     pub fn dimensions(&self) -> DeckDimensions {
         self.config.deck.dimensions()
     }
-    /// Rejected inputs by reason.
     pub fn rejected(&self) -> Rejections {
         self.rejected
     }

@@ -12,7 +12,6 @@
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
 
-/// Maximum number of drones with observed links.
 const MAX_DRONES: usize = 8;
 /// Half of the window for the minimum delay, s.
 const HALF_WINDOW_S: f64 = 30.0;
@@ -108,7 +107,6 @@ impl DroneLink {
 pub struct RateControl {
     config: RateControlConfig,
     links: Vec<DroneLink>,
-    /// Drone in descent.
     pub landing: Option<u32>,
 }
 

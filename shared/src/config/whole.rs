@@ -11,7 +11,6 @@ use toml::{Table, Value};
 
 use super::ConfigError;
 
-/// Reason for rejecting a value.
 #[derive(Debug, Error)]
 enum Unread {
     /// The list is longer than its type.

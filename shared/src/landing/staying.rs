@@ -170,7 +170,6 @@ impl Staying {
     }
 }
 
-/// Waves modelled as sines of one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sines {
     /// Angular frequency, rad/s.

@@ -340,7 +340,6 @@ mod tests {
         assert_eq!(taken(Some(autopilot), &frames).0, 2);
     }
 
-    /// Frame of a ground station with this timestamp.
     fn stamped(at: u64) -> Vec<u8> {
         let station = Signing::new([1; 32]);
         station.recall(&SigningTimes {

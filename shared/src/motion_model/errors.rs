@@ -30,7 +30,6 @@ const COMPARED: usize = DOFS + 2;
 /// of freedom).
 const BY_CHANCE: f64 = 1.94;
 
-/// Prediction that is not due yet.
 #[derive(Clone, Copy, Debug)]
 struct Waiting<const N: usize, C: Clock> {
     due: Time<C>,

@@ -20,7 +20,6 @@ const MIN_DECAY: f64 = 0.004;
 const DEAD: f64 = 0.37;
 /// Degrees of freedom whose slow modes are dropped because they belong to the course.
 const WITHOUT_SLOW: [usize; 3] = [SURGE, SWAY, YAW];
-/// Step of the system, s.
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
 
 /// Whether a mode is a wave rather than course, trim or level.
@@ -28,7 +27,6 @@ fn wave(pole: Complex<f64>, shape: [Complex<f64>; DOFS]) -> bool {
     Mode { pole, shape }.is_wave()
 }
 
-/// Identification in progress.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     stage: Stage,

@@ -13,7 +13,6 @@ use iceoryx2::service::port_factory;
 use crate::instance::{Ipc, defined, required, service_name};
 use crate::{TransportContext, TransportError};
 
-/// Number of images buffered for a reader.
 const BUFFER: usize = 2;
 /// Number of images held by a reader: the present one, and the next that replaces it.
 const BORROWED: usize = 2;
@@ -84,7 +83,6 @@ fn messages(node: &Node<Ipc>, topic: ImageTopic) -> Result<Messages, TransportEr
 
 type Service = port_factory::publish_subscribe::PortFactory<Ipc, [u8], ImageHeader>;
 
-/// The services, kept open by their creator.
 pub(crate) struct ImageServices {
     _held: Vec<Service>,
 }
@@ -140,7 +138,6 @@ impl ImagePublisher {
         });
         self.unsent += u64::from(!sent);
     }
-    /// Sends a copy of an image.
     pub fn send(&mut self, header: ImageHeader, pixels: &[u8]) {
         self.send_with(header, pixels.len(), |place| place.copy_from_slice(pixels));
     }

@@ -40,13 +40,11 @@ fn attributes<A>(
         add(sum, &name, &AttributeValue::try_from(value).doing(doing)?).doing(doing)
     })
 }
-/// Attributes for creating a service.
 pub(super) fn defined() -> Result<AttributeSpecifier, TransportError> {
     attributes(AttributeSpecifier::new(), |all, key, value| {
         all.define(key, value)
     })
 }
-/// Attributes required for opening a service.
 pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
     attributes(AttributeVerifier::new(), |all, key, value| {
         all.require(key, value)

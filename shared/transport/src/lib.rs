@@ -35,9 +35,7 @@ pub struct Received {
 #[derive(Debug, Error)]
 #[error("{doing}: {what}")]
 pub struct TransportError {
-    /// Operation that failed.
     pub doing: String,
-    /// Error of the middleware.
     pub what: String,
 }
 

@@ -172,7 +172,6 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 pub struct Services {
     #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
     held: Vec<Held>,
-    /// Image services.
     _images: ImageServices,
 }
 
@@ -228,7 +227,6 @@ impl<T: Plain> Publisher<T> {
         // A listener that cannot be woken finds the message at its next wake-up.
         let _woken = self.notifier.notify();
     }
-    /// Sends a message, if there is one.
     pub fn send_any(&mut self, message: Option<&T>) {
         if let Some(message) = message {
             self.send(message);
@@ -239,7 +237,6 @@ impl<T: Plain> Publisher<T> {
     }
 }
 
-/// Wake-up source of a process.
 pub struct Listener {
     pub(crate) port: IoxListener<Ipc>,
 }

@@ -4,7 +4,6 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::Received;
 
-/// Channel between the radio and a process.
 pub trait ReceiveChannel: Send {
     fn take(&mut self, packet: Received);
     /// Next packet that the process may read at `now_ns` on the steady clock.

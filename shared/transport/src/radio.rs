@@ -105,7 +105,6 @@ pub struct Flow {
 pub struct RadioCounts {
     /// Messages passed to the middleware.
     pub sent: u64,
-    /// Bytes passed to the middleware.
     pub sent_bytes: u64,
     /// Messages rejected by the middleware.
     pub unsent: u64,
@@ -120,7 +119,6 @@ pub struct RadioCounts {
 pub struct Radio {
     parts: Parts,
     open: Option<Open>,
-    /// Pending session of a router's client.
     opening: Option<Receiver<Result<Open, TransportError>>>,
     attempts: Attempts,
     /// The process calls [`Radio::watch`].
@@ -153,7 +151,6 @@ struct Parts {
 
 struct Open {
     publishers: Vec<Publisher<'static>>,
-    /// Queriers with the index of their subscription.
     queriers: Vec<(usize, Querier<'static>)>,
     #[allow(dead_code, reason = "the queryables live as long as this is held")]
     queryables: Vec<Queryable<()>>,
@@ -325,7 +322,6 @@ impl Radio {
         self.opening = Some(opened);
         Ok(())
     }
-    /// Resets the state for a new session.
     fn opened(&mut self, open: Open) {
         self.open = Some(open);
         self.attempts.succeeded();

@@ -104,7 +104,6 @@ thread_local! {
     static BEFOREHAND: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Rejection described by a log text.
 fn rejection_in(target: &str, text: &str) -> Option<AccessRejection> {
     if target.starts_with(HANDSHAKES) {
         // The middleware mistakes any failed handshake for a lack of file descriptors.
@@ -157,7 +156,6 @@ impl PlaintextAttempts {
         listener.set_nonblocking(true).ok()?;
         Some(PlaintextAttempts(listener))
     }
-    /// Counts new attempts without blocking.
     pub(super) fn poll(&self) {
         for _ in 0..Self::AT_ONCE {
             match self.0.accept() {

@@ -46,7 +46,6 @@ pub(super) struct HullMotion {
     pub push: [Complex<f64>; 2],
     /// Heave, positive down, m.
     pub heave: Complex<f64>,
-    /// Roll and pitch, rad.
     pub tilt: [Complex<f64>; 2],
 }
 
@@ -172,11 +171,9 @@ impl HullModel {
     }
 }
 
-/// `sin x / x`.
 fn mean_over(x: f64) -> f64 {
     if x.abs() < 1e-4 { 1.0 } else { x.sin() / x }
 }
-/// `3 (sin x - x cos x) / x³`.
 fn moment_over(x: f64) -> f64 {
     if x.abs() < 1e-2 {
         1.0 - 0.1 * x * x

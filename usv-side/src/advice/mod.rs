@@ -109,7 +109,6 @@ impl Advice {
     pub fn is_change(&self) -> bool {
         self.best != self.here
     }
-    /// Time to reach the best course, s.
     pub fn turn_s(&self) -> f64 {
         self.best.time_from_s(&self.here)
     }
@@ -134,13 +133,11 @@ impl From<&Advice> for CourseAdvice {
     }
 }
 
-/// Conditions of the advice apart from the waves.
 #[derive(Clone, Debug, PartialEq)]
 struct Conditions {
     /// Heading, rad, and speed along it, m/s.
     heading_rad: f64,
     speed_mps: f64,
-    /// Heel and trim, rad.
     heel: [f64; 2],
     /// Fraction of the deck's motion that is not predicted one reaction time ahead: heave, and tilt.
     unforeseen: [f64; 2],
@@ -157,7 +154,6 @@ struct Round {
     outlooks: Vec<CourseOutlook>,
 }
 
-/// State of the vessel from the estimator.
 #[derive(Clone, Copy, Debug)]
 pub struct Underway<'a> {
     pub motion: &'a MotionModel<VesselClock>,

@@ -59,12 +59,10 @@ const fn course_change_mps() -> f64 {
 fn frequency(bin: usize) -> f64 {
     bin_width() * (FIRST + bin) as f64
 }
-/// Bin nearest to a frequency of encounter.
 fn bin_of(met: f64) -> usize {
     ((met.abs() / bin_width()).round() as usize).clamp(FIRST, FIRST + BINS - 1) - FIRST
 }
 
-/// Powers at one frequency of encounter.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     /// Variance of heave, m², and of the horizontal velocity, m²/s².
@@ -75,7 +73,6 @@ struct Bin {
     deck: Powers,
 }
 
-/// Averaged powers of a vessel on one course.
 #[derive(Clone, Debug)]
 pub(super) struct WaveSpectrum {
     deck: Vector3<f64>,

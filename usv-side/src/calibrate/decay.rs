@@ -27,10 +27,8 @@ const MIN_SAMPLES: usize = 12;
 const MAX_PUSHES: usize = 64;
 const MAX_SAMPLES: usize = 2000;
 const ITERATIONS: usize = 50;
-/// Maximum relative standard error of an observable parameter.
 const KNOWN: f64 = 0.3;
 
-/// Type of decay of a degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecayOrder {
     /// Oscillates back: heave, roll, pitch.
@@ -57,7 +55,6 @@ pub struct Decay {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotObservable {
-    /// No measurements.
     NotMeasured,
     /// No push exceeds the noise at rest.
     NotPushed {
@@ -78,7 +75,6 @@ struct DecaySamples {
     t: Vec<f64>,
     y: DVector<f64>,
     peak: f64,
-    /// Standard deviation of the signal at rest.
     spread: f64,
 }
 

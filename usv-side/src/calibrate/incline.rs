@@ -18,7 +18,6 @@ use super::decay::{Decay, DecaySignal};
 /// Length of pieces, s; the level at rest is the median of their medians. Longer than a push and its decay.
 const PIECE_S: f64 = 5.0;
 const MIN_PIECES: usize = 4;
-/// Maximum relative standard error of an observable stiffness.
 const KNOWN: f64 = 0.1;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -37,7 +37,6 @@ const SLOPE: usize = 3;
 /// Gap between inertial samples that ends an integrated record, s.
 const GAP_S: f64 = 0.1;
 
-/// Type of decay of each degree of freedom.
 pub const fn order(dof: usize) -> DecayOrder {
     match dof {
         HEAVE | ROLL | PITCH => DecayOrder::Stiff,
@@ -49,7 +48,6 @@ pub const fn order(dof: usize) -> DecayOrder {
 pub struct VesselCalibration {
     pub seconds: f64,
     pub decays: [Result<Decay, NotObservable>; DOFS],
-    /// Roll and pitch at rest.
     pub level: RestTilt,
     /// GNSS antenna in the vessel's body frame, m; None without fixes or rotation.
     pub antenna_m: Option<[ValueWithSd; 3]>,
@@ -78,7 +76,6 @@ impl Record {
         readings.heading.iter().for_each(|m| push(&mut self.heading, m));
     }
 
-    /// Identifies the parameters of the vessel with this configuration.
     pub fn identify(&self, config: &VesselNodeConfig) -> VesselCalibration {
         let states = self.states();
         let signals = self.signals(config, &states);

@@ -33,7 +33,6 @@ pub enum VesselEvent {
         drone: u32,
         why: ClearanceEnd,
     },
-    /// The deck has a new owner.
     DeckOwner(Option<u32>),
     /// A landed drone is still armed after its disarm should have finished.
     StillArmed {
@@ -51,7 +50,6 @@ pub enum VesselEvent {
     DeckStarved(Starved),
     /// A drone follows another computer with this vessel's identity.
     SecondComputer(FollowsAnother),
-    /// Two drones have the same number.
     DoubleNumber {
         drone: u32,
         boots: [u32; 2],

@@ -76,7 +76,6 @@ pub struct ArbiterIn {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ArbiterOut {
-    /// Deck grant, when due.
     pub grant: Option<DeckGrant<VesselClock>>,
 }
 
@@ -92,7 +91,6 @@ pub struct DeckArbiter {
     /// Owner and course in the newest grant.
     published: u32,
     stated: Course,
-    /// Take-off clearances of the crew.
     cleared: Clearances,
     /// Clearance in the newest grant.
     take_off: bool,
@@ -150,7 +148,6 @@ impl DeckArbiter {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         self.drones.iter().any(|d| d.wants_steady && lasts(d))
     }
-    /// Age of the owner's newest status, s.
     pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         Some((now - owner.received).secs())

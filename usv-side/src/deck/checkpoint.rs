@@ -5,7 +5,6 @@ use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
 
-/// Relation of a drone to the deck.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Claim {
@@ -23,10 +22,8 @@ pub enum Claim {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DroneClaim {
     pub drone: u32,
-    /// Boot id of its newest status.
     pub boot: u32,
     pub claim: Claim,
-    /// Number of its waiting place.
     pub place: Option<usize>,
     /// It was in the space reserved for the owner.
     pub inside: bool,

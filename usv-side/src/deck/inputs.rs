@@ -9,9 +9,7 @@ const FRESH: Span = Span::from_millis(2000);
 /// Levels of the digital inputs read since the last step; None: not read, unreadable or not configured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeckInputs {
-    /// The crew's switch is closed.
     pub closed: Option<bool>,
-    /// The sensor detects an object on the deck.
     pub occupied: Option<bool>,
     /// The helm's switch states that the vessel turns or may turn.
     pub turning: Option<bool>,

@@ -20,7 +20,6 @@ pub(crate) struct News {
     pub(crate) still_armed: Option<f32>,
 }
 
-/// Newest status of each drone with its arrival.
 #[derive(Clone, Debug)]
 pub struct DroneMonitor {
     vessel: u32,

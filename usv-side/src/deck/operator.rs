@@ -48,7 +48,6 @@ impl Relayed {
     fn drone(&self) -> u32 {
         self.given.message.header.drone
     }
-    /// Whether it is repeated.
     fn is_open(&self) -> bool {
         self.progress == CommandProgress::Pending
     }
@@ -90,13 +89,11 @@ pub struct OperatorOut {
 pub struct OperatorRelay {
     vessel: u32,
     boot: u32,
-    /// Drones that may receive commands.
     admitted: Vec<u32>,
     sequence: u32,
     /// Commands in order of arrival, at most one open per drone.
     commands: VecDeque<Relayed>,
     rejected: Rejections,
-    /// Sequence number of the receipts.
     receipts: u32,
 }
 
@@ -124,7 +121,6 @@ impl OperatorRelay {
         let pending = |c: &&Relayed| c.is_open() && c.given.message.kind == CommandKind::Abort;
         self.commands.iter().filter(pending).map(Relayed::drone)
     }
-    /// Known commands, for the next start.
     pub fn given(&self) -> Vec<GivenCommand> {
         let given = |c: &Relayed| GivenCommand {
             operator: c.operator,

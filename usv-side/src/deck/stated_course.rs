@@ -28,7 +28,6 @@ impl StatedCourse {
         let for_s = f64::from(for_s).min(f64::from(MAX_STEADY_S));
         self.ordered = Ordered::SteadyUntil(now + Span::from_secs(for_s));
     }
-    /// The vessel turns until another order.
     pub(super) fn order_turning(&mut self) {
         self.ordered = Ordered::Turning;
     }

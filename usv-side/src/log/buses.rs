@@ -12,7 +12,6 @@ use crate::sensors::{Format, Mount, Mounting, SensorDecoder, SourceMeasurement};
 /// Number of lines inspected, and minimum number of valid messages among them.
 const LOOKED_AT: usize = 40;
 const ENOUGH: u64 = 5;
-/// Number of stream bytes decoded at a time.
 const CHUNK: usize = 512;
 /// Length of the time before each packet of a telemetry log (tlog), bytes: microseconds since 1970, big endian.
 const STAMP_BYTES: usize = 8;

@@ -42,7 +42,6 @@ const TOGETHER: [&[Quantity]; 6] = [
 ];
 const GYRO: [Quantity; 3] = [GyroX, GyroY, GyroZ];
 const FORCE: [Quantity; 3] = [ForceX, ForceY, ForceZ];
-/// Text about the supported columns.
 const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m, \
                        gyro_x_radps, gyro_y_radps, gyro_z_radps, accel_x_mps2, accel_y_mps2, accel_z_mps2, \
                        latitude_deg, longitude_deg, altitude_m, north_mps, east_mps, down_mps";
@@ -59,7 +58,6 @@ const MIN_SAMPLES: usize = 20;
 /// Attitude rate below which the fast part of the motion is missing, Hz.
 const SLOW_HZ: f64 = 4.9;
 
-/// Value with its time, if any.
 type Timed<const N: usize> = Option<(f64, [f64; N])>;
 
 struct Series<const N: usize> {
@@ -209,7 +207,6 @@ struct Reading {
     own_heaves: u64,
     lost_heaves: u64,
     lost_forces: u64,
-    /// Velocities on separate rows.
     own_velocities: u64,
 }
 
@@ -342,7 +339,6 @@ impl Reading {
         }))
     }
 
-    /// Fix from the row's position, altitude and velocity.
     fn fix(&mut self, row: &CsvRow) -> Option<Measurement> {
         let (place, altitude) = (row.all([Latitude, Longitude]), row.get(Altitude));
         let (velocity, down) = (row.all([North, East]), row.get(Down));

@@ -27,7 +27,6 @@ const FOREIGN: [(&[u8], &str); 4] = [
 const VNINS: &[u8] = b"$VNINS,";
 /// Number of bytes at the beginning for detecting the format.
 const HEAD_BYTES: usize = 16 << 10;
-/// Maximum number of measurements in a recording.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
 #[derive(Debug, Error)]
@@ -60,13 +59,11 @@ pub struct SensorRecording {
     pub format: &'static str,
     /// Measurements in recorded order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
-    /// Statistics of its decoder.
     pub decoded: Decoded,
     /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Collects the measurements of one recording.
 #[derive(Debug, Default)]
 struct Gather {
     first_ns: Option<i64>,

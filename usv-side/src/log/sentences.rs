@@ -39,7 +39,6 @@ impl Fate {
     }
 }
 
-/// Sentences of a file by kind.
 #[derive(Debug, Default)]
 struct Kinds(BTreeMap<String, Fate>);
 
@@ -109,7 +108,6 @@ fn has_sentence(head: &[u8]) -> bool {
     })
 }
 
-/// Measurements of a file, and its sentences by kind.
 fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
     let (mut kinds, mut before) = (Kinds::default(), decoder.sentences());
     let gather = buses::play(Format::Nmea, bytes, decoder, |line, decoder| {

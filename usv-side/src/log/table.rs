@@ -152,7 +152,6 @@ pub enum TableError {
         line: u64,
         message: String,
     },
-    /// A row makes the table unusable.
     #[error("line {line}: {message}")]
     Row {
         /// Line of the row, counted from 1.
@@ -187,7 +186,6 @@ fn first_line(head: &[u8]) -> &[u8] {
     lines.find(|l| !l.trim_ascii().is_empty()).unwrap_or_default()
 }
 
-/// Whether the first line contains the time column.
 pub fn is_table(head: &[u8]) -> bool {
     let is_time = |cell: &[u8]| {
         let cell = cell.trim_ascii();
@@ -386,7 +384,6 @@ impl CsvTable {
     pub fn has(&self, q: Quantity) -> bool {
         self.has.get(q as usize).copied().unwrap_or(false)
     }
-    /// Whether any row has this quantity.
     pub fn any(&self, q: Quantity) -> bool {
         self.rows.iter().any(|r| r.get(q).is_some())
     }

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 
-/// Maximum length of a quoted line, bytes.
 const MAX_QUOTED: usize = 256 << 10;
 /// Digits of milliseconds since 1970, for 2001 to 2286.
 const MILLIS_DIGITS: usize = 13;

@@ -32,7 +32,6 @@ const LOOK_AHEAD: usize = 20;
 const WARM_UP_S: f64 = 60.0;
 /// Number of missing usual steps that counts as a gap, together with `GAP_S`.
 const GAP_STEPS: f64 = 5.0;
-/// Minimum gap, s.
 const GAP_S: f64 = 0.3;
 /// Standard deviations of assumed position and velocity without a recorded receiver, m, m/s: a boat on station.
 const STANDING_SD: [f64; 2] = [5.0, 1.0];
@@ -66,11 +65,9 @@ pub struct SeaReview {
     pub identified_fraction: f64,
     /// Mean confidence with an identified sea, 0 to 1.
     pub confidence: f64,
-    /// Modes at the end, strongest first.
     pub modes: Vec<ModeReview>,
 }
 
-/// Mode of the motion at the end of the recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModeReview {
     /// Period of encounter, s.
@@ -78,13 +75,11 @@ pub struct ModeReview {
     pub damping_ratio: f64,
     /// Amplitude of heave, m; None if heave is not observable.
     pub heave_m: Option<f64>,
-    /// Amplitude of the tilt, deg.
     pub tilt_deg: f64,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct FitReview {
-    /// Measured channel.
     pub channel: InnovationChannel,
     pub fused: u64,
     /// Scalars rejected by the gate.
@@ -115,13 +110,11 @@ pub struct Review {
     /// directions are unknown.
     pub courses: Vec<CourseOutlook>,
     pub innovations: Vec<FitReview>,
-    /// Predictions compared with later estimates.
     pub predictions: Vec<PredictionReview>,
     /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Runs a recording through the node.
 pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
     let all = without_outliers(&recorded.measurements);
     let first = all.first().map(|m| m.at()).unwrap_or_default();
@@ -257,7 +250,6 @@ impl Substitute {
 fn period(m: &WaveMode) -> f64 {
     core::f64::consts::TAU / f64::from(m.pole[1].abs())
 }
-/// Present amplitude of a mode in a degree of freedom.
 fn amplitude(m: &WaveMode, dof: usize) -> f64 {
     let [re, im] = m.shape.get(dof).copied().unwrap_or_default().map(f64::from);
     re.hypot(im)

@@ -13,7 +13,6 @@ pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
 const MAX_PENDING: usize = 64;
-/// Degrees of freedom predicted by the regression.
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
 /// Maximum time between two estimates for interpolation, s.
 const MAX_GAP_S: f64 = 0.2;

@@ -17,7 +17,6 @@ const LAGS: [usize; 24] = [
 const RIDGE: f64 = 3e-3;
 /// Length of the past used for the fit, s.
 const WINDOW_S: f64 = 120.0;
-/// Interval between fits, s.
 const REFIT_S: f64 = 10.0;
 /// Settling time of the estimator, s.
 const WARM_UP_S: f64 = 10.0;
@@ -67,7 +66,6 @@ impl PublishedMotion {
             self.values.drain(..old);
         }
     }
-    /// Estimates published until `t`.
     pub fn until(&self, t: Time<VesselClock>) -> Past<'_> {
         let n = self.times.partition_point(|at| *at <= t);
         Past {

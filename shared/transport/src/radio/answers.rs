@@ -60,7 +60,6 @@ struct Answers {
     schemas: Vec<Described>,
 }
 
-/// Topic under the key of its schema.
 struct Described {
     key: String,
     topic: &'static Topic,

@@ -12,7 +12,6 @@ pub(super) struct Attempts {
     opened: u64,
     /// Pause before the next attempt and its time, ns; None after a success.
     next: Option<(i64, i64)>,
-    /// Last reported error.
     reported: Option<String>,
 }
 
@@ -45,7 +44,6 @@ impl Attempts {
     pub(super) fn is_due(&self, now_ns: i64) -> bool {
         self.next.is_some_and(|(_, at_ns)| now_ns >= at_ns)
     }
-    /// Number of successes after the first.
     pub(super) fn reopened(&self) -> u64 {
         self.opened.saturating_sub(1)
     }

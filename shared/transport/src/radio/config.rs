@@ -231,7 +231,6 @@ impl RadioConfig {
         }
         Ok(config)
     }
-    /// Settings made by Alight.
     fn settings(&self, name: &str, own: &[String]) -> Vec<(&'static str, String)> {
         let ms = |s: f64| (s * 1e3).round().to_string();
         let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
@@ -404,7 +403,6 @@ impl ZenohFile {
     }
 }
 
-/// Endpoint with the metadata for the middleware.
 fn completed(endpoint: &str) -> String {
     if endpoint.starts_with("quic/") && !endpoint.contains(['?', '#']) {
         format!("{endpoint}{QUIC_METADATA}")

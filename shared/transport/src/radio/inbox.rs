@@ -45,7 +45,6 @@ impl Rings {
         }
         1
     }
-    /// Takes the message that arrived first.
     fn pop(&mut self) -> Option<Received> {
         let fronts = self
             .0

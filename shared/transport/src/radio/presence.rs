@@ -46,7 +46,6 @@ impl Present {
             all.insert(sender);
         }
     }
-    /// Number of these peers with a token.
     pub(super) fn count(&self, is_counted: impl Fn(&Sender) -> bool) -> usize {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.iter().filter(|s| is_counted(s)).count()

@@ -18,7 +18,6 @@ const MIN_STATUSES: u32 = 5;
 /// back.
 const MIN_TIME: Span = Span::from_millis(3000);
 
-/// Consecutive consistent statuses of one drone.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ClaimEvidence {
     since: Time<VesselClock>,
@@ -45,7 +44,6 @@ impl ClaimEvidence {
     }
 }
 
-/// Whether it is beyond the owner's space.
 pub(super) fn is_far(status: &DroneStatus) -> bool {
     status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }

@@ -114,9 +114,7 @@ impl StandingCharge {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clearances {
     given: Vec<Clearance>,
-    /// Drone with a published clearance.
     leaves: Option<u32>,
-    /// Clearances that have ended since the last call.
     ended: Vec<(u32, ClearanceEnd)>,
 }
 

@@ -38,11 +38,9 @@ pub(super) struct Drone {
     pub(super) flies: bool,
     /// Battery, 0 to 1; None: not reported.
     pub(super) battery: Option<f64>,
-    /// Charge while it stands on the deck.
     pub(super) standing: Option<StandingCharge>,
     /// Descends, or waits with its descent because of the vessel's course.
     pub(super) wants_steady: bool,
-    /// Station that it keeps, and since when.
     pub(super) station: Option<(Station, Time<VesselClock>)>,
 }
 
@@ -90,7 +88,6 @@ impl Drone {
     pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }
-    /// Whether two drones have this number.
     pub(super) fn is_double(&self) -> bool {
         self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
     }

@@ -23,7 +23,6 @@ impl Rig {
     fn new() -> Rig {
         Rig::of(&DeckConfig::default(), DeckInputs::default())
     }
-    /// Rig with these levels of the digital inputs.
     fn of(config: &DeckConfig, inputs: DeckInputs) -> Rig {
         let mut rig = Rig {
             arbiter: DeckArbiter::new(config, 1, 1),
@@ -70,7 +69,6 @@ impl Rig {
         assert_eq!(closed.is_some(), self.arbiter.published == DECK_CLOSED);
         closed
     }
-    /// Restarts the vessel with this checkpoint.
     fn restart(&mut self, checkpoint: Option<DeckCheckpoint>) {
         self.t_s += 0.5;
         self.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
@@ -123,7 +121,6 @@ impl Rig {
         }
         rig
     }
-    /// Rig with the first drone landed.
     fn with_a_landed_drone() -> Rig {
         Rig::after(&[(State::TrackingStable, 0.5), (State::Landed, 5.0)])
     }

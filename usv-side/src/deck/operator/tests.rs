@@ -50,7 +50,6 @@ fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
     (relay, out)
 }
 
-/// Steps the relay with at most one command and one status.
 fn step(
     relay: &mut OperatorRelay,
     t_s: f64,
