@@ -58,7 +58,6 @@ computer! {
     PROCESSES: Installed
 }
 
-/// Configurations of the nodes of a drone's computer.
 #[derive(Clone, Debug)]
 pub struct DroneNodes {
     pub bridge: BridgeConfig,

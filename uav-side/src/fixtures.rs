@@ -8,7 +8,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 
 const STEP: Span = Span::from_millis(100);
 
-/// Header of message `n` at `t`.
 pub(crate) fn header(n: u32, t: Time<DroneClock>) -> Header<DroneClock> {
     Header::new(1, 1, 1, n, t)
 }

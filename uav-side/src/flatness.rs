@@ -70,7 +70,7 @@ pub fn rates_of(euler: &[f64; 3], rates: &[f64; 3]) -> Vector3<f64> {
     body_rates(euler[0], euler[1], Vector3::from(*rates))
 }
 
-/// Rotation from `last` towards `wanted` by at most `max` (rad).
+/// Attitude `last`, rotated towards `wanted` by at most `max` (rad).
 pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, max: f64) -> UnitQuaternion<f64> {
     let turn = last.rotation_to(wanted);
     let angle = turn.angle();

@@ -51,7 +51,6 @@ impl Rise {
     pub(crate) fn risen_m(&self) -> f64 {
         self.risen_m
     }
-    /// Odometry and forecast were available throughout.
     pub(crate) fn is_measured(&self) -> bool {
         !self.has_gap
     }

@@ -81,7 +81,7 @@ config! {
         /// Maximum age of the detection for a descent, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// Maximum age of fresh radio data, s.
-        /// Source: Landings with a radio delay of 1 s equal those without (10 of 10, 0.06 m); retransmission often
+        /// Source: With a radio delay of 1 s landings are as accurate as without (10 of 10, 0.06 m); retransmission often
         /// causes that delay.
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
         /// Maximum duration of the descent, s.

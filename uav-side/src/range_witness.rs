@@ -17,7 +17,6 @@ const WAY_M: f64 = 0.4;
 const WITHIN_S: f64 = 1.5;
 /// Tolerated difference between readings and displacement, as a fraction of the displacement.
 const WRONG_BY: f64 = 0.75;
-/// Number of readings in the median.
 const MEDIAN: usize = 5;
 /// Difference between the heights by rangefinder and forecast above which they contradict each other, m.
 const APART_M: f64 = 0.5;
@@ -31,7 +30,6 @@ pub(crate) fn disagree(range_height: f64, forecast_height: Option<f64>) -> bool 
     forecast_height.is_some_and(|h| !((range_height - h).abs() <= APART_M))
 }
 
-/// Monitor of a rangefinder.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RangeWitness {
     /// Displacement along the deck's normal so far, m.

@@ -72,7 +72,6 @@ impl DroneSettings {
         };
         Tags::filled(self.deck.tags().iter().map(numbered))
     }
-    /// Predictor configuration with the geometry of drone and deck.
     pub fn predictor(&self) -> PredictorConfig {
         PredictorConfig {
             deck: self.deck,

@@ -30,14 +30,11 @@ const ABOVE_M: f64 = 0.35;
 /// Time after the thrust is cut within which both witnesses have to agree.
 pub(crate) const WITNESSED_WITHIN_S: f64 = 0.7;
 
-/// Verdict of the witnesses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum StandingVerdict {
-    /// Fewer than two witnesses agree.
     #[default]
     Unknown,
     Stands,
-    /// A witness contradicts.
     Flies,
 }
 
@@ -56,7 +53,6 @@ pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
     by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }
 
-/// Support of the drone over time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StandingMonitor {
     carried: Option<Time<DroneClock>>,

@@ -58,7 +58,6 @@ pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
     deck.rotation().transpose() * (p - Vector3::from(deck.position))
 }
 
-/// Face at which a drone passes a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Face {
     Top,

@@ -66,7 +66,6 @@ impl AisDecoder {
     }
 }
 
-/// The vessel's position from a report; None without one.
 fn placed(report: &PositionReport) -> Option<AisReport> {
     let speed_mps = report.sog.map(|knots| f64::from(knots) * KNOT_MPS);
     let velocity = match (speed_mps, report.cog) {

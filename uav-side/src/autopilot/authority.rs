@@ -20,7 +20,6 @@ use super::config::Diversion;
 
 const CONFIRMATIONS: u32 = 2;
 
-/// Authority that commands the drone, and the reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ControlAuthority {
     /// No heartbeat of a multirotor's autopilot received yet.
@@ -31,11 +30,9 @@ pub enum ControlAuthority {
     SeveralAutopilots,
     /// No answer to TIMESYNC: samples cannot be dated.
     NoClock,
-    /// The origin of the autopilot's NED is unknown.
     NoOrigin,
     NoHeading,
     NoOdometry,
-    /// ArduCopter's GUID_OPTIONS are unknown.
     OptionUnknown,
     /// ArduCopter reads thrust as a climb rate.
     OptionMissing,
@@ -47,7 +44,6 @@ pub enum ControlAuthority {
     Disarmed,
     /// The autopilot follows our set-points.
     Commanding,
-    /// The pilot, a failsafe or a geofence took the drone.
     TakenOver {
         mode: AutopilotMode,
     },
@@ -129,7 +125,6 @@ fn flies_itself(mode: AutopilotMode) -> bool {
 pub(crate) struct AuthorityEvidence {
     pub(crate) found: bool,
     pub(crate) alive: bool,
-    /// A second vehicle's autopilot is received.
     pub(crate) several: bool,
     pub(crate) clock: bool,
     /// The origin of the autopilot's NED is known, or not needed.
@@ -169,7 +164,6 @@ impl AuthorityStateMachine {
         self.confirmations = CONFIRMATIONS;
         self.flown = true;
     }
-    /// Drops the permission, for another autopilot.
     pub(crate) fn forget(&mut self) {
         (self.confirmations, self.flown) = (0, false);
     }
@@ -279,7 +273,6 @@ mod tests {
         set_points_lost: false,
     };
 
-    /// Steps of 20 ms with a heartbeat each.
     fn run(
         a: &mut AuthorityStateMachine,
         from_ms: i64,

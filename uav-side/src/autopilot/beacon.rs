@@ -123,7 +123,6 @@ mod tests {
         };
         (OtherSystems::default(), config)
     }
-    /// The beacon after encoding and decoding.
     fn received((others, c): &mut Link, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
         let bytes = Encoder::default()
             .frame(Address::new(system, 1), message)

@@ -54,7 +54,6 @@ pub(crate) struct RemoteClock {
 }
 
 impl RemoteClock {
-    /// Request at a rate of `hz`, when it is due.
     pub(crate) fn ask(&mut self, now: DroneTime, hz: f64) -> Option<MavlinkMessage> {
         if !self.timer.is_due_spaced(now, Span::from_secs(1.0 / hz)) {
             return None;
@@ -96,7 +95,6 @@ impl RemoteClock {
             self.exchanges.pop_front();
         }
     }
-    /// Bounds of the exchange with the smallest uncertainty now.
     fn best(&self, now: DroneTime) -> Option<OffsetBounds<DroneClock>> {
         let exchanges = self.exchanges.iter().map(|e| e.drifted(now, DRIFT));
         exchanges.min_by_key(|e| e.high - e.low)
@@ -105,7 +103,6 @@ impl RemoteClock {
     pub(crate) fn offset(&self, now: DroneTime) -> Option<(i64, f64)> {
         self.best(now).map(|b| (b.middle().nanos(), b.error_s()))
     }
-    /// Starts with an offset known at `now`, wrong by at most `error_s`.
     pub(crate) fn resume(&mut self, now: DroneTime, offset_ns: i64, error_s: f64) {
         let (middle, error) = (Span::from_nanos(offset_ns), Span::from_secs(error_s));
         self.exchanges.push_back(OffsetBounds {
@@ -121,8 +118,8 @@ impl RemoteClock {
     pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
         self.best(now).map_or(f64::INFINITY, OffsetBounds::error_s)
     }
-    /// Our time of a sample that the autopilot dates at `remote_ns`. None, and counted, when it lies ahead of `now` by
-    /// more than the uncertainty, or is too old; a small lead is clamped to `now`.
+    /// Our time of a sample that the autopilot dates at `remote_ns`. None (counted as rejected) when it lies ahead of
+    /// `now` by more than the uncertainty, or is too old; a small lead is clamped to `now`.
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.best(now)?;
         let at = Time::from_nanos(remote_ns) + offset.middle();

@@ -15,14 +15,12 @@ use super::{AutopilotLink, AutopilotOut, DroneTime};
 
 /// Displacement of the deck from which home is sent again, m: the errors of two receivers.
 const HOME_MOVED_M: f64 = 5.0;
-/// Minimum time between two home commands.
 const HOME_PERIOD: Span = Span::from_millis(5_000);
 /// Time after which home is repeated: autopilots set home themselves at arming, and a command may be lost.
 const HOME_REPEAT: Span = Span::from_millis(30_000);
 const DECK_PERIOD: Span = Span::from_millis(100);
 
 impl AutopilotLink {
-    /// Sends the deck in the autopilot's frame, at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;

@@ -28,7 +28,6 @@ pub(crate) struct ContactEvidence {
     pub(crate) landing: bool,
     /// Feet above the deck by the rangefinder, m; None: no reading, or a rejected one.
     pub(crate) range_height: Option<f64>,
-    /// The rangefinder's readings are rejected: it is stuck, or contradicts the forecast.
     pub(crate) range_doubted: bool,
     pub(crate) forecast_height: Option<f64>,
     /// Speed relative to the deck, or over ground without a forecast, m/s.
@@ -50,7 +49,6 @@ const PRESS_BELOW_M: f64 = 0.1;
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
-    /// Whether the drone is low enough to be pressed onto the deck.
     pub(crate) fn is_low(&self) -> bool {
         match (self.range_height, self.forecast_height) {
             (Some(h), _) => h <= PRESS_BELOW_M,
@@ -179,7 +177,6 @@ pub(super) struct ForcedDisarm {
     pub(super) alone: DisarmSequence,
     pub(super) own_landing: DisarmSequence,
     pub(super) inhibited: Option<DisarmInhibit>,
-    /// Abort after which the disarm was restarted.
     abort: Option<[u32; 2]>,
     pub(super) report: Periodic<DroneClock>,
 }

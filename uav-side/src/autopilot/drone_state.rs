@@ -22,13 +22,11 @@ use crate::odometry::wind::WindMonitor;
 use crate::odometry::{Odometry, OdometryConfig};
 use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
-/// Maximum time between an inertial sample and its pose.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 /// Maximum time over which an attitude is propagated by its rates.
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Time after an `ODOMETRY` during which separate positions and attitudes are ignored.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
-/// Maximum number of inertial samples in an average.
 const MAX_SAMPLES: u32 = 50;
 /// Jump of the position from which the origin is requested again, m.
 const JUMPED_M: f64 = 1.0;
@@ -210,7 +208,6 @@ pub(super) struct RangeReadings {
 }
 
 impl RangeReadings {
-    /// Takes a reading; None when it is not newer than the last.
     pub(super) fn take(&mut self, mut s: RangeSample, headers: &mut OutputHeaders) -> Option<RangeSample> {
         if self.newest.is_some_and(|r| s.header.at <= r.header.at) {
             return None;
@@ -250,7 +247,6 @@ pub(super) struct DroneEstimate {
 }
 
 impl DroneEstimate {
-    /// Estimate with an initial hover thrust of `hover`.
     pub(super) fn new(odometry: &OdometryConfig, geometry: &DroneGeometry, hover: f64) -> DroneEstimate {
         let mut estimate = DroneEstimate {
             smooth: Odometry::new(odometry),

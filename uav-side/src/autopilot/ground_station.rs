@@ -40,7 +40,6 @@ pub(super) struct GroundReports {
 }
 
 impl AutopilotOut {
-    /// Reports an alarm here and at a ground station.
     pub(super) fn alarm(&mut self, severity: u8, text: String) {
         self.messages.push(status_text(severity, &text));
         self.texts.push(text);
@@ -160,7 +159,6 @@ impl GroundReports {
     }
 }
 
-/// Severity of a new state, for ground stations.
 fn severity_of(m: &MissionState) -> u8 {
     match m.state {
         _ if m.was_entered_in_trouble() => severity::WARNING,

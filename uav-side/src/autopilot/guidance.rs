@@ -15,7 +15,6 @@ use super::{AutopilotLink, AutopilotOut, DroneTime};
 const HOLD_S: f64 = 1.0;
 
 impl AutopilotLink {
-    /// Disarms a drone after the autopilot's own landing, if configured.
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;

@@ -56,7 +56,6 @@ impl HeadingAlignment {
     pub(crate) fn is_watched(&self, now: DroneTime, limit_s: f64) -> bool {
         self.last.is_some_and(|(at, ..)| (now - at).secs() <= limit_s)
     }
-    /// Takes over the alignment with which the previous link flew.
     pub(crate) fn resume(&mut self) {
         self.was_aligned = true;
     }

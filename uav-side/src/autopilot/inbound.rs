@@ -362,7 +362,6 @@ impl AutopilotLink {
         true
     }
 
-    /// Takes new odometry of the autopilot, and publishes the drone's own.
     fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
         let Some(reported) = reported else { return };
         let up = |p: &MavlinkPeer| p.armed && p.landed(now) != LandedState::OnGround;
@@ -379,7 +378,6 @@ impl AutopilotLink {
 fn micros(us: u64) -> i64 {
     i64::try_from(us).unwrap_or(i64::MAX).saturating_mul(1000)
 }
-/// Milliseconds in ns.
 fn millis(ms: u32) -> i64 {
     i64::from(ms).saturating_mul(1_000_000)
 }

@@ -2,7 +2,7 @@
 //! socket and no clock, so that a test can simulate the autopilot on the same clock; its process is `alight autopilot`.
 //!
 //! Read in this order:
-//! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`] (set-point loss);
+//! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`];
 //! - `rotors` (spin-up), `heading` (alignment), [`disarm`] and `take_off` (stopping and starting the motors);
 //! - this file (one step), [`inbound`] and [`outbound`] (its two halves), [`inputs`] (messages of the other nodes,
 //!   shadow mode);
@@ -88,13 +88,11 @@ use peer::MavlinkPeer;
 type DroneTime = Time<DroneClock>;
 
 pub const MAX_FRAMES: usize = 512;
-/// Maximum number of the autopilot's texts that a step passes on.
 const MAX_TEXTS: usize = 8;
 /// Period of our heartbeat, as usual in MAVLink.
 const HEARTBEAT: Span = Span::from_millis(1000);
 /// Period of the report that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
-/// Period of the autopilot's state for the other nodes.
 const STATE: Span = Span::from_millis(100);
 /// Maximum time until our command is confirmed or rejected: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
@@ -122,11 +120,8 @@ pub struct AutopilotOut {
     pub checkpoint: Option<LinkCheckpoint>,
     /// Command of the remote control's switch or a ground station, for the mission.
     pub command: Option<Command>,
-    /// Settings of a ground station, for the mission.
     pub settings: Option<SettingsOrder>,
-    /// The vessel's position by another system.
     pub beacon: Option<DeckBeacon>,
-    /// Relative places of the drone's own receiver.
     pub relative: Vec<RelativePlace>,
     /// RTCM frames for that receiver.
     pub rtcm: Vec<Vec<u8>>,
@@ -171,7 +166,6 @@ pub struct LinkMetrics {
     pub rtcm_dropped: u32,
 }
 
-/// Published outputs, each with its own sequence.
 #[derive(Clone, Copy, Debug)]
 enum Output {
     Odometry,

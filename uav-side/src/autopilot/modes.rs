@@ -27,7 +27,6 @@ impl Firmware {
         }
         Firmware::of_autopilot(autopilot)
     }
-    /// Firmware with this `MAV_AUTOPILOT` on a multirotor.
     pub(crate) const fn of_autopilot(number: u8) -> Option<Firmware> {
         match number {
             PX4 => Some(Firmware::Px4),
@@ -104,7 +103,6 @@ impl Firmware {
             Firmware::ArduCopter => [4.0, 0.0],
         }
     }
-    /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for a diversion.
     pub fn diversion(self, to: Diversion) -> Option<[f64; 2]> {
         match (self, to) {
             (_, Diversion::None) => None,

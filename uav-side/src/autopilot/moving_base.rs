@@ -21,7 +21,6 @@ const MAX_FRAGMENTS: usize = 4;
 const MAX_RTCM: usize = 32;
 /// Validity of the antenna position stated in a frame.
 const BASE_LASTS: Span = Span::from_millis(10_000);
-/// Minimum time between two texts to ground stations.
 const TEXT_PAUSE: Span = Span::from_millis(5000);
 
 #[derive(Clone, Debug, Default)]
@@ -40,7 +39,6 @@ pub(super) struct MovingBase {
 pub(super) enum RtcmTarget {
     Receiver,
     Autopilot,
-    /// No autopilot is known yet.
     Nothing,
 }
 
@@ -159,7 +157,6 @@ pub(super) struct RelativeReports {
 }
 
 impl RelativeReports {
-    /// Severity and text of a change.
     pub(super) fn change(&mut self, now: DroneTime, state: Option<&RelativeState>) -> Option<(u8, String)> {
         let fresh = state.filter(|r| r.age_s <= topics::RELATIVE.stale_after.secs());
         let (newest, text) = match fresh {

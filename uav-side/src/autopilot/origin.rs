@@ -32,7 +32,6 @@ pub(super) struct AutopilotOrigin {
 }
 
 impl AutopilotOrigin {
-    /// Requests for the origin and the heights, when they are due.
     pub(super) fn ask(&mut self, now: DroneTime, to: Address) -> impl Iterator<Item = MavlinkMessage> {
         let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
         let due = self.timer.is_due_spaced(now, period);

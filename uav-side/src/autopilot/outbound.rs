@@ -34,7 +34,6 @@ const CLEAR_M: f64 = 1.0;
 const NEAR_M: f64 = 0.6;
 /// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
-/// Time between two commands to arm or to divert.
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Maximum time until a mission counts a charge, s: the largest `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
@@ -54,7 +53,6 @@ pub(super) struct HeldPosition {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct SetPointStream {
-    /// The pilot node sends attitude set-points.
     pub(super) attitudes: bool,
     /// Hold after a false touchdown.
     pub(super) held: Option<HeldPosition>,
@@ -190,7 +188,6 @@ impl AutopilotLink {
         self.stream.flown = None;
     }
 
-    /// Sends the disarm command number `sent` of a series.
     pub(super) fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
         let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
         out.send(CommandLong::disarm(to, sent));
@@ -332,7 +329,6 @@ impl AutopilotLink {
         offers.then_some(*wanted)
     }
 
-    /// Sends the pilot node's set-point, if permitted now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
         let wanted = self.inputs.fresh_set_point(now).copied();
         if let Some(mission) = self.inputs.fresh_mission(now) {
@@ -388,7 +384,6 @@ impl AutopilotLink {
         self.offered(wanted).filter(|_| offers)
     }
 
-    /// MAVLink message of a set-point, in the autopilot's frame.
     fn to_mavlink(&self, to: Address, s: &SetPoint) -> MavlinkMessage {
         let s = self.estimate.for_autopilot(s, self.firmware());
         if s.kind == SetPointKind::Attitude {

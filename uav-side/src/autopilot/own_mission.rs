@@ -29,7 +29,6 @@ use super::{AutopilotOut, ControlAuthority, DroneTime};
 
 /// Period of requests for the mission's state while ArduCopter flies it.
 const ASK: Span = Span::from_millis(1000);
-/// Time between two commands, and their maximum number.
 const PAUSE: Span = Span::from_millis(1000);
 const TRIES: u32 = 3;
 
@@ -111,7 +110,6 @@ impl OwnMissionMonitor {
     }
 }
 
-/// The autopilot's mission, and the commands that end and start it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
@@ -190,7 +188,6 @@ impl OwnMissionSequence {
         end.sent += 1;
         Some(text)
     }
-    /// Decides to start the autopilot's mission from its beginning, in unattended cycles.
     fn starts(&mut self, hold: Option<ReasonCode>, may: bool) -> bool {
         if hold != Some(ReasonCode::HandsOver) {
             self.starts = 0;

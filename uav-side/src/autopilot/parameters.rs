@@ -128,13 +128,11 @@ impl Parameters {
             index: None,
         })
     }
-    /// Unsuitable and unreported parameters, with the reason.
     pub fn faults(&self) -> impl Iterator<Item = (&'static Parameter, Reason)> + '_ {
         self.items
             .iter()
             .filter_map(|i| i.reason().map(|why| (i.parameter, why)))
     }
-    /// Whether each parameter was reported, or its requests are exhausted.
     pub fn complete(&self) -> bool {
         self.items
             .iter()
@@ -178,7 +176,6 @@ impl Parameters {
         let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
         item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
     }
-    /// Texts of new findings since the last call.
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {

@@ -40,7 +40,6 @@ pub(crate) struct MavlinkPeer {
     thrust: Option<(DroneTime, f64)>,
     /// Destination of the return mode.
     pub(crate) home: Option<Datum>,
-    /// Check whether the rotors follow the thrust.
     pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
 }
@@ -135,7 +134,6 @@ impl MavlinkPeer {
     pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
     }
-    /// Text when the gauge falls silent, and when it reports again.
     pub(crate) fn battery_news(&mut self, now: DroneTime) -> Option<String> {
         let lost = self
             .batteries

@@ -24,7 +24,6 @@ const HELD: Span = Span::from_millis(500);
 /// Time for which high must be held: longer than an autopilot takes to report the loss of the remote control (PX4:
 /// COM_RC_LOSS_T 0.5 s).
 const HELD_HIGH: Span = Span::from_millis(1500);
-/// Minimum number of readings in that time.
 const MIN_READINGS: u32 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Position {
@@ -50,7 +49,6 @@ impl Position {
     }
 }
 
-/// Position that is accepted once it has been held.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     position: Position,

@@ -13,7 +13,6 @@ use ublox::{FixedBuffer, Parser, UbxPacket};
 
 /// Buffer for an unfinished message, bytes: more than the longest message read.
 const MAX_WAITING: usize = 2048;
-/// Maximum number of bytes passed to the parser at a time.
 const PART: usize = 512;
 /// Queue length: more than a receiver sends in a second.
 const MAX_REPORTS: usize = 32;

@@ -11,7 +11,6 @@ use alight_shared::time::Span;
 use super::DroneTime;
 use super::message::OUTPUTS;
 
-/// Number of monitored sets of outputs.
 const PORTS: usize = 2;
 /// Minimum number of outputs that rise: no multirotor has fewer rotors, and fewer servos move at arming.
 const ROTORS: usize = 3;

@@ -28,7 +28,6 @@ const RETURNS_WITHIN_S: f64 = 3.0;
 struct Observed {
     mode: AutopilotMode,
     armed: bool,
-    /// The autopilot sent a message in this step.
     received: bool,
     sent_at: Option<DroneTime>,
     /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for firmware that does not.
@@ -50,7 +49,6 @@ fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bo
 }
 
 impl Gaps {
-    /// The stream continued at `at`, as known at `now`.
     fn goes_on(&mut self, now: DroneTime, at: DroneTime) {
         let gap_s = self.last.map_or(f64::INFINITY, |last| (at - last).secs());
         if gap_s > GAP_S {

@@ -83,7 +83,6 @@ const REPEATED: Span = Span::from_millis(15_000);
 /// Period of answers to a pending order: a station gives up a command without an answer.
 const ANSWERED: Span = Span::from_millis(1000);
 
-/// Maximum number of stations that wait for the answer to one order.
 const MAX_STATIONS: usize = 4;
 
 #[derive(Clone, Debug)]
@@ -95,13 +94,10 @@ struct StationOrder {
     stations: Vec<Address>,
 }
 
-/// Whether a command repeats another, according to its message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Repetition {
     No,
-    /// The command's confirmation counts up.
     Yes,
-    /// The message has no confirmation.
     Perhaps,
 }
 
@@ -118,7 +114,6 @@ impl Repetition {
 #[derive(Clone, Debug, Default)]
 pub(super) struct StationOrders {
     given: Option<StationOrder>,
-    /// Answer to the last completed order, and its time.
     decided: Option<(Answer, DroneTime)>,
     /// Time at which a landing was stopped last, by an abort or by a pilot's takeover.
     stopped: Option<DroneTime>,
@@ -266,7 +261,6 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// Messages to all stations that wait.
     pub(super) fn messages(&self) -> impl Iterator<Item = MavlinkMessage> + '_ {
         self.stations.iter().map(|to| MavlinkMessage::CommandAck {
             command: self.number,

@@ -22,7 +22,6 @@ use crate::mission_config::MissionConfig;
 /// Steps per unit to which values are rounded: the message's single precision resolves a thousandth of a height.
 const STEPS: f64 = 1e3;
 const PREFIX: &str = "ALIGHT_";
-/// Modes, by their numbers.
 const MODES: [(LandingMode, &str); 3] = [
     (LandingMode::Shadow, "shadow"),
     (LandingMode::Match, "match"),
@@ -216,7 +215,6 @@ impl AutopilotLink {
                 .extend(StationParameter::ALL.map(|p| p.message(&m.settings)));
         }
     }
-    /// Answers a request for one parameter, by index or name.
     pub(super) fn read_parameter(&self, name: &str, index: Option<u16>, out: &mut AutopilotOut) {
         let parameter = match index {
             Some(k) => StationParameter::ALL.get(usize::from(k)).copied(),
@@ -253,7 +251,6 @@ impl AutopilotLink {
             }
         }
     }
-    /// Whether the mission has these settings and no change is pending.
     fn is_set(&self, settings: &MissionSettings) -> bool {
         let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
         shown && self.operators.parameters.under_way.is_none()
@@ -285,7 +282,6 @@ impl AutopilotLink {
             Some(_) | None => Some("the autopilot is silent"),
         }
     }
-    /// Publishes the pending change, and informs the stations of changes.
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         // No station receives anything before the autopilot is found.
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {

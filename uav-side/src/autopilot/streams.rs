@@ -19,16 +19,13 @@ const OUTPUTS_HZ: f64 = 20.0;
 const ESTIMATOR_HZ: f64 = 5.0;
 /// Fraction of its rate below which a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
-/// Time without requests of a denied stream, s.
 const DENIED_PAUSE_S: f64 = 60.0;
-/// Number of denials after which a stream counts as denied.
 const MAX_DENIALS: u32 = 3;
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     id: u32,
     hz: f64,
-    /// Rate below which it is requested again, Hz.
     min_hz: f64,
     received: u32,
     review_at: DroneTime,

@@ -23,7 +23,6 @@ use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
 /// Duration of a set-point stream before PX4 accepts OFFBOARD.
 const STREAMS: Span = Span::from_millis(1200);
-/// Minimum time between two commands.
 const PAUSE: Span = Span::from_millis(1000);
 /// Maximum numbers of commands to choose the mode, to arm and to disarm.
 const MODE_TRIES: u32 = 3;
@@ -37,7 +36,6 @@ const EXPLAINS: Span = Span::from_millis(3000);
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct TakeOffSequence {
-    /// Start of the set-point stream for the take-off.
     since: Option<DroneTime>,
     modes: u32,
     arms: u32,

@@ -70,7 +70,6 @@ pub const USABLE_M: f64 = 0.2;
 /// Number of standard errors within which a configured value agrees with the result.
 const AGREEMENT_SDS: f64 = 2.0;
 
-/// Place at which the crew has put the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DronePlacement {
     pub at_m: [f64; 2],
@@ -98,11 +97,7 @@ pub enum DeckCalibrationError {
          {MIN_ESTIMATES} over {MIN_DURATION_S} s are needed; leave the drone on the deck with \
          motors off while the vessel's radio is received"
     )]
-    Few {
-        /// Vessel estimates with odometry at the same time.
-        estimates: usize,
-        seconds: f64,
-    },
+    Few { estimates: usize, seconds: f64 },
     #[error("the drone turns by {deg:.1} deg relative to the vessel: it does not stand still on the deck")]
     Turns {
         /// 95th percentile of the angle to the mean attitude.
@@ -357,7 +352,6 @@ impl DeckCalibration {
         })
     }
 
-    /// Feet in the vessel's body, and its rocking.
     fn feet(&self, lags: usize) -> Result<(Information, f64), DeckCalibrationError> {
         let fast = self.fast();
         let n = fast.len() as f64;
@@ -415,7 +409,6 @@ impl DeckCalibration {
             .collect()
     }
 
-    /// Camera mount, and the drone's position on the deck.
     fn mount(
         &self,
         relative: &Relative,
@@ -477,7 +470,6 @@ struct Relative {
     heading: ValueWithSd,
 }
 
-/// 95th percentile.
 fn percentile_95(values: impl Iterator<Item = f64>) -> f64 {
     quantile(&mut values.collect::<Vec<f64>>(), 0.95).unwrap_or(f64::NAN)
 }

@@ -5,7 +5,6 @@ use nalgebra::{Vector2, Vector3};
 
 use super::square_pose::{SeenTag, solve};
 
-/// Maximum number of decks in an image.
 pub(super) const MAX_DECKS: usize = 4;
 /// Maximum distance of a tag from its place on a deck to be assigned to it, m: half of the narrowest deck.
 const WITHIN_M: f64 = 0.8;

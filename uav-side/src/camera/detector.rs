@@ -33,7 +33,7 @@ config! {
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
         /// Standard deviation of a corner as a fraction of the tag's side in the image: the lens error after calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
-        /// Standard deviation added in squares for a tag as narrow as `small_width_px` or narrower, px.
+        /// Standard deviation added in quadrature for a tag as narrow as `small_width_px` or narrower, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
         /// Width of the tag in the image above which that deviation decreases with the fourth power of the width, px.
@@ -64,7 +64,6 @@ pub struct TagDetection {
 }
 
 impl TagDetection {
-    /// Whether the square `other` overlaps the tag in the image.
     fn overlaps(&self, other: &[Vector2<f64>; 4]) -> bool {
         let middle = |c: &[Vector2<f64>; 4]| c.iter().sum::<Vector2<f64>>() / 4.0;
         let diagonal = (self.corners[2] - self.corners[0]).norm();
@@ -72,7 +71,6 @@ impl TagDetection {
     }
 }
 
-/// Numbers of images and of the library's detections, by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TagCounts {
     pub images: u64,

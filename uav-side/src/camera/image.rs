@@ -84,7 +84,6 @@ impl Serialize for GreyImage {
 }
 
 impl GreyImage {
-    /// Whether this image size is within bounds.
     pub fn accepts(width: usize, height: usize) -> bool {
         let side = MIN_SIDE_PX..=MAX_SIDE_PX;
         side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS

@@ -53,13 +53,11 @@ impl TagLight {
 /// margin, at any position.
 const TILE_PX: usize = 6;
 
-/// Sum of a square with all pixels at 255.
 const MAX_TILE_SUM: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
 
 /// Factor by which the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
 
-/// Light of an image without a tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageLight {
     pub mean: f64,

@@ -85,7 +85,6 @@ impl MarkedImage {
         }
         self.outlines = 1;
     }
-    /// Draws a line between two pixels of the original.
     fn draw_line(&mut self, from: Vector2<f64>, to: Vector2<f64>, colour: [u8; 3]) {
         // The middle of pixel (0, 0) is the origin in both images.
         let scaled = |p: Vector2<f64>| (p.add_scalar(0.5) / self.step as f64).add_scalar(-0.5);

@@ -68,7 +68,6 @@ pub struct Setting {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Light {
     Tag(TagLight),
-    /// Light of the whole image, without a detected tag.
     Image(ImageLight),
 }
 
@@ -86,7 +85,6 @@ pub struct Metering {
     setting: Setting,
     /// Number of the newest image when the setting was changed.
     set_at: u64,
-    /// Number of consecutive images without the tag.
     undetected: u32,
     /// At the last metering of the mean, the image was too dark and a part of it clipped.
     contradicted: bool,
@@ -216,7 +214,6 @@ mod tests {
     const MAX_EXPOSURE_S: f64 = 0.004;
     const CONVERGED: u64 = 240;
 
-    /// Meaning of a device's gain number.
     #[derive(Clone, Copy, Debug)]
     enum Scale {
         Linear,

@@ -7,9 +7,7 @@ use nalgebra::Vector2;
 
 use super::image::GreyImage;
 
-/// Number of lines across a side.
 const LINES: usize = 12;
-/// Distance between samples on a line, px.
 const STEP_PX: f64 = 0.5;
 /// Minimum and maximum sampled distance from the edge, px.
 const REACH_PX: [f64; 2] = [2.0, 24.0];

@@ -19,7 +19,6 @@ use super::motion_blur::width_px;
 use super::square_pose::{SeenTag, solve};
 use super::{CameraSettings, Lens};
 
-/// Identity of a camera: ids of its messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraIdentity {
     pub vessel: u32,
@@ -87,7 +86,6 @@ const LIGHT_PERIOD: Span = Span::from_millis(500);
 
 pub struct CameraNode {
     lens: Lens,
-    /// Rotation to the designed camera from the mounted one.
     mount: UnitQuaternion<f64>,
     tag: TagSettings,
     /// Standard deviation of the tags' positions on the deck, m; 0 for a single tag, which defines the deck.

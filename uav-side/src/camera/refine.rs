@@ -31,7 +31,6 @@ impl CameraPose {
 /// Gauss-Newton matrix, half of the negative gradient, and cost.
 pub(super) type NormalEquations = (Matrix6<f64>, Vector6<f64>, f64);
 
-/// Termination and damping of the refinement.
 pub(super) struct RefinementLimits {
     pub steps: usize,
     pub damping: f64,

@@ -7,14 +7,12 @@ use apriltag::{Detector, DetectorBuilder, Family, Image};
 use super::detector::TagSettings;
 use super::image::GreyImage;
 
-/// A tag that does not belong to the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stranger {
     /// Tag of the deck's family with this number, which the deck lacks.
     Number(usize),
     /// Mirrored tag of the deck's family with this number.
     Mirrored(usize),
-    /// Tag of the family with this name.
     Family(&'static str),
 }
 
@@ -49,7 +47,6 @@ impl Strangers {
                 .collect(),
         }
     }
-    /// First such tag in the image.
     pub fn find(&mut self, image: &GreyImage) -> Option<Stranger> {
         let (width, height) = (image.width(), image.height());
         let plain = buffer(width, height, image.pixels())?;

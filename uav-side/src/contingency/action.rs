@@ -8,7 +8,6 @@ use super::below::DeckBelow;
 /// acts.
 pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
 
-/// Action of a drone in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ContingencyAction {
     /// No command: the autopilot's own failsafe acts.
@@ -19,7 +18,6 @@ pub(crate) enum ContingencyAction {
     /// Hold the position, and keep away from a near deck.
     Leave,
     Follow,
-    /// Complete the landing without a plan.
     Complete,
     /// Press the feet onto the deck after a suspected contact.
     Press,
@@ -33,7 +31,6 @@ pub(crate) enum ContingencyAction {
 pub(crate) struct ContingencyInput<'a> {
     /// State of the autopilot, if armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
-    /// The mission's newest state, within its extended validity.
     pub(crate) mission: Option<&'a MissionState>,
     /// The mission is silent, and its last state is used.
     pub(crate) silent: bool,

@@ -39,10 +39,8 @@ pub(crate) const NEAR_DECK_M: f64 = 3.0;
 /// Clearance that a holding drone keeps above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
 
-/// Deck relative to the drone, now.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
-    /// Forecast of the deck.
     pub(crate) stage: DeckStage,
     /// Keep-out volumes around the deck.
     pub(crate) around: Surroundings,

@@ -40,7 +40,6 @@ pub struct PredictedContact {
 }
 
 impl PredictedContact {
-    /// Whether it exceeds the limits of a good contact.
     pub fn is_harmful(&self) -> bool {
         self.speed_mps > MAX_MPS || self.tilt_rad > MAX_TILT_RAD
     }
@@ -110,7 +109,6 @@ enum ContactOutcome {
     Climb,
 }
 
-/// Initial state of both outcomes.
 struct Prediction<'a> {
     start: Time<DroneClock>,
     forecast: &'a DeckForecast,
@@ -122,7 +120,6 @@ struct Prediction<'a> {
 }
 
 impl Prediction<'_> {
-    /// First contact with the deck; None without one.
     fn contact(&self, end: ContactOutcome) -> Option<PredictedContact> {
         let mut climb = self.climb;
         let mut deck = self.forecast.at(self.start)?;

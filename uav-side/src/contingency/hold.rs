@@ -8,7 +8,6 @@ use super::below::{Body, DeckBelow};
 use super::climb::Climb;
 use super::escape::escape_velocity;
 
-/// Position of a hold, and its climb.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hold {
     horizontal: Vector2<f64>,

@@ -93,7 +93,6 @@ pub struct IdentifiedMarker {
     pub at: Vector2<f64>,
 }
 
-/// Tracks spots and identifies the markers among them.
 #[derive(Clone, Debug)]
 pub struct BlinkTracker {
     codes: Vec<Code>,

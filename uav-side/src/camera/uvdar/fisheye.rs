@@ -46,7 +46,6 @@ config! {
 }
 
 impl Fisheye {
-    /// Angle in the image, and its derivative.
     fn distorted_angle(&self, angle: f64) -> (f64, f64) {
         let [k1, k2, k3, k4] = self.distortion;
         let a2 = angle * angle;

@@ -107,7 +107,6 @@ impl UvdarSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UvdarCounts {
     pub images: u64,
-    /// Images with a position.
     pub fixes: u64,
     /// Spots identified as markers.
     pub markers: u64,

@@ -11,7 +11,6 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2
 
 use crate::camera::refine::{CameraPose, NormalEquations, RefinementLimits, refine};
 
-/// Number of headings tried as a start.
 const STARTS: usize = 8;
 const LIMITS: RefinementLimits = RefinementLimits {
     steps: 25,
@@ -37,7 +36,6 @@ pub struct MarkerBearing {
     pub direction: Vector3<f64>,
 }
 
-/// Prior knowledge in addition to the directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.

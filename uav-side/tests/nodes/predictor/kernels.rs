@@ -170,7 +170,7 @@ fn filter_of_a_turning_vessel() {
     assert_eq!(walk(&filter, &after), still);
 }
 
-/// The newer modes differ by twice the waves, half a metre each; the deck has not moved.
+/// New modes with opposite phases, half a metre each; the deck itself has not moved.
 #[test]
 fn newer_modes_with_vision() {
     let config = PredictorConfig::default();

@@ -102,7 +102,6 @@ impl SimulatedVessel {
         let f: Vector3<f64> = (0..=20).map(|k| force(t - 0.5 + 0.05 * f64::from(k))).sum();
         f.xy().norm() / -f.z
     }
-    /// Deck's centre and attitude.
     pub fn deck(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let (p, e) = self.eta(t);
         (
@@ -207,7 +206,6 @@ fn input(message: impl FnOnce(&mut PredictorIn)) -> PredictorIn {
     i
 }
 
-/// Drift of the drone's frame, every 10 ms, m.
 fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
     let mut drift = Markov::new(rng, 0.05, 3.0);
     let mut frame = normal3(rng);
@@ -250,7 +248,6 @@ fn estimate(
     }
 }
 
-/// State of a hovering drone.
 fn odometry(
     header: Header<DroneClock>,
     position: Vector3<f64>,
@@ -512,7 +509,6 @@ impl Accuracy {
     }
 }
 impl Run {
-    /// Accuracy of the samples between two times, s.
     pub fn accuracy(&self, v: &SimulatedVessel, between: Range<f64>, ahead: f64) -> Accuracy {
         let samples = self.samples.iter().filter(|s| between.contains(&s.now));
         Accuracy::of(v, samples, ahead)
