@@ -173,8 +173,8 @@ impl AuthorityStateMachine {
         self.enter(now, ControlAuthority::Diverted(to));
     }
     /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`. In return and land modes
-    /// streaming continues: the autopilot follows none of them, and a handover a second later is not denied for lack of
-    /// them.
+    /// they are streamed at once: the autopilot follows none of them, and a handover a second later is not denied for
+    /// lack of them.
     pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {

@@ -1,6 +1,7 @@
-//! The vessel's position from a beacon, from one configured source: by MAVLink over the autopilot's link,
-//! `GLOBAL_POSITION_INT` of a tracker or of the boat's own autopilot, or `FOLLOW_TARGET` of a ground station or a
-//! phone, of one system number; by AIS, `AIS_VESSEL` of the autopilot or sentences of a receiver, of one MMSI.
+//! The vessel's position from a beacon, accepted from one configured source:
+//! - by MAVLink on the autopilot's link, from one system number: `GLOBAL_POSITION_INT` of a tracker or of the boat's
+//!   autopilot, `FOLLOW_TARGET` of a ground station or a phone;
+//! - by AIS, from one MMSI: `AIS_VESSEL` of the autopilot, or sentences of a receiver.
 //!
 //! The sources' clocks are unknown: a report is dated at its arrival, and its delay is part of its error.
 

@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    /// A suspension shorter or longer than a restart does not count as a restart; the next answer dates samples again.
+    /// A suspension of any length does not count as a restart; the next answer dates samples again.
     #[test]
     fn timesync_after_a_suspended_computer() {
         for gap_s in [0.1, 0.3, 1.5, 20.0] {

@@ -112,7 +112,7 @@ config! {
         /// (RTL_LAND_DELAY, RTL_ALT_FINAL).
         pub send_home: bool = false;
         /// An order to land may arm a drone on the ground, in the mode that the pilot chose, more than 20 m from a deck
-        /// at a known position. On the deck only a take-off that the crew has cleared arms.
+        /// at a known position. On the deck the drone arms only for a take-off that the crew has cleared.
         pub may_arm: bool = false;
         /// Channel of the remote control whose switch gives commands when it changes: low aborts, and rejects every
         /// order to begin while it stays there; middle does nothing; high lands; 0: none. The receiver's failsafe must

@@ -455,7 +455,7 @@ pub enum MavlinkMessage {
     /// `RC_CHANNELS_OVERRIDE`: first eight channels as set by a ground station.
     RemoteControlOverride {
         to: Address,
-        /// us; 0: unchanged by the station, 65535: keep the last value.
+        /// us; 0: released to the receiver, 65535: keep the last value.
         pulses_us: [u16; 8],
     },
     /// `NAMED_VALUE_FLOAT`.

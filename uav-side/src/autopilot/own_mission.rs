@@ -50,7 +50,7 @@ pub(super) struct OwnMissionMonitor {
     now: OwnMission,
 }
 
-/// End of the autopilot's mission for one reason, once in a flight, also across links.
+/// End of the autopilot's mission for one reason. It is commanded once in a flight, even when the link restarts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
     sent: u32,

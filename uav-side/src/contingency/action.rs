@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
     }
 
-    /// An idle drone whose autopilot reports ground stands only if another witness shows it low, too.
+    /// An idle drone trusts the autopilot's ground report only if another witness shows that it is low.
     #[test]
     fn idle_drone_reported_on_the_ground() {
         let header = header(1, Time::from_secs(10.0));

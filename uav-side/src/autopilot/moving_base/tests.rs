@@ -136,7 +136,7 @@ fn place_dated_by_the_smallest_delay() {
     assert_eq!(place(&mut base, 110.02, 9.0, measured), None);
 }
 
-/// A relative place that is delayed by the radio, dated by the receiver's own time, which is not.
+/// The receiver's time message, which is not delayed, dates a relative place that is delayed by the radio.
 #[test]
 fn place_dated_by_the_receivers_own_time() {
     let (mut base, mut headers) = (MovingBase::default(), OutputHeaders::default());
