@@ -1,7 +1,8 @@
-//! The drone's own GNSS receiver whose moving base is the vessel's: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13 or later.
+//! The drone's own GNSS receiver with the vessel's as moving base: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13
+//! or later.
 //!
-//! Each message needs its checksum. Its time of week is the receiver's; who takes the reports dates them. NAV-PVT waits for no base:
-//! it arrives soonest after its time, by which a NAV-RELPOSNED that waited for the radio is dated.
+//! Each message needs its checksum. Reports carry the receiver's time of week; the moving base dates them. NAV-PVT does
+//! not wait for the base and arrives soonest after its time, so it dates a NAV-RELPOSNED that waited for the radio.
 
 use std::collections::VecDeque;
 
@@ -10,29 +11,25 @@ use serde::{Deserialize, Serialize};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, Parser, UbxPacket};
 
-/// Longest unfinished message, bytes: above the longest that is read.
+/// Buffer for an unfinished message, bytes: more than the longest message read.
 const MAX_WAITING: usize = 2048;
-/// Bytes given to the parser at a time.
 const PART: usize = 512;
-/// Reports that wait to be taken: more than a receiver sends in a second.
+/// Queue length: more than a receiver sends in a second.
 const MAX_REPORTS: usize = 32;
-/// A week, ns.
 pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Standard deviation that no place exceeds, m: nothing is known.
+/// Maximum standard deviation, m: stands for an unknown place.
 pub const MAX_SD_M: f64 = 9_999.0;
 
-/// A relative place as the receiver reports it, or its time alone.
+/// A relative place of the receiver, or its time alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
-    /// Time of the GPS week, ns.
     pub of_week_ns: i64,
-    /// From the base's antenna to its own, NED, m, and the standard deviation of each component, m; None: not valid.
+    /// From the base's antenna to the drone's, NED, m, and the standard deviation of each component, m; None: invalid.
     pub place: Option<[[f64; 3]; 2]>,
-    /// Solution of the ambiguities; None: this is the receiver's time alone.
+    /// Solution of the carrier ambiguities; None: this report is the receiver's time alone.
     pub solution: Option<CarrierSolution>,
 }
 
-/// Decodes a receiver's bytes.
 pub struct ReceiverDecoder {
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
     reports: VecDeque<RelativeReport>,
@@ -48,7 +45,7 @@ impl Default for ReceiverDecoder {
 }
 
 impl ReceiverDecoder {
-    /// Takes bytes as they come; of more reports than are taken the newest wait.
+    /// Decodes bytes; a full queue drops its oldest report.
     pub fn push(&mut self, bytes: &[u8]) {
         for part in bytes.chunks(PART) {
             let mut packets = self.parser.consume_ubx(part);
@@ -65,13 +62,13 @@ impl ReceiverDecoder {
             }
         }
     }
-    /// The next report.
     pub fn next_report(&mut self) -> Option<RelativeReport> {
         self.reports.pop_front()
     }
 }
 
-/// Smallest standard deviation of a solution, m: a receiver states less than it errs, by multipath and by a wrong float.
+/// Minimum standard deviation of a solution, m: a receiver understates its error through multipath and wrong float
+/// solutions.
 const fn min_sd_m(solution: CarrierSolution) -> f64 {
     match solution {
         CarrierSolution::Fixed => 0.01,
@@ -80,11 +77,12 @@ const fn min_sd_m(solution: CarrierSolution) -> f64 {
     }
 }
 
-/// A message as a report; None for one of another kind, or of a time that no week has.
+/// Report from a message; None for other messages, and for a time of week out of range.
 fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// gnssFixOK, relPosValid.
     const VALID: u32 = 1 | 1 << 2;
-    /// refPosMiss, refObsMiss: the base's place or observations are extrapolated. A base that rocks is off by decimetres then.
+    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, which errs by decimetres for a
+    /// rocking base.
     const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
     let (of_week_ms, place, solution) = match packet {
         PacketRef::NavPvt(p) => (p.itow(), None, None),
@@ -123,8 +121,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over class to
-    /// payload).
+    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over
+    /// class to payload).
     fn message(of_week_ms: u32, flags: u32) -> Vec<u8> {
         let mut payload = [0; 64];
         let mut put = |at: usize, bytes: &[u8]| payload[at..at + bytes.len()].copy_from_slice(bytes);
@@ -162,7 +160,7 @@ mod tests {
     fn relative_places_of_each_solution() {
         for (flags, solution, sd) in [
             (valid(2), CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
-            // The base moves.
+            // A moving base.
             (valid(2) | 1 << 5, CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
             (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4]),
             (valid(0), CarrierSolution::None, [2.0; 3]),
@@ -179,14 +177,14 @@ mod tests {
                 "{r:?}"
             );
         }
-        // No fix, or no relative place: the state alone counts.
+        // No fix, or no relative place: only the state counts.
         for flags in [valid(2) & !1, valid(2) & !4] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
             };
             assert_eq!((r.place, r.solution), (None, Some(CarrierSolution::None)));
         }
-        // A base that is extrapolated: the time alone.
+        // An extrapolated base: only the time counts.
         for flags in [valid(2) | 1 << 6, valid(2) | 1 << 7] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
@@ -200,7 +198,7 @@ mod tests {
         let sound = message(200, valid(2));
         let mut damaged = sound.clone();
         damaged[20] ^= 1;
-        // A frame of RTCM's preamble, a sentence, one that is damaged, one of a time that no week has.
+        // RTCM's preamble, a sentence, a damaged message, and one with a time of week out of range.
         let bytes = [
             &b"\xd3\x00\x13$GNGGA,1*00\r\n"[..],
             &damaged,
@@ -212,7 +210,7 @@ mod tests {
             let times: Vec<_> = decoded(&bytes, cut).iter().map(|r| r.of_week_ns).collect();
             assert_eq!(times, [200_000_000], "{cut}");
         }
-        // More than are taken: bounded, and the newest.
+        // The queue is bounded and keeps the newest.
         let many: Vec<u8> = (0..100).flat_map(|k| message(k, valid(2))).collect();
         let all = decoded(&many, 512);
         assert_eq!((all.len(), all[0].of_week_ns), (MAX_REPORTS, 68_000_000));

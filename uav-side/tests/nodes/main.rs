@@ -1,6 +1,6 @@
-//! The drone's nodes from outside, one file a node, one program: it is built and linked once.
+//! Tests of the drone's nodes from outside, a file per node in one program that is built and linked once.
 
-// Helpers of tests may panic, as tests do.
+// Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod camera;

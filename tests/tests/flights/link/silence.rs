@@ -24,7 +24,7 @@ fn battery_report_that_stops() {
         p.run(3.0);
         assert_eq!(p.state().battery, None, "{firmware:?}");
         let reported = |p: &LinkRig, what: &str| p.texts.iter().any(|t| t.contains(what));
-        assert!(reported(&p, "reports its battery no more"), "{:?}", p.texts);
+        assert!(reported(&p, "no longer reports its battery"), "{:?}", p.texts);
         p.linked.autopilot.muted.clear();
         p.run(3.0);
         assert!(p.state().battery.is_some() && reported(&p, "reports its battery again"));
