@@ -57,7 +57,6 @@ impl WindEstimator {
             ..WindEstimator::default()
         }
     }
-    /// State and covariance for a successor.
     pub(super) fn learnt(&self) -> Option<([f64; 5], [[f64; 5]; 5])> {
         self.state.map(|(x, p)| (x.into(), p.into()))
     }
@@ -111,7 +110,6 @@ impl WindEstimator {
     }
 }
 
-/// Mean wind, m/s.
 fn mean(x: &State) -> Vector2<f64> {
     Vector2::new(x[1], x[2])
 }

@@ -95,7 +95,6 @@ struct SmoothState {
     bias: Vector3<f64>,
     /// Acceleration that the rotors do not cause, m/s².
     disturbance: Vector2<f64>,
-    /// The autopilot's newest odometry.
     reported: DroneState,
 }
 
@@ -145,7 +144,6 @@ pub(crate) struct Jumps {
     pub(crate) heading: f64,
 }
 
-/// The smooth odometry.
 #[derive(Clone, Debug, Default)]
 pub struct Odometry {
     config: OdometryConfig,

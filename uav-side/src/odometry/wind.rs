@@ -37,7 +37,6 @@ pub(crate) struct WindMonitor {
 }
 
 impl WindMonitor {
-    /// Restores a predecessor's checkpoint.
     pub(crate) fn resume(m: &WindCheckpoint) -> Self {
         WindMonitor {
             air: WindEstimator::resume(m.state, m.covariance),

@@ -39,7 +39,6 @@ impl FlightEstimator {
             commanded_s: 0.0,
         }
     }
-    /// Collective thrust that hovers, 0 to 1.
     pub(crate) fn hover(&self) -> f64 {
         self.hover
     }

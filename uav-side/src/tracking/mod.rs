@@ -30,7 +30,6 @@ pub(crate) struct AttitudeCommand {
     pub(crate) thrust: f64,
 }
 
-/// Authority of the feedback.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Authority {
     /// Tilt that the feedback may add, rad.
