@@ -58,7 +58,6 @@ impl MissionNode {
         s.odds = outlook.odds(now);
     }
 
-    /// Updates the speed made good on the way to the deck.
     pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) {
         let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.stepped = Some(now);

@@ -18,8 +18,7 @@ use crate::mission_config::MissionConfig;
 const MAX_READINGS: usize = 1024;
 /// Fall of the gauge between two measurements of its rate: two of its steps.
 const FALL: f64 = 0.02;
-/// Fall of the gauge that is no measurement of the power if it is faster than any battery empties: another battery, or
-/// a correction.
+/// Fall of the gauge that counts as a correction or another battery if it is faster than [`MIN_FLIGHT_S`] allows.
 const JUMP: f64 = 0.05;
 /// Shortest endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
@@ -43,7 +42,7 @@ const TAKEN_OFF: f64 = 1.0;
 const FOUND_IN_AIR: f64 = 0.5;
 /// Largest excess of a reading over the charge extrapolated from the last minimum: three steps.
 const ABOVE: f64 = 0.03;
-/// Rise above a minimum that shows it to be wrong, if the whole flight leaves that much charge.
+/// Rise above a minimum that proves it wrong, if the discharge over the flight leaves that much charge.
 const WRONG: f64 = 0.1;
 /// Lower bound of the closing speed, m/s, which keeps the cost finite.
 const MIN_MPS: f64 = 0.5;
@@ -190,10 +189,11 @@ impl BatteryMonitor {
         (self.anchor, self.at_step) = (Some((now, charge)), true);
     }
 
-    /// Charge for decisions, 0 to 1; None on the ground without a report for `battery_lasts_s`. It is the maximum of
-    /// the readings over `battery_lasts_s`, so that a single reading or a voltage drop under thrust has no effect; 0 if
-    /// the voltage was below its minimum for that time; and at most the charge extrapolated from the last minimum and
-    /// the one left of a full battery after the time in the air.
+    /// Charge for decisions, 0 to 1: the smallest of three values. First, the maximum of the readings over
+    /// `battery_lasts_s`, which a single reading or a voltage drop under thrust does not affect; it is 0 if the voltage
+    /// was below its minimum for that time. Second, the charge extrapolated from the last minimum. Third, the charge
+    /// left of the flight's start by the configured endurance. None on the ground without a report for
+    /// `battery_lasts_s`.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
         let (now, minimum) = (self.last?, self.minimum?);
         let extrapolated = left(minimum, now, self.usual_power(c));

@@ -32,7 +32,7 @@ const LAST_ATTEMPT_S: f64 = 30.0;
 const UNKNOWN_HOME: f64 = 0.5;
 
 /// Time without the deck after which it is given up, s.
-/// Chosen: longer than a crew crosses it, another drone finishes its landing, or a process restarts.
+/// Chosen: longer than the crew needs to cross it, another drone to finish its landing, or a process to restart.
 const MISSING_S: f64 = 20.0;
 
 impl Charges {
@@ -76,7 +76,7 @@ impl Charges {
             BatteryPlace::Home => b >= without_margin(self.home),
         }
     }
-    /// Whether a drone with the charge `b` leaves a deck that has been missing for `missing_s` for `place`.
+    /// Whether a drone with the charge `b` leaves for `place` when the deck has been missing for `missing_s`.
     fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
         let last = self.last_moment(place);
         let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
@@ -144,7 +144,7 @@ fn place(
     }
 }
 
-/// Progress of the limits' relaxation by the battery, 0 to 1: 0 in the first half of the reserve, in which the drone
+/// Relaxation of the landing's limits on a low battery, 0 to 1: 0 in the first half of the reserve, in which the drone
 /// waits for the best moment; 1 at the charge for one attempt or, if that is more, for home.
 pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
     let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {

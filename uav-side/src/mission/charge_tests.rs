@@ -1,6 +1,3 @@
-//! Tests of the charge below the reserve: the choice of the place, the last moment for the next one, and the relaxed
-//! limits.
-
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, BatteryRecovered, BatteryStopped, BatteryWaits,
     Commanded, DeckGrantStale, NotCommanded, Operator, Permitted, Recovered,

@@ -1,7 +1,8 @@
 //! Checkpoint of the mission: published with every state, validated by a successor before use.
 //!
-//! A mission that starts while the drone flies continues its predecessor's, or makes the drone safe from its own
-//! inputs. Until this is decided it publishes nothing, and the pilot continues with the last state for its validity.
+//! A mission that starts while the drone flies continues the mission of its predecessor, or makes the drone safe from
+//! its own inputs. Until this is decided it publishes nothing, and the pilot continues with the last state for its
+//! validity.
 
 use alight_shared::admission::command::keep;
 use alight_shared::msg::{
@@ -23,7 +24,6 @@ use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 /// Time for which a starting mission waits for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
-/// Maximum number of commands kept meanwhile.
 const MAX_COMMANDS: usize = 16;
 
 /// Start-up of a mission that does not know yet whether it has a predecessor.
@@ -238,8 +238,8 @@ pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<Last
 }
 
 /// Purpose of the flight from a checkpoint that is too old to continue from. An order to land and a station continue
-/// once the drone is in our mode, and end if a pilot has it; an operator's stop and a declined deck persist; a drone on
-/// a sortie returns while its charge lasts, and its cycles end. Nothing is kept for a disarmed drone.
+/// once the drone is in our mode, and end if a pilot has the drone; an operator's stop and a declined deck persist; a
+/// drone on a sortie returns while its charge lasts, and its cycles end. Nothing is kept for a disarmed drone.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.armed {
         return MissionProgress::default();
@@ -271,7 +271,6 @@ pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress 
     }
 }
 
-/// Whether the drone is away from the vessel.
 pub(super) fn is_away(s: &Situation) -> bool {
     s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
@@ -288,9 +287,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// Start of an idle mission without a checkpoint, for a drone near a deck that flies or rests with its motors on: it
-/// was landing or leaving, and a fixed place there could be hit by the rising deck. A drone that is still `landing`
-/// climbs and starts again. `code`: reason for the missing checkpoint. `Err`: not decided yet.
+/// Start of an idle mission without a checkpoint, if the drone flies, or rests with its motors on, near a deck: it was
+/// landing or leaving, and at a fixed place the rising deck could hit it. A drone that is still `landing` climbs and
+/// starts again. `code`: reason for the missing checkpoint. `Err`: not decided yet.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,

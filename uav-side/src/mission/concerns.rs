@@ -36,7 +36,7 @@ pub(super) struct Concern {
     act: fn(MissionPhase, &mut MissionProgress, &Situation, &MissionConfig) -> Option<PhaseTransition>,
 }
 
-/// Row before an operator's command; [`AFTER_ORDERS`] follow it.
+/// Row that is checked before an operator's command.
 pub(super) const BEFORE_ORDERS: [Concern; 1] = [Concern {
     in_phase: |phase, progress, _, _| phase.flies() && !progress.overruled,
     act: |_, _, s, _| {
@@ -95,7 +95,6 @@ pub(super) const AFTER_ORDERS: [Concern; 8] = [
     },
 ];
 
-/// Transition of the first of these rows that acts.
 pub(super) fn interrupt(
     rows: &[Concern],
     phase: MissionPhase,

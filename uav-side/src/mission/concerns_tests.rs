@@ -1,6 +1,3 @@
-//! Tests of every concern in every state: whether it acts, whether the state resumes after it, and whether it acts
-//! again.
-
 use alight_shared::msg::AutopilotMode;
 use nalgebra::Vector3;
 

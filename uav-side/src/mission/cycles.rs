@@ -50,7 +50,6 @@ impl Cycles {
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
     }
-    /// Reason for which a ready order is rejected.
     pub(super) fn rejects_ready(&self, s: &Situation, c: &MissionConfig) -> Option<Reason> {
         let none = || Reason::new(SortiesDone, self.sorties.into(), c.sorties_max.into());
         if !self.on {

@@ -1,6 +1,3 @@
-//! Tests of unattended cycles: conditions of the next sortie, ends of the cycles, and the way to a vessel that is not
-//! received.
-
 use alight_shared::msg::ReasonCode::{
     ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRefused,
     HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack,
@@ -181,7 +178,7 @@ fn endings_of_unattended_cycles() {
             "{phase:?}"
         );
     }
-    // The drone lands if its own mission does not start, and is being handed over before.
+    // The drone lands if its own mission does not start; before that the hand-over is in progress.
     let d = step(hold(), handed, None, &with(|_| {}));
     assert!(d.progress.landing && d.phase.state() == State::Hold);
     let soon = with(|s| s.now = at(3.0));
@@ -307,7 +304,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
         &flown(OwnMission::Done),
     );
     assert_eq!((d.entered, d.progress.landing), (None, false));
-    // An order ends the own mission within a cycle; in a single sortie the pilot chooses the mode.
+    // Within a cycle an order ends the autopilot's own mission; in a single sortie the pilot selects the mode.
     let land = Some(CommandKind::Land);
     for (progress, expected) in [
         (on_sortie, OrderedBack),

@@ -1,5 +1,3 @@
-//! State table of a descent and a flare.
-
 use alight_shared::msg::ReasonCode::{
     Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings, TiltExcess,
     TooSteep, VisionLost,

@@ -8,8 +8,7 @@
 //! | witness | deck level | error |
 //! |---|---|---|
 //! | take-off | feet's level on the deck | drift of barometer or GNSS height in a flight |
-//! | mean sea level, from the autopilot's origin | deck's height above still water | tide, both receivers, their geoid
-//! models |
+//! | mean sea level, from the autopilot's origin | deck's height above still water | tide, receivers, geoid models |
 //! | camera | forecast during and since a detection | drift, as for a take-off |
 //! | rangefinder | surface below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
@@ -64,7 +63,6 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Adds a reading of a surface at the height `z` (NED, m).
     pub(super) fn update(&mut self, at: DroneTime, z: f64) {
         let same = |(_, last, level): &(DroneTime, DroneTime, f64)| {
             at > *last && at - *last <= SURFACE_STALE && (z - level).abs() <= SURFACE_JUMP_M
@@ -116,7 +114,6 @@ pub(super) struct HeightWitnesses {
     proven_z: Option<f64>,
 }
 
-/// Limits of the drone's height by the witnesses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heights {
     /// Highest deck level among the forecast and the witnesses that contradict it, NED z, m.
@@ -317,7 +314,6 @@ impl MissionNode {
         self.mean_deck_z = Some((at, if agrees { z } else { mean }));
     }
 
-    /// Adds the surface below the drone by the rangefinder.
     pub(super) fn see_surface(&mut self, now: DroneTime, ranges: &[RangeSample]) {
         let own = self.drone.fresh(now, topics::DRONE_STATE.stale_after);
         for (m, d) in ranges.iter().zip(own.into_iter().cycle()) {
@@ -476,7 +472,7 @@ mod tests {
             ..airborne(-0.3)
         };
         let w = after(&[on_deck, airborne(-20.0)]);
-        // The water's own level: mean sea level would be 13 m below the deck.
+        // Local tide: mean sea level would be 13 m below the deck.
         assert_eq!(code(&judged(&w, 0.5)), None);
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));

@@ -1,5 +1,3 @@
-//! Tests of interruptions in every state: stale data, operators, retries, battery, time limit, lost control.
-
 use alight_shared::msg::ReasonCode::{
     Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
     NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, Touchdown,

@@ -50,5 +50,5 @@ pub(super) fn first_beyond<const N: usize>(values: [(ReasonCode, f64, f64); N]) 
 /// Maximum waiting height over a vessel that is known by its tags alone, m: from there a tag's tilt is accurate to a
 /// degree, from 7 m to three or four.
 pub(super) const TAG_HEIGHT_M: f64 = 3.5;
-/// Minimum height of the start of a descent without landing above its lowest plan, m.
+/// Minimum distance between the start and the lowest plan of a descent that does not land, m.
 pub(super) const MATCHES_FROM_M: f64 = 0.5;

@@ -384,7 +384,7 @@ impl MissionNode {
         {
             return c.descent_mps;
         }
-        // A committed flare continues without vision for the longest blind end.
+        // A committed flare continues without vision for the maximum blind time.
         if let MissionPhase::Flare { committed, .. } = self.phase
             && (deck.located_age_s() <= blind_limit(deck)
                 || (committed && deck.located_age_s() <= RADIO_BLIND_S + c.flare_timeout_s))

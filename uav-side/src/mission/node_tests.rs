@@ -1,5 +1,3 @@
-//! Tests of the mission's node: an ideal drone, commands, frames.
-
 use alight_shared::config::parse;
 use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage};
 use alight_shared::surroundings::KeepOut;
@@ -43,7 +41,6 @@ fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     }
 }
 
-/// These commands at `t` to a drone at the approach height over the deck.
 fn ordered(t: f64, commands: Vec<Command>) -> MissionIn {
     MissionIn {
         commands,
@@ -54,7 +51,6 @@ fn state_after(m: &mut MissionNode, t: f64, commands: Vec<Command>) -> State {
     m.step(at(t), &ordered(t, commands));
     m.phase.state()
 }
-/// State after these commands with a changed autopilot state.
 fn flown(
     m: &mut MissionNode,
     t: f64,

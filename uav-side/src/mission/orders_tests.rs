@@ -1,5 +1,3 @@
-//! Tests of every order in every state: it is carried out, or rejected with a reason.
-
 use alight_shared::msg::ReasonCode::{
     CompletesLanding, DuringTakeOff, KnownByBeacon, NotInControl, OnDeck, StillArmed, TakeOffOff,
     VesselTooFar,

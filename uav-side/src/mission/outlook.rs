@@ -2,16 +2,16 @@
 //!
 //! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the angle
 //! between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally distributed
-//! about its prediction for the contact, with the variance of everything that cannot be corrected before the contact:
+//! about its prediction for the contact, with the variance of everything that cannot be corrected before the contact.
 //!
-//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))`; along it `U psi' t_l` and the remainder of
-//! the present speed; the unpredicted part is `r sd(a)` ([`alight_shared::landing`]'s contact),
+//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the height `h`.
+//! The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the present speed, plus
+//! that by the deck's acceleration relative to an aligned drone. The unpredicted part is `r sd(a)` with the drone's
+//! reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
-//! with the drone's reaction time `r`, the closing speed `w` of deck and drone at the height `h`, and the deck's
-//! acceleration `m` relative to an aligned drone. Errors of predictions older than `r` are not counted, because the
-//! feedback corrects them before the contact. The landing's probability is the product over the limits, whose errors
-//! have different causes. While the planner chooses the touchdown time, it is the probability of the best one in its
-//! window.
+//! Errors of predictions older than `r` are not counted, because the feedback corrects them before the contact. The
+//! landing's probability is the product over the limits, whose errors have different causes. While the planner chooses
+//! the touchdown time, it is the probability of the best one in its window.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
@@ -28,8 +28,8 @@ use nalgebra::{Rotation2, Vector3};
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
 
-/// Time constant of the attitude included in the reaction time, s; the excess of a slower one, and the dead time, are
-/// added.
+/// Time constant of the attitude that the reaction time covers, s. A slower attitude adds the excess, and the dead time
+/// is added in any case.
 const FOLLOWS_S: f64 = 0.2;
 /// Maximum deceleration of the sinking, m/s², twice the planned one, and its delay, s.
 const BRAKING_MPS2: f64 = 5.0;
@@ -39,7 +39,7 @@ const CLOSING_S: f64 = 0.5;
 /// Window in which the planner chooses the touchdown time, s, and spacing of the assessed times, s.
 const WINDOW_S: f64 = 2.5;
 const GRID_S: f64 = 0.25;
-/// Conditions of the odds in addition to the deck.
+/// Inputs of the odds.
 pub struct Outlook<'a> {
     pub forecast: &'a DeckForecast,
     pub deck: &'a Deck,

@@ -68,7 +68,7 @@ pub enum MissionPhase {
         violated: Option<DroneTime>,
     },
     Landed {
-        /// The autopilot was disarmed since the touchdown.
+        /// The autopilot has been disarmed since the touchdown.
         disarmed: bool,
         airborne: Option<DroneTime>,
     },
@@ -252,7 +252,7 @@ pub struct MissionProgress {
     pub lapsed: bool,
     /// Station of the drone before its computer restarted: it continues there once the drone is under our control.
     pub station: Option<KeptStation>,
-    /// The drone has taken off from the deck and not landed since: it returns before its battery requires it.
+    /// The drone has taken off from the deck and not landed since: it returns while its battery lasts.
     pub sortie: bool,
     pub cycles: Cycles,
     /// Position at which a beacon alone began to lead the drone, drone's NED, north and east, m.
@@ -287,7 +287,6 @@ pub(super) fn too_far(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     exceeds(ReasonCode::VesselTooFar, deck.distance_m, limit_m)
 }
 
-/// Reason if data are too old to continue.
 pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
         .or(s.moved)
@@ -354,10 +353,10 @@ pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     }
 }
 
-/// Whether the drone is low over the deck on its way to `at`, and its place then. Until it reaches that height it keeps
-/// its place over the deck and moves with it: structures on a vessel under way would hit a drone that stops lower. The
-/// place is fixed when the drone is high enough, when the deck is far away, or when the forecast is stale. A drone that
-/// `leaves` a vessel with an escape direction continues until it is away from the vessel.
+/// Whether the drone moves with the deck on its way to `at`, and its place. Below the height of `at` it keeps its place
+/// over the deck, because structures on a vessel under way would hit a drone that stops. The place becomes fixed at
+/// that height, when the deck is far away, or when the forecast is stale. A drone that `leaves` a vessel with an escape
+/// direction continues until it is away from the vessel.
 pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
     let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
     let escapes = leaves && near.is_some_and(|d| d.escapes);

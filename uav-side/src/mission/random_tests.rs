@@ -1,5 +1,3 @@
-//! The mission's node with random input.
-
 use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase};
 use proptest::prelude::*;
 

@@ -12,7 +12,7 @@ pub enum Reservation {
     /// Reservations are not used: one drone, one deck.
     NotNeeded,
     Ours,
-    /// Owned by this drone; 0 if free, [`DECK_CLOSED`] if closed.
+    /// Number of the owner; 0 if free, [`DECK_CLOSED`] if closed.
     Others(u32),
     /// No fresh grant; age of the newest one, s.
     Unknown(f64),

@@ -1,9 +1,9 @@
 //! Search for a deck that is known by a beacon alone: a spiral about the beacon's predicted place, which moves with it.
 //!
 //! ```text
-//! r = b theta, 2 pi b = pitch pitch: three quarters of the camera's view from side to side
+//! r = b theta,  2 pi b = pitch          pitch: three quarters of the camera's view from side to side
 //! s = b (theta^2 - 1) / 2               path flown, m; from theta = 1 on
-//! R = 3.4 sd radius that contains the deck with 99.7 % (Rayleigh)
+//! R = 3.4 sd                            radius that contains the deck with 99.7 % (Rayleigh)
 //! ```
 //!
 //! It ends with a full circle at `R` less half of the camera's view. The radius increases while the beacon is silent.
@@ -97,7 +97,6 @@ pub(super) fn vague(deck: &Deck) -> Option<Reason> {
     (reach_m > MAX_SEARCH_M).then(|| Reason::new(ReasonCode::BeaconVague, reach_m, MAX_SEARCH_M))
 }
 
-/// Height of a search over the deck, m.
 pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }

@@ -19,7 +19,6 @@ use crate::surroundings::ring_m;
 use alight_shared::landing::normal::larger;
 use alight_shared::landing::{Odds, Staying};
 
-/// Control of the drone, and whether it flies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {
     /// The autopilot's state is missing or stale.
@@ -232,7 +231,7 @@ impl Deck {
         self.vision_age_s.min(self.relative_age_s)
     }
     /// Next place on the way to the place at this distance (m) and bearing (rad, from north) from the deck's centre,
-    /// NED, m: around the deck in steps of an eighth of a half turn.
+    /// NED, m: around the deck in steps of 22.5 deg.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);

@@ -31,7 +31,7 @@ const SPEED_WALK: f64 = 0.1;
 /// after which it restarts, s.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
-/// Standard deviations of the vessel's place in the margin.
+/// Margin in standard deviations of the vessel's place.
 const MARGIN_SD: f64 = 2.0;
 /// Drift speed in the maximum margin, which is that of a vessel that reverses its course at once, m/s.
 const DRIFT_MPS: f64 = 0.3;

@@ -130,7 +130,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
-    // To a vessel that is received, or whose place is extrapolated.
+    // Returns to a vessel that is received, or whose place is extrapolated.
     let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
     let turns_back = ends.filter(|_| may_return);
     let stays_due = ends.is_some();
@@ -436,8 +436,8 @@ pub(super) fn blind_limit(deck: &Deck) -> f64 {
 /// Time for which the rotors have to carry a landed drone above the deck before the touchdown counts as false, s.
 const AIRBORNE_S: f64 = 1.0;
 
-/// Landed: until the drone was disarmed and is armed again, or until it is shown to be in the air. Meanwhile the
-/// autopilot's link keeps its motors running.
+/// Landed: until the drone was disarmed and is armed again, or until it is shown to be in the air, with the link
+/// keeping its motors running.
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,

@@ -134,8 +134,8 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
 }
 
 /// On station in `phase`: until the time is over or the place is impossible. Without the vessel the drone stays at its
-/// place over ground, and continues to the station once the vessel is back. Orders, the battery and the mode have ended
-/// it before.
+/// place over ground, and continues to the station once the vessel is back. Orders, a low battery and a change of mode
+/// are handled before.
 pub(super) fn keeps(
     phase: MissionPhase,
     kept: &KeptStation,

@@ -1,5 +1,3 @@
-//! Tests of stations next to the vessel: accepted orders, and ends of a station.
-
 use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
     StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
@@ -142,8 +140,8 @@ fn station_rejected_with_its_reason() {
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
-        // The autopilot link arms and ends its own mission by the waiting reason, which has to be the same as without
-        // the order.
+        // The autopilot link acts on the waiting reason, e.g. it arms, so that reason has to be the same as without the
+        // order.
         let without = decided(phase, None, &s);
         assert_eq!(
             (d.phase.state(), d.waiting),

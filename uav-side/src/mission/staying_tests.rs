@@ -1,5 +1,3 @@
-//! Tests of staying on the deck by a forecast and by the wind that the odometry measures.
-
 use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
 use alight_shared::msg::{DeckForecast, DeckStage};
 

@@ -1,5 +1,3 @@
-//! Tests of a mission that succeeds another, with and without its checkpoint.
-
 use alight_shared::msg::{CommandKind, Motors};
 
 use super::node_tests::fresh_input;

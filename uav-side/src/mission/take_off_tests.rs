@@ -1,5 +1,3 @@
-//! Tests of a take-off's states: progress, stops and ends.
-
 use alight_shared::msg::ReasonCode::{
     Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting, DeckGrantStale,
     DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, MayFly, NoMoment, NotCleared, NotOnDeck,

@@ -1,5 +1,3 @@
-//! Tests of the pilot's equations, its safe actions, and random input.
-
 use alight_shared::config::parse;
 use alight_shared::msg::{DeckStage, LandedState, Motors};
 use nalgebra::UnitQuaternion;

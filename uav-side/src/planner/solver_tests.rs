@@ -1,5 +1,3 @@
-//! Tests of the planner's solver against a dense one, and of the sides of volumes.
-
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::SVector;
 

@@ -1,5 +1,3 @@
-//! Closed-loop tests of the planner, and invalid input.
-
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckStage, Header, State as Mode};
 use alight_shared::surroundings::{KeepOut, Surroundings};

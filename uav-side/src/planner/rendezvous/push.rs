@@ -5,7 +5,7 @@
 //! order
 //!
 //! ```text
-//! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)), S = |d0| / |u0| (1 + u0 u0' / |u0|²)
+//! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)),    S = |d0| / |u0| (1 + u0 u0' / |u0|²)
 //! ```
 //!
 //! In 10 m/s of wind this is a third of the disturbance from 7 m above a deck; a plan with a constant disturbance ends
