@@ -83,7 +83,7 @@ fn last_moment_for_the_next_place() {
         let first = step(TRACKING, &without_deck(0.13, missing));
         let waits = |d: &Decision| d.progress.low_battery == Some(Deck) && d.progress.landing;
         assert!(waits(&after(&first, 0.1, 0.055)), "not missing for long");
-        assert!(waits(&after(&first, 21.0, 0.061)), "home is in reach for longer");
+        assert!(waits(&after(&first, 21.0, 0.061)), "home is still in reach");
         let d = after(&first, 21.0, 0.06);
         goes(&d, State::GaveUp, BatteryHome);
         let text = d.entered.unwrap().to_string();
@@ -93,7 +93,7 @@ fn last_moment_for_the_next_place() {
         assert!(waits(&d));
         assert!(
             waits(&after(&first, 1.0, 0.029)),
-            "the margin is for a deck that comes back"
+            "the margin is used to wait for the deck"
         );
         goes(&after(&first, 1.0, 0.015), State::GaveUp, BatteryHere);
         let d = after(&d, 21.0, 0.03);

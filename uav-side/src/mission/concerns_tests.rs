@@ -177,7 +177,7 @@ fn rows_that_are_over() {
             "rest" => continue,
             // It ends no landing.
             "return" => continue,
-            _ => panic!("{name}: does it give the state back?"),
+            _ => panic!("{name}: is the state restored?"),
         };
         for phase in [MissionPhase::APPROACH, TRACKING, MissionPhase::TrackingStable] {
             let d = step(phase, &with(counts));

@@ -435,7 +435,10 @@ mod tests {
             v = 0.5 * (o.for_autopilot(&wanted).position[0] - x);
             x += 0.01 * v;
         }
-        assert!((s.position[0] - x).abs() > 0.1, "nothing to make up for: {x}");
+        assert!(
+            (s.position[0] - x).abs() > 0.1,
+            "no offset between the frames: {x}"
+        );
         assert!((s.position[0] - 1.0).abs() < 0.01, "{}", s.position[0]);
         let attitude = SetPoint {
             kind: SetPointKind::Attitude,

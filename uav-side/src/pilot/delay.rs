@@ -275,7 +275,7 @@ impl Pilot {
         let vertical = plan.sample(self.thrusts_at(now))?;
         stage.position[2] = vertical.position[2];
         stage.velocity[2] = vertical.velocity[2];
-        // The thrust that is in effect after its lag has to be the plan's at that time.
+        // The thrust that takes effect after its lag has to match the plan at that time.
         let lag = Span::from_secs(self.config.tracking.thrust_lag_s);
         let delayed = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
         stage.acceleration[2] = delayed.acceleration[2];

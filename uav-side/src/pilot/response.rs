@@ -170,7 +170,7 @@ impl ResponseEstimator {
         // Heading has its own loop.
         is * UnitQuaternion::from_scaled_axis(Vector3::new(roll * angle.x, pitch * angle.y, angle.z))
     }
-    /// Factors of the roll and pitch angles.
+    /// Factors on the roll and pitch angles of a command.
     fn factors(&self, c: &LagConfig) -> [f64; 2] {
         // A slower loop is not driven harder: autopilots limit rates and accelerations, so a larger step is followed
         // later, and the loop oscillates.

@@ -104,10 +104,10 @@ impl Pilot {
     }
 
     /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the
-    /// attitude loop commands the rate `angle / T`, the rate loop below it that change within `T_r`, which takes the
-    /// torque `tau = J angle / (T T_r)`; four rotors with the arm length `l` in an X provide it by
-    /// `tau / (4 l / sqrt 2)` each. Mixers use up the collective's reserve before they raise it (PX4 without air mode),
-    /// or raise it no higher than hover (ArduCopter), as does this function.
+    /// attitude loop commands the rate `angle / T`, and to reach it within `T_r` the rate loop needs the torque
+    /// `tau = J angle / (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)`
+    /// each. Mixers use up the collective's reserve before they raise it (PX4 without air mode), or raise it no higher
+    /// than hover (ArduCopter), as does this function.
     fn min_thrust(&self, angle: f64) -> f64 {
         let (g, c) = (&self.geometry, &self.config.lag);
         let [roll, pitch, _] = g.inertia_kgm2;

@@ -407,7 +407,7 @@ fn hard_contact_by_speed_and_impact() {
     assert!(met(2.6, 0.05, 60.0).is_some_and(|v| (v - 2.6).abs() < 1e-9));
     assert_eq!(met(0.9, 0.05, 60.0), None, "a good contact");
     assert_eq!(met(2.6, 3.0, 60.0), None, "a gust in the air");
-    assert_eq!(met(2.6, 0.05, 1.0), None, "nothing was met");
+    assert_eq!(met(2.6, 0.05, 1.0), None, "no contact force");
 }
 
 /// A drone that levels its tilt in a strong wind, low over the deck: the air's lift increases.
@@ -492,10 +492,7 @@ fn motors_outside_a_landing() {
         let mut w = World::new(moderate(1.0), Task::Land(0.5, 1.0), 9);
         (w.state, w.mode) = (state, mode);
         w.fly(8.0);
-        assert!(
-            w.first_contact.is_some(),
-            "{state:?}: pressed onto the deck all the same"
-        );
+        assert!(w.first_contact.is_some(), "{state:?}: pressed onto the deck");
         assert_eq!(w.stopped, None, "{state:?} {mode:?}");
     }
 }

@@ -100,8 +100,6 @@ fn feedback_tilt_over_the_deck() {
     assert!(off(Authority::descent(&c)) > 3.0 * touching);
 }
 
-// Safe action.
-
 fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> PilotIn {
     let header = header(n, now);
     let stage = PlanStage {
@@ -301,7 +299,7 @@ fn withdrawn_landing_with_plans_that_go_on() {
         assert!((6.1..6.3).contains(&first), "{first}");
     }
     let mut other = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
-    assert_eq!(climbs_from(&mut other, 7.0), None, "a planner that answers");
+    assert_eq!(climbs_from(&mut other, 7.0), None, "the planner responds");
 }
 
 #[test]

@@ -94,9 +94,9 @@ pub enum TouchdownContact {
 // "Excess" is the specific force beyond the applied thrust: support of the drone other than by its rotors. The
 // thresholds suit a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
 
-/// Margin of the rangefinder's reading over the one on the deck within which the feet are near it, m.
+/// Excess of the rangefinder's reading over its value on the deck up to which the feet are near the deck, m.
 const RANGE_MARGIN_M: f64 = 0.10;
-/// Margin beyond which the drone has left the deck, m.
+/// Excess of that reading from which the drone has left the deck, m.
 const RANGE_RELEASE_M: f64 = 0.25;
 /// Largest forecast clearance for a contact without the rangefinder, m.
 const BLIND_CLEARANCE_M: f64 = 0.20;
@@ -135,13 +135,13 @@ const BLIND_CONFIRM_S: f64 = 0.2;
 const GIVE_UP_S: f64 = 0.6;
 /// Excess below which the drone is unsupported while the thrust is cut, m/s².
 const FALLS_EXCESS_MPS2: f64 = 1.0;
-/// Time unsupported after which the drone is in the air, s: longer than between two contacts of a soft bounce. It gains
-/// 0.9 m/s meanwhile, which can be braked from [`CLEARANCE_VETO_M`].
+/// Time without support after which the drone is in the air, s: longer than between two contacts of a soft bounce. It
+/// gains 0.9 m/s meanwhile, which can be braked from [`CLEARANCE_VETO_M`].
 const FALLS_S: f64 = 0.15;
 /// Duration of the excess for confirmation without the autopilot's report of its thrust, on a drone that stays on the
 /// deck, s: five times the delay from its command to the rotors.
 const SILENT_CONFIRM_S: f64 = 0.4;
-/// Time before a contact in which its speed is searched for, s.
+/// Time before a contact over which the closing speed is maximised, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
 /// Pause after a dropped suspicion, s.
 const PAUSE_S: f64 = 0.2;
@@ -174,7 +174,7 @@ pub(crate) struct TouchdownDetector {
     witness: RangeWitness,
     /// Speed away from the deck along its normal, low-passed, m/s; None if unknown.
     along: Option<f64>,
-    /// Start of being unsupported with the thrust cut.
+    /// Time since which nothing has supported the drone with the thrust cut.
     falls: Option<DroneTime>,
     /// Largest speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
     closing: (DroneTime, f64),

@@ -16,7 +16,7 @@ pub struct LandingStart {
     pub measured: bool,
     /// Time constant with which the position and velocity of each later plan approach the drone's, s; the plan also
     /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None: plans continue
-    /// without the drone.
+    /// without regard to the drone.
     pub not_behind: Option<f64>,
 }
 
@@ -38,7 +38,7 @@ pub trait Law: core::fmt::Debug + Send {
     fn landing_start(&self) -> LandingStart {
         LandingStart::default()
     }
-    /// Whether a plan of the law's own model restarts at the common planner's start.
+    /// Whether the law's own plan ([`Law::own_plan`]) has to restart at the common planner's start.
     fn begins(
         &self,
         _now: Time<DroneClock>,

@@ -8,7 +8,7 @@
 //! A plan starts from the previous plan sampled now, not from the measured state: the pilot's tracker closes the loop,
 //! and a lagging drone does not bend its own plan. It starts from the measured state if there is no previous plan, if
 //! that is old, if the drone is further from it than [`config::Reset`] allows, or if the autopilot's position estimate
-//! jumped. In a landing of `alight` it starts no higher above the drone than that, and sinks no slower.
+//! jumped. In a landing of `alight` its start is no higher above the drone than `Reset` allows, and sinks no slower.
 
 mod active_set;
 pub mod alignment;

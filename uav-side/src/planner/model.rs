@@ -1,9 +1,9 @@
 //! The paper's prediction model: the multirotor linearised about hover, and its exact discretisation (Procházka et al.
 //! 2024, eq. 4-5).
 //!
-//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles,
-//! input `u` = squared rotor speeds divided by their value at hover. The paper writes ENU; in NED
-//! input `u` = squared rotor speeds divided by their value at hover. The paper uses ENU; in NED
+//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` = squared
+//! rotor speeds divided by their value at hover. The paper uses ENU; in NED only the signs of z and of the torques
+//! change.
 //!
 //! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four integrators
 //! each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the increments of the four rotors

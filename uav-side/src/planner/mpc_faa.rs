@@ -209,8 +209,8 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y clear of the volumes: each axis gives way given the other and z, and once more if the other has
-    /// moved by that.
+    /// Keeps x and y clear of the volumes: each axis is solved with the other and z fixed, and once more if the other
+    /// has moved as a result.
     fn keep_clear(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
         let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));

@@ -115,7 +115,7 @@ config! {
         /// Plan the tilt as the horizontal acceleration that it causes at the planned vertical acceleration; if false,
         /// as `g tilt` of the linear model.
         pub true_tilt: bool = true;
-        /// Stage whose height over the deck measures the proximity of the contact.
+        /// Clearance that measures the proximity of the contact: that of each stage, or the present one.
         pub distance: FaaDistance = FaaDistance::PerStage;
         /// Start a landing from the measured state; if false, from the previous plan.
         pub start_from_measured: bool = true;

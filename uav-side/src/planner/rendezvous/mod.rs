@@ -32,7 +32,8 @@ use profile::{Height, Profile};
 use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
-/// Clearance over a deck to touch below which the wind is not estimated, m: contact forces are not wind.
+/// Clearance below which the wind is not estimated over a deck that the drone is to touch, m: contact forces are not
+/// wind.
 const FREE_M: f64 = 0.5;
 /// Distance from the deck's centre up to which its plane is followed, m: slightly more than half the width of the
 /// default deck.
@@ -68,7 +69,7 @@ struct DescentPlan {
     mean_z: f64,
     /// Wind that accelerates the drone during the alignment, m/s².
     wind: Vector2<f64>,
-    /// Distance of the plane to reach above the deck, along its normal, m.
+    /// Height of the target plane above the deck, along its normal, m.
     lifted_m: f64,
     /// Distance of the lowest foot below the feet's centre for a drone that tilts against the wind, m.
     lowered_m: f64,

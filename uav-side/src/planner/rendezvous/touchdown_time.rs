@@ -15,7 +15,7 @@ const GRID_S: f64 = 0.1;
 const MAX_CANDIDATES: usize = 41;
 
 /// Expected cost of touching this deck in `wind` (its horizontal acceleration, m/s²), without the cost of waiting:
-/// `E[x²] = E[x]² + var x` of each quantity, so that a poorly known time has an average cost.
+/// `E[x²] = E[x]² + var x` of each quantity, so that a poorly predicted time has the average cost.
 pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
