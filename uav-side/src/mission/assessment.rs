@@ -69,7 +69,6 @@ impl MissionNode {
         }
     }
 
-    /// Effect of the wind over the deck on a drone that follows the vessel, from the odometry.
     pub(super) fn wind(&self) -> WindPush {
         self.drone.get().map(WindPush::of).unwrap_or_default()
     }

@@ -22,7 +22,7 @@ const FALL: f64 = 0.02;
 const JUMP: f64 = 0.05;
 /// Shortest endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
-/// Longest endurance of a full battery, s: a lower power is no measurement.
+/// Longest endurance of a full battery, s: a measurement of a lower power is ignored.
 const MAX_FLIGHT_S: f64 = 7200.0;
 /// Weight of a new measurement of the power.
 const NEW: f64 = 0.3;
@@ -313,8 +313,8 @@ mod tests {
         assert_eq!(m.charge(&c), Some(0.0));
     }
 
-    /// A gauge that falls silent at 57 %: the charge falls on at the measured power, or at that of a battery that lasts
-    /// five minutes.
+    /// A gauge that falls silent at 57 %: the charge continues to fall at the measured power, or at that of a battery
+    /// that lasts five minutes.
     #[test]
     fn battery_gauge_that_falls_silent() {
         let c = config();
@@ -364,8 +364,8 @@ mod tests {
     }
 
     /// A drone that flies for 400 s from 90 % on, with a correct gauge down to 57 % that is then wrong, as are voltage
-    /// and current: the charge falls on, by the power measured before or by an installer, and across a successor. A new
-    /// minimum counts again.
+    /// and current: the charge continues to fall at the power measured before or by an installer, and across a
+    /// successor. A new minimum counts again.
     #[test]
     fn battery_gauge_that_lies() {
         let truth = |t: f64| 0.9 - (t - 10.0).max(0.0) / 400.0;

@@ -168,7 +168,7 @@ fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the mission controls an airborne drone without an order, which no other state would land.
+/// Whether the mission controls an airborne drone without an order; no other state would land it.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();

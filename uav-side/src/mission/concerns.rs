@@ -200,7 +200,6 @@ fn completes_without_data(
     lands && touches && known && s.deck.is_some_and(goes_on)
 }
 
-/// Hold until data are fresh, unless an operator has stopped the landing.
 fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> MissionPhase {
     if progress.stopped {
         gave_up(s, c)
@@ -256,7 +255,6 @@ fn way(
     Some(gave_up(s, c).enter(why))
 }
 
-/// Whether the drone is on its way to another place than the deck.
 pub(super) fn is_elsewhere(progress: &MissionProgress) -> bool {
     matches!(
         progress.low_battery,

@@ -4,8 +4,8 @@
 //! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission takes
 //! over, from its beginning. The drone returns at the end of that mission, when the battery requires it or by an order,
 //! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its charge to
-//! the limit. Each take-off needs the crew's clearance. A sortie that does not end disarmed on the deck without a
-//! finding ends the cycles, and the mission shows the reason from then on. Only another order to take off starts them
+//! the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck without a finding;
+//! otherwise the cycles end, and the mission shows the reason from then on. Only another order to take off starts them
 //! again.
 //!
 //! This module holds the cycles' state; `turnaround` holds the transitions.

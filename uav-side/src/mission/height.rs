@@ -30,9 +30,9 @@ use super::phase::DroneTime;
 use super::situation::relative_age_s;
 use crate::mission_config::MissionConfig;
 
-/// Rate at which the mean level follows the forecasts', m/s: many times the drift between two GNSS receivers. The
-/// minimum altitude depends on it, and a wrong forecast (once 20 m below the water, from an estimator that had lost the
-/// tilt) must not lower it. A permanent jump of the frame is reported by the count of origin resets.
+/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS receivers.
+/// The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, from an estimator that had lost
+/// the tilt) must not lower it. A permanent jump of the frame is reported by the count of origin resets.
 const LEVEL_MPS: f64 = 0.2;
 /// Standard deviation of the deck's height above which it counts as not detected, m: two receivers are worse; a camera
 /// that detects the tag from the tracking height is ten times better.

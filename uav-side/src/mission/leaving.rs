@@ -15,10 +15,11 @@ use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
 
 /// Fraction of hover's thrust, by the autopilot's report, above which rotors turn: a third of idle.
 const TURN_OF_HOVER: f64 = 0.1;
-/// Fraction of hover's thrust up to which rotors lift nothing; then the one that lifts a drone if it does not stick.
+/// Thrust, as a fraction of hover's, up to which rotors lift nothing, and thrust that lifts a drone whose feet do not
+/// stick.
 const IDLE_OF_HOVER: f64 = 0.7;
 const LIFTS_OF_HOVER: f64 = 1.05;
-/// Maximum age of odometry and of reports of the rotors that show that nothing has moved, s.
+/// Maximum age of odometry and rotor reports as evidence that nothing has moved, s.
 const RECENT_S: f64 = 0.2;
 
 #[derive(Clone, Debug, Default)]

@@ -7,10 +7,10 @@
 //! | speed along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
 //! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
 //!
-//! with the specific thrust `T` of the jump along the deck's normal with the horizontal part `n`, the wind's
-//! acceleration `w` and the deck's `a`, all horizontal, during the time `t_l` until the drone has levelled. The gap has
-//! to stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen,
-//! because it then falls away below the drone.
+//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a` are the
+//! horizontal accelerations by the wind and of the deck; `t_l` is the time until the drone has levelled. The gap has to
+//! stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen, because
+//! it then falls away below the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::normal::{below, inside, norm, smaller};

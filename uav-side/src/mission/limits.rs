@@ -11,8 +11,8 @@ pub(super) const STEADY_DISTANCE_M: f64 = 1.5;
 /// Maximum difference of a steady drone from the tracking height, m.
 /// Source: The drone does not follow heave at tracking height.
 pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
-/// Distance of the feet's centre outside the part of the deck on which all feet stand, above which a committed flare is
-/// broken off, m.
+/// Limit of the feet's centre outside the part of the deck on which all feet stand, m; beyond it a committed flare is
+/// broken off.
 /// Source: Half of the feet's span: half of the feet are off the deck.
 pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
 /// Time for which an order to land waits for a drone that is disarmed or under other control, s: enough for a pilot to

@@ -18,7 +18,6 @@ pub(super) fn node() -> MissionNode {
     )
 }
 
-/// Fresh inputs of a drone that hovers over a level deck.
 pub(super) fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
     let header = header(n, t);
     MissionIn {
@@ -251,7 +250,6 @@ fn command_freshness_and_order() {
     assert_eq!(m.phase.state(), State::GaveUp);
 }
 
-/// An order to land by the operator with this boot id.
 fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
 }

@@ -48,7 +48,6 @@ pub struct Outlook<'a> {
     pub staying: &'a Staying,
     pub drone: &'a DroneGeometry,
     pub plate: &'a DeckGeometry,
-    /// The planner can still choose the touchdown time.
     pub chooses: bool,
     pub response: AttitudeResponse,
 }

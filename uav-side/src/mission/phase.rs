@@ -314,7 +314,7 @@ pub struct Decision {
     pub progress: MissionProgress,
     /// Reason for the change of state; None without one.
     pub entered: Option<Reason>,
-    /// Reason for which the next state is not entered yet.
+    /// Reason why the next state is not entered yet.
     pub waiting: Reason,
 }
 

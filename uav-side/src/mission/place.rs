@@ -17,7 +17,7 @@ pub(super) struct Waypoint {
     pub(super) yaw: f64,
     /// Height over the deck's mean level, m.
     pub(super) height_m: f64,
-    /// The place over the deck is kept, and moves with it.
+    /// The drone keeps its place over the deck and moves with the deck.
     pub(super) with_deck: bool,
     /// Waiting place off the deck, from its centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,
@@ -98,7 +98,6 @@ impl Waypoint {
         }
     }
 
-    /// Place of an approach: over the deck, or at the waiting place.
     fn approaching(self, s: &Situation, c: &MissionConfig) -> Waypoint {
         let waits = s.waits(c).is_some();
         let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);

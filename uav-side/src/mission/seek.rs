@@ -12,7 +12,7 @@ use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTr
 use super::situation::{ControlState, SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Distance from the place above which a hold for stale data is not the place to wait, m.
+/// Maximum distance from the vessel's place at which the drone waits for data in a hold, m.
 pub(super) const FAR_M: f64 = 100.0;
 /// Distance to the place below which the heading stays constant, m.
 const ARRIVED_M: f64 = 10.0;

@@ -108,7 +108,7 @@ fn settings_while_armed_or_ordered_to_land() {
         ..flying
     };
     assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
-    // The order to land arrives with the settings, then before them.
+    // The order to land arrives together with the settings, then before them.
     let mut m = node();
     let ordered = MissionIn {
         commands: vec![command(header(1, at(1.0)), CommandKind::Land)],

@@ -336,7 +336,7 @@ pub struct Charges {
 pub struct Situation {
     pub now: Time<DroneClock>,
     pub flight: ControlState,
-    /// Reason for which the autopilot's state permits no landing.
+    /// Reason why the autopilot's state permits no landing.
     pub rejection: Option<Reason>,
     /// Reason if the drone's frame has jumped since the last forecast.
     pub moved: Option<Reason>,
@@ -399,7 +399,7 @@ pub struct Situation {
     pub hard_contact_mps: Option<f64>,
     /// Another drone has requested the deck on which this one stands.
     pub deck_wanted: bool,
-    /// Reason for which the vessel does not clear a take-off.
+    /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
     /// The autopilot reports that the drone is on the ground.
     pub on_ground: bool,
@@ -452,8 +452,8 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Reason for which a detected touchdown is false: the rotors carry the drone above the deck, if its height is
-    /// known, or off the deck. Without the thrust the height above the deck decides alone.
+    /// Reason why a detected touchdown is false: the rotors carry the drone above the deck, if its height is known, or
+    /// off the deck. Without the thrust the height above the deck decides alone.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
@@ -482,8 +482,8 @@ impl Situation {
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
-    /// Reason for which the deck is not detected: darkness if the deck lies in the camera's image, within 45 deg of
-    /// straight below; otherwise no detection.
+    /// Reason why the deck is not detected: darkness if the deck lies in the camera's image, within 45 deg of straight
+    /// below; otherwise no detection.
     pub fn not_detected(&self, deck: &Deck) -> Reason {
         let below = deck.distance_m <= deck.clearance_m;
         self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())

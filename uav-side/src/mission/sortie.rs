@@ -33,7 +33,7 @@ const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
 /// Margin in standard deviations of the vessel's place.
 const MARGIN_SD: f64 = 2.0;
-/// Drift speed in the maximum margin, which is that of a vessel that reverses its course at once, m/s.
+/// Drift speed in the upper bound of the margin, m/s; the bound also covers a vessel that reverses its course at once.
 const DRIFT_MPS: f64 = 0.3;
 
 /// Maximum distance of the vessel from its extrapolated place, m: `2 q sqrt(t³ / 3)` after the time `t` with the
@@ -133,7 +133,6 @@ impl ReturnLeg {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Energy {
-    /// Charge, 0 to 1.
     pub(super) charge: f64,
     pub(super) power: f64,
     /// Charge that is kept for the landing, 0 to 1.
@@ -170,7 +169,7 @@ impl Energy {
 }
 
 impl MissionNode {
-    /// Updates the time that a drone on a sortie has left.
+    /// Updates the remaining time of a drone on a sortie.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {

@@ -109,7 +109,6 @@ fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
-/// Whether the drone is under our control and its deck is known.
 fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
@@ -215,7 +214,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransi
     MissionPhase::APPROACH.enter(HeightReached)
 }
 
-/// Climbs straight up to the height of its waiting place, with the deck while over it.
+/// Climbs vertically to the height of the waiting place, and moves with the deck while above it.
 fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
     MissionPhase::GetAltitude { from }.enter(why)
@@ -260,7 +259,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
     MissionPhase::TRACKING.enter(InSight)
 }
 
-/// Reason for which the drone is not steady above the deck; `slack` widens the limits.
+/// Reason why the drone is not steady above the deck; `slack` widens the limits.
 fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
     let height = match (s.own, s.mean_deck_z) {
         (Some(own), Some(mean)) => (own.position.z - (mean - c.tracking_height_m)).abs(),
@@ -302,7 +301,6 @@ fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTr
         .or_else(doubted)
 }
 
-/// Factor on the limits of a landing by its [`urgency`].
 fn widening(urgency: f64) -> f64 {
     if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
@@ -413,12 +411,12 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
     }
 }
 
-/// RMS oscillation of the commanded tilt beyond plan and wind up to which the attitude loop is stable, rad (5 deg):
-/// half of the angle of a harmful contact.
+/// Limit of the commanded tilt's RMS oscillation beyond plan and wind, rad (5 deg): half of the angle of a harmful
+/// contact. A stable attitude loop stays below it.
 const MAX_SWING_RAD: f64 = 0.087;
 
-/// Maximum time of a flare without vision, s: its last metre, with the tags out of view; and the longer one while the
-/// radio reports the vessel's position.
+/// Maximum time of a flare without vision, s: for the last metre, in which the tags are out of view, and longer while
+/// the radio reports the vessel's position.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
 /// Age of the vessel's position by radio up to which it counts, s.
@@ -474,7 +472,6 @@ fn landed(
     landed.stay(progress.cycles.ended.filter(|_| disarmed).unwrap_or_default())
 }
 
-/// Whether the drone is above a deck that it detects.
 fn above(deck: &Deck, c: &MissionConfig) -> bool {
     deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
 }

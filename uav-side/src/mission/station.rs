@@ -167,8 +167,8 @@ pub(super) fn leaves(
     next
 }
 
-/// Place of the station from the deck's centre, NED, m, on the way round the deck. None: the drone climbs first low
-/// over the vessel, or stays without the vessel.
+/// Place of the station from the deck's centre, NED, m, on the way round the deck. None: low over the vessel the drone
+/// first climbs, and without the vessel it stays.
 pub(super) fn offset(
     kept: &KeptStation,
     at: &Vector3<f64>,

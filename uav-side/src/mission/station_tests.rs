@@ -11,7 +11,6 @@ use super::situation::OwnState;
 use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with};
 use super::*;
 
-/// To starboard, abeam.
 const ABEAM: Station = Station {
     ahead_m: 0,
     right_m: 20,
@@ -34,7 +33,6 @@ fn radio_age(s: &mut Situation, age_s: f64) {
         (deck.radio_age_s, deck.vision_age_s) = (age_s, 1e3);
     }
 }
-/// One step of a drone that needs the deck's reservation.
 fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> Decision {
     let shared = MissionConfig {
         reservation_required: true,
@@ -77,7 +75,7 @@ fn station_in_the_frame_of_the_heading() {
     let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
-    // To starboard of a vessel that heads east is south, and the way leads round the vessel.
+    // Starboard of a vessel that heads east is south; the way there leads round the vessel.
     let abeam = flying(|s| {
         high(s);
         let deck = s.deck.as_mut().unwrap();

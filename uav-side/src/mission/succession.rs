@@ -16,7 +16,7 @@ use super::{MissionIn, MissionNode};
 pub(super) struct MissionSuccession {
     /// Start-up while it is not known whether a predecessor flew.
     pub(super) beginning: Option<MissionStartUp>,
-    /// Reason for which the drone has to be made safe first: a start without a checkpoint, or a loss of control to the
+    /// Reason why the drone has to be made safe first: a start without a checkpoint, or a loss of control to the
     /// autopilot's hold.
     pub(super) needs_safe_start: Option<ReasonCode>,
     /// The drone, under our control without an order, has been away from the deck.

@@ -5,7 +5,6 @@ use super::tests::{at, config};
 use super::*;
 use crate::fixtures::{command, header};
 
-/// Checkpoint of a mission over the deck in this state.
 fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     let header = Header::new(1, 1, 5, 9, at(t));
     MissionCheckpoint {

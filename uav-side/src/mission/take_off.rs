@@ -33,8 +33,7 @@ const COUNTDOWN_S: f64 = 5.0;
 /// Time within which the autopilot has to arm, s: PX4 needs a second of set-points before OFFBOARD, then three attempts
 /// a second apart, and two heartbeats a second apart report it.
 const ARMING_S: f64 = 10.0;
-/// Time until a command to arm that is under way takes effect visibly, s: its answer, and two heartbeats a second
-/// apart.
+/// Time until a command to arm that is under way becomes visible, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
 /// Time until rotors that an armed autopilot reports as turning are at idle speed, s: speed controllers start a motor
 /// within a second, without a report.
@@ -337,8 +336,8 @@ fn rising(s: &Situation) -> MissionPhase {
     }
 }
 
-/// Take-off: until the drone is clear of the deck. Before the feet have left it the thrust may still be cut, if that is
-/// measured without a gap.
+/// Take-off: until the drone is clear of the deck. Before the feet have left it, the thrust may still be cut if the
+/// rise is measured without a gap.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;

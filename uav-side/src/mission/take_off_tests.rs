@@ -61,7 +61,6 @@ fn decided(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> 
     };
     decide(phase, progress, command, s, &permits())
 }
-/// Resulting state, with the reason for its entry or for waiting.
 fn follows(phase: MissionPhase, command: Option<CommandKind>, s: &Situation) -> (State, ReasonCode) {
     let d = decided(phase, command, s);
     (d.phase.state(), d.entered.unwrap_or(d.waiting).code)

@@ -209,7 +209,6 @@ pub(super) fn attempt() -> MissionProgress {
     }
 }
 
-/// Effect of a decision: it enters a state or stays, and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Does {
     Enter(State, ReasonCode),
@@ -305,7 +304,7 @@ fn silent_vessel_with_its_beacon() {
         Approach,
         Recovered,
     );
-    // Several decks are detected, one of which is the own one.
+    // Several decks are detected, one of them the vessel's.
     let several = Situation {
         several: Some(Reason::new(SeveralDecks, 2.0, 0.0)),
         ..with_deck(|d| d.vision_age_s = 9.0)

@@ -91,9 +91,9 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
 }
 
 /// Whether a landing that an operator stops now is completed, because that contact is softer
-/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even into a harder
-/// contact, unless that is harmful. The decision to complete is final, because otherwise each new forecast could
-/// reverse it at a decreasing height.
+/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even if that contact is
+/// harder, unless it is harmful. The decision to complete is final, because otherwise each new forecast could reverse
+/// it at a decreasing height.
 fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> bool {
     let stays = s.staying.probability >= c.min_probability;
     let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {

@@ -49,7 +49,7 @@ const JUMP_M: f64 = 0.2;
 const COUNTED_JUMP_M: f64 = 0.02;
 /// Increase of [`JUMP_M`] in a gap of 1 s without samples, m; it grows with the gap's square.
 const JUMP_IN_GAP_M: f64 = 0.5;
-/// Gap in which jumps are no longer detected, s.
+/// Gap of odometry above which jumps within it are not detected, s.
 const MAX_GAP_S: f64 = 1.0;
 /// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong: the smoothing
 /// restarts from the autopilot's odometry, in the present frame.

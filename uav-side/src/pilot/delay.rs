@@ -157,7 +157,6 @@ pub(super) fn parabola_minimum(costs: &[f64]) -> Option<f64> {
     Some(best as f64 + aside.clamp(-0.5, 0.5))
 }
 
-/// Age of the odometry at its arrival, commands under way, and dead time of the thrust.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Delay {
     age_s: Option<f64>,
@@ -165,7 +164,6 @@ pub(crate) struct Delay {
     thrust: ThrustDelay,
 }
 
-/// Response of the drone to commands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dynamics {
     pub(crate) response: AttitudeResponse,

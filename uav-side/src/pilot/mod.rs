@@ -362,8 +362,8 @@ impl Pilot {
         }
     }
 
-    /// Whether the plan is of a landing that `mission` has withdrawn and the planner has not responded for several of
-    /// its periods. A plan of the same instant may have been started before the withdrawal.
+    /// Whether the plan belongs to a landing that `mission` has withdrawn, and the planner has not responded for
+    /// several of its periods. A plan of the same instant may have been started before the withdrawal.
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing

@@ -123,7 +123,6 @@ const PRESS_OF_HOVER: f64 = 0.4;
 /// Thrust at the end of the ramp, as a fraction of hover.
 /// Source: Low enough to keep load on the feet on a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
-/// Length of the ramp, s.
 const PRESS_RAMP_S: f64 = 0.2;
 /// Smallest sustained excess for confirmation, m/s².
 const CONFIRM_EXCESS_MPS2: f64 = 2.0;
@@ -279,7 +278,7 @@ impl TouchdownDetector {
         }
     }
 
-    /// Updates the support beyond the thrust; returns this step's excess.
+    /// Updates the excess and the air's lift; returns this step's excess.
     fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
         if let Some(max_thrust) = e.begins_within {
             // Only a force above the maximum thrust is a contact.

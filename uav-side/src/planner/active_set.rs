@@ -221,7 +221,8 @@ impl<const N: usize> ActiveSet<N> {
         worst
     }
 
-    /// Adds the row to the set and removes the rows whose multipliers reach zero by that. False after too many changes.
+    /// Adds the row to the set and removes the rows whose multipliers reach zero as a result. False after too many
+    /// changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
             // So far at its bound, with the multiplier of its linear cost.

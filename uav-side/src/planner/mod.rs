@@ -170,7 +170,7 @@ impl Planner {
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
-        // Half a tick at the highest rate counts as on time.
+        // Up to half a tick early, at the highest rate, counts as on time.
         const EARLY_S: f64 = 0.004;
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,

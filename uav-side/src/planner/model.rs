@@ -15,7 +15,6 @@ use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{DeckStage, DroneState};
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Number of states of the full model.
 pub const STATES: usize = 12;
 /// Number of rotors, and of virtual inputs.
 pub const INPUTS: usize = 4;

@@ -23,7 +23,6 @@ use super::config::{PlannerConfig, PlannerKind};
 use super::model::{Chain, DiscreteModel, HoverModel, INPUTS, ModelState, state};
 use super::qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, SparseForm};
 
-/// One problem: state, references and weights.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {
     /// Present state, in the paper's order.
@@ -362,7 +361,7 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        // A missing entry does not bound.
+        // A missing entry is no bound.
         let local_bound = |given: Option<&f64>, none: f64| {
             given.map_or(none, |g| (g - origin).clamp(-NO_CEILING, NO_CEILING))
         };

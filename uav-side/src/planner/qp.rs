@@ -371,7 +371,6 @@ impl<const N: usize> SparseForm<N> {
     }
 }
 
-/// Interior-point solver of one chain.
 pub struct ChainSolver<const N: usize> {
     form: SparseForm<N>,
     /// None if Clarabel rejected the structure, which a validated configuration excludes.

@@ -249,7 +249,7 @@ impl ReferenceGenerator {
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (GovernedMotion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
-                // The place over the deck is kept in the deck's frame, and moves out along the escape direction.
+                // The drone keeps its place in the deck's frame, and moves out along the escape direction.
                 let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
                 let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
@@ -426,7 +426,7 @@ impl ReferenceGenerator {
             settle_s,
         };
         let (psi, rate) = target(0);
-        // The target's turn closest to the plan's heading, for the shortest way round.
+        // The target heading closest to the plan's, so that the drone turns the short way.
         let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
         let start = GovernedMotion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(

@@ -10,7 +10,8 @@ use super::{PlanReference, ReferenceGenerator};
 use crate::contingency::NEAR_DECK_M;
 use crate::surroundings::{Passage, margin_m};
 
-/// Distance of the plan's bound below the reference at the lowest clearance, m: the two must not pull at each other.
+/// Distance of the plan's bound below the lowest clearance of the reference, m: the bound must not act on a plan that
+/// follows the reference.
 const UNDERCUT_M: f64 = 0.2;
 /// Widening of the deck's outline within which the minimum altitude does not apply, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;

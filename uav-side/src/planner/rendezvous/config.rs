@@ -102,7 +102,7 @@ config! {
 config! {
     /// The rendezvous planner (`alight`).
     ///
-    /// Chosen: on landings on seven decks (40 each). The tilt weighs more far away than alignment needs, so that the
+    /// Chosen: by landings on seven decks (40 each). The tilt weighs more far away than alignment needs, so that the
     /// plan does not follow the forecast's noise. Stages count as contact for as long as the contact may be late
     /// (`after_s`, 0.1 s): a longer alignment costs position and tilt, because a drone with a matched tilt accelerates
     /// away from the deck.

@@ -47,8 +47,9 @@ impl TouchdownTime {
         self.at = None;
     }
 
-    /// Time until the contact (s), chosen again until [`TouchdownTimeConfig::freeze_s`] before it. `min_time` is the
-    /// earliest possible, `left` the profile's time at the present height; in a `flare` there is no waiting.
+    /// Time until the contact (s). Each call chooses it again until [`TouchdownTimeConfig::freeze_s`] before the
+    /// contact. `min_time` is the earliest possible, `left` the profile's time at the present height; in a `flare`
+    /// there is no waiting.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
