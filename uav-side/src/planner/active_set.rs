@@ -181,11 +181,11 @@ impl<const N: usize> ActiveSet<N> {
                 slack: None,
                 unit: 0.0,
             };
-            look(row(Bounded::Input, 1.0), *u, limits.input[1]);
-            look(row(Bounded::Input, -1.0), *u, -limits.input[0]);
+            consider(row(Bounded::Input, 1.0), *u, limits.input[1]);
+            consider(row(Bounded::Input, -1.0), *u, -limits.input[0]);
             let (slack, place) = (2 * stage, 2 * stage + self.at.place);
             for sign in [1.0, -1.0] {
-                look(row(Bounded::Slew, sign), u - before, limits.slew);
+                consider(row(Bounded::Slew, sign), u - before, limits.slew);
                 for (i, limit) in limits.state.iter().enumerate() {
                     if let Some(limit) = limit {
                         let row = Row {
@@ -193,7 +193,7 @@ impl<const N: usize> ActiveSet<N> {
                             unit: *limit,
                             ..row(Bounded::State(i), sign)
                         };
-                        look(row, x[i], *limit);
+                        consider(row, x[i], *limit);
                     }
                 }
             }
@@ -209,12 +209,12 @@ impl<const N: usize> ActiveSet<N> {
                         unit: self.at.unit_m,
                         ..row(Bounded::Place, sign)
                     };
-                    look(row, x[0], sign * bound);
+                    consider(row, x[0], sign * bound);
                 }
             }
             for i in [slack, slack + 1] {
                 if self.slacks[i].open {
-                    look(Row::of_slack(i), 0.0, 0.0);
+                    consider(Row::of_slack(i), 0.0, 0.0);
                 }
             }
         }
