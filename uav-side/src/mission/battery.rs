@@ -158,7 +158,7 @@ impl BatteryMonitor {
             (self.minimum, self.start) = (Some((now, charge)), Some((now, charge)));
             return;
         };
-        // Rises after wrong low readings count as far as the discharge over the whole flight allows.
+        // After wrong low readings a rise counts up to the charge that the discharge over the whole flight leaves.
         let back = self.by_gauge.map(|p| charge.min(left(start, now, p)));
         let back = back.filter(|b| *b > minimum.1 + WRONG);
         if let Some(lower) = back.or(Some(charge).filter(|b| *b < minimum.1)) {

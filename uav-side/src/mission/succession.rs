@@ -61,8 +61,8 @@ impl MissionNode {
         self.commands.first_of(now, &begun.commands)
     }
 
-    /// The command to apply, if any, and the reason for which a predecessor's checkpoint was rejected; None until the
-    /// start is decided.
+    /// The command to apply, if any, and the reason why a predecessor's checkpoint was rejected; None until the start
+    /// is decided.
     pub(super) fn order(
         &mut self,
         now: Time<DroneClock>,

@@ -516,7 +516,7 @@ fn successor_of_a_mission_that_takes_off() {
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
-    // The autopilot's report is old without a deck, or wrong after the feet had left.
+    // Without a deck the autopilot's report may be old; after the feet have left, it is wrong.
     let mut s = low(0.05, true, 0.0);
     assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
     s.deck = None;

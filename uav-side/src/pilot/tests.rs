@@ -504,7 +504,7 @@ fn false_touchdown_taken_back() {
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has not received the touchdown yet, then has, then flies.
+    // The mission has not received the touchdown, then receives it, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
