@@ -7,7 +7,7 @@
 //! show how the round trip divides between the directions. The interval covers every division; its uniform standard
 //! deviation is width / sqrt(12), and an error at its edge is sqrt(3) of these.
 //!
-//! Every exchange in the window contributes, with bounds widened by the drift since. The fastest request and the
+//! Every exchange in the window contributes, with bounds widened by the drift since then. The fastest request and the
 //! fastest reply therefore bound the offset even if they belong to different exchanges: Mills' minimum-delay sample per
 //! direction. Vessel estimates provide upper bounds, because their time of validity precedes their arrival.
 //!
@@ -41,7 +41,7 @@ pub struct Offset {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExchangeRejection {
     RoundTrip,
-    /// Contradicts all others. It may be the first after a step, and is stored separately.
+    /// The exchange contradicts all others. It may be the first after a step, and is stored separately.
     Contradiction,
 }
 
@@ -129,8 +129,8 @@ impl ClockOffset {
         Ok(())
     }
 
-    /// Adds an upper bound from a message valid at `at` that arrived at `arrival`. Ignored before the first exchange,
-    /// and when it contradicts the exchanges.
+    /// Adds an upper bound from a message valid at `at` that arrived at `arrival`. The message is ignored before the
+    /// first exchange, and if it contradicts the exchanges.
     pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
         let new = Bounds::of_message(at.nanos(), arrival);
         let max_drift = self.config.max_drift;
@@ -291,11 +291,11 @@ mod tests {
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
         run(&mut c, 0.0, 0.05, 0.05, 0.4).unwrap();
         let before = c.at(t(1.0)).unwrap();
-        // Valid at vessel time 0.6 = drone time 1.0, arrived 10 ms later.
+        // A message valid at vessel time 0.6 (drone time 1.0) arrives 10 ms later.
         c.one_way(t(0.6), t(1.01));
         let after = c.at(t(1.01)).unwrap();
         assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.max_error_s);
-        // Valid after its arrival: impossible and ignored.
+        // A message cannot be valid after its arrival, so this one is ignored.
         c.one_way(t(5.0), t(1.02));
         assert!((c.at(t(1.02)).unwrap().offset_s - after.offset_s).abs() < 1e-6);
     }
@@ -303,13 +303,13 @@ mod tests {
     #[test]
     fn clock_offset_with_uneven_traffic() {
         let mut c = ClockOffset::new(&ClockConfig::default());
-        // Delays between 60 and 140 ms; thirty estimates per two exchanges.
+        // Delays vary between 60 and 140 ms, and thirty estimates arrive per two exchanges.
         let delay = |k: u32, phase: f64| 0.1 + 0.04 * (f64::from(k) * 2.4 + phase).sin();
         for k in 0..60 {
             let now = 0.5 * f64::from(k);
             run(&mut c, now, delay(k, 0.3), delay(k, 4.0), 0.4).unwrap();
             for j in 0..15 {
-                // One of them arrives after 10 ms.
+                // One of these estimates arrives after 10 ms.
                 let late = if (k, j) == (40, 7) {
                     0.01
                 } else {

@@ -16,7 +16,7 @@ config! {
         /// Chosen: 150 estimates at 30 Hz.
         pub loss_window_s: f64 = 5.0, in 0.5..=60.0;
         /// Tolerance for a time of validity beyond the clock's bounds, s.
-        /// Chosen: one resolution of a 100 Hz loop; ten are not needed.
+        /// Chosen: one period of a 100 Hz loop; ten periods are not needed.
         pub future_margin_s: f64 = 0.01, in 0.0..=1.0;
         /// Clock offset.
         pub clock: ClockConfig;

@@ -1,8 +1,9 @@
 //! The drone's radio end: admission of the vessel's messages, clock offset, link statistics.
 //!
-//! Pure: packets in, messages on the drone's clock out; the surrounding process owns the sockets. Start with [`node`]:
-//! [`node::Bridge`]'s `step` processes a packet completely. [`order`] keeps messages in order, `status` assembles the
-//! drone's status for the vessel, [`clock`] estimates the offset of the two clocks, and [`link`] keeps the statistics.
+//! The crate is pure: packets in, messages on the drone's clock out. The surrounding process owns the sockets. Start
+//! with [`node`]: [`node::Bridge`]'s `step` processes a packet completely. [`order`] keeps messages in order, `status`
+//! assembles the drone's status for the vessel, [`clock`] estimates the offset of the two clocks, and [`link`] keeps
+//! the statistics.
 
 pub mod clock;
 pub mod config;

@@ -26,14 +26,14 @@ use crate::status::StatusReport;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
     pub kind: RadioTopic,
-    /// Owner of the key it arrived on.
+    /// Owner of the key on which the packet arrived.
     pub sender: Sender,
     pub bytes: Vec<u8>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeIn {
-    /// In order of arrival, with arrival times.
+    /// Packets in order of arrival, with arrival times.
     pub packets: Vec<Stamped<DroneClock, Packet>>,
     pub mission: Option<MissionState>,
     pub drone: Option<DroneState>,
@@ -184,7 +184,7 @@ impl Bridge {
             }
             RadioTopic::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
-                // Its time is that of the first stage, which may be one step ahead.
+                // The time of a prediction is that of its first stage, which may be one step ahead.
                 let ahead = f64::from(m.step_s).clamp(0.0, 1.0);
                 let (at, _) = self.admit(arrival, &m, kind, ahead)?;
                 out.prediction = Some(m.restamped(at));
@@ -214,7 +214,7 @@ impl Bridge {
                     Ok((at, _)) => at,
                     Err(why) if counts_despite(m.kind, why) => {
                         self.orders[kind as usize].admit(m.header.sequence);
-                        // An old command keeps its time, by which the mission recognises repetitions.
+                        // An old command keeps its time, because the mission recognises repetitions by it.
                         let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
                         given.filter(|_| why == RejectionReason::Stale).unwrap_or(arrival)
                     }
@@ -243,7 +243,7 @@ impl Bridge {
         arrival: Time<DroneClock>,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
-        // The missing base may arrive after it and is not late then: a joining drone asks for it.
+        // The missing base may arrive after this message without being late, because a joining drone asks for it.
         if !self.updates.has_base(m) {
             return Ok(None);
         }

@@ -34,7 +34,7 @@ struct CurrentComputer {
     received: Time<DroneClock>,
     /// Time of acceptance.
     adopted: Time<DroneClock>,
-    /// Boot whose restart it was taken for.
+    /// Boot of the computer that this one is assumed to have replaced after a restart.
     predecessor: Option<u32>,
 }
 
@@ -43,9 +43,9 @@ struct Other {
     boot: u32,
     first: Time<DroneClock>,
     newest: Time<DroneClock>,
-    /// Was the current computer before.
+    /// This computer was the current one before.
     retired: bool,
-    /// Was active at the same time as the current computer.
+    /// This computer was active at the same time as the current one.
     is_second: bool,
 }
 
@@ -57,7 +57,7 @@ pub enum Boot {
     /// Possible restart of the current computer, which has been silent long enough. A message must prove that it is
     /// newer.
     Next,
-    /// Not proven newer than the current computer, which was received recently; or superseded.
+    /// The boot is superseded, or not proven newer than the current computer, which was received recently.
     Other,
     /// Another computer with the same identity, active at the same time as the current one.
     Second,
@@ -180,7 +180,7 @@ impl SequenceOrder {
         }
     }
     /// Sequence numbers since the newest admitted message, for messages that may overtake one another; rejects repeated
-    /// ones, and those more than 64 older.
+    /// messages, and messages that are more than 64 older.
     pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match (self.advance(sequence), self.newest) {
             (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {
@@ -258,12 +258,13 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.observe(at(1.0), 8);
-        // Under way before the other was first received: the current computer may have ended in the meantime.
+        // This message was already under way when the other computer was first received, so the current one may have
+        // ended in the meantime.
         b.received(at(1.2), at(0.9));
         assert_eq!(b.second(at(1.2)), None);
         b.received(at(1.3), at(1.1));
         assert_eq!(b.second(at(1.3)), Some(8));
-        // No outage within a flight hands its identity to the second computer.
+        // An outage within a flight never transfers the identity to the second computer.
         assert_eq!(b.observe(at(61.0), 8), Boot::Second);
         assert_eq!(b.observe(at(62.0), 8), Boot::Next);
         b.adopt(at(62.0), 8);

@@ -30,7 +30,7 @@ fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<V
     VesselEstimate {
         header: Header::new(1, 0, boot, sequence, at),
         datum: Datum::default(),
-        // Distinct numbers that no rounding changes.
+        // Distinct numbers that 16-bit floats represent exactly.
         eta: [1.0, 2.0, 0.125, 0.0625, -0.03125, 1.5],
         eta_dot: [0.5, -0.5, 0.25, -0.25, -0.125, 0.375],
         eta_ddot: [0.1, 0.2, 0.3, 0.4, 0.6, 0.7].map(f16::from_f32),
@@ -89,8 +89,8 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
     step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
-/// Bridge whose clock has converged over `seconds` of exchanges, and the time then. `delays` are those of request and
-/// reply in each step of 10 ms.
+/// Bridge whose clock has converged over `seconds` of exchanges, and the time at their end. `delays` are those of
+/// request and reply in each step of 10 ms.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
@@ -286,12 +286,12 @@ fn second_computer_with_the_vessels_identity() {
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
-    // Also during an outage of the current computer's radio that lasts as long as any descent.
+    // The same applies during an outage of the current computer's radio that lasts as long as any descent.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));
     assert!(passed.iter().any(|(t, _)| *t > 45.0));
-    // After a permanent outage, the other takes over the identity.
+    // After a permanent outage, the second computer takes over the identity.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
     let first = passed.iter().find(|(_, boot)| *boot == 2).unwrap().0;
@@ -301,7 +301,7 @@ fn second_computer_with_the_vessels_identity() {
 #[test]
 fn second_computer_first_received_in_an_outage() {
     let (mut b, now) = converged(0.05, 0.05, 5);
-    // It counts as the vessel's restart until the current computer replies.
+    // The second computer counts as the vessel's restart until the current computer replies.
     let passed = next_to_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
     assert!(passed.iter().any(|(_, boot)| *boot == 2));
     assert!(
@@ -341,7 +341,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     assert!(admitted(&mut b, now, &e(0, now)).is_none());
-    // Accepted when it replies to a request and its predecessor is silent.
+    // The restarted computer is accepted when it replies to a request and its predecessor is silent.
     let mut t = now + 0.6;
     let q = loop {
         t += 0.01;
@@ -365,7 +365,7 @@ fn bridge_link_state_at_10_hz() {
     let mut links = Vec::new();
     for k in 0..300_u32 {
         let now = start + 0.01 * f64::from(k);
-        // 25 Hz; every fifth is lost; silence after 2 s.
+        // Estimates at 25 Hz, of which every fifth is lost; silence after 2 s.
         let sent = k % 4 == 0 && now < start + 2.0;
         let seq = k / 4;
         let m = estimate(1, seq, vessel(now - 0.06));
@@ -479,7 +479,7 @@ proptest! {
     }
 }
 
-/// Assembled from the newest reports twice a second, once the mission publishes.
+/// The status is assembled from the newest reports twice a second, once the mission publishes.
 #[test]
 fn status_of_the_drone() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9).disarmed_within(2.0);

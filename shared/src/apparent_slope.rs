@@ -134,8 +134,8 @@ mod tests {
     use crate::time::VesselClock;
     use crate::vessel_model::{ROLL, SWAY};
 
-    /// A vessel that rolls by `amplitude` sin(omega t), with sideways acceleration like the sloping water under it
-    /// (`with` 1) or without (0); the deck is at its reference point.
+    /// A vessel that rolls by `amplitude` sin(omega t), with the deck at its reference point. If `with` is 1, it
+    /// accelerates sideways like the sloping water under it; if 0, it does not.
     fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope<VesselClock> {
         let mut f = ApparentSlope::default();
         for k in 0..(seconds * RATE_HZ) as u32 {
@@ -147,7 +147,7 @@ mod tests {
             };
             e.eta[ROLL] = amplitude * s;
             e.eta_dot[ROLL] = (amplitude * omega * c) as f32;
-            // Starboard down: the water accelerates to starboard by g tan(roll).
+            // With starboard down, the water accelerates to starboard by g tan(roll).
             e.eta_dot[SWAY] = (-with * GRAVITY * amplitude * c / omega) as f32;
             f.update(&e);
         }

@@ -301,7 +301,7 @@ impl fmt::Display for Described {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Described(p, value) = self;
         let unit = p.unit;
-        // In single precision, as the autopilot displays it.
+        // The value is displayed in single precision, as by the autopilot.
         write!(f, "{} is {}{unit}", p.name, *value as f32)?;
         if p.suits(*value) {
             return Ok(());

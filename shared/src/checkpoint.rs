@@ -47,7 +47,7 @@ impl fmt::Display for CheckpointRejection {
     }
 }
 
-/// Start of a node that waits for the checkpoint of its crashed predecessor.
+/// Start-up of a node that waits for the checkpoint of its crashed predecessor.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery<M> {
     since: Option<Time<DroneClock>>,
@@ -88,7 +88,7 @@ pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Resu
 
 /// Checkpoint of a node, with its place in the [`Keeper`].
 pub trait Checkpoint: Message<Clock = DroneClock> + Copy + Default {
-    /// Age above which it is rejected.
+    /// Age above which the checkpoint is rejected.
     const MAX_AGE: Span;
     /// Stored checkpoint of this kind.
     fn of(keeper: &Keeper) -> &Latest<Self>;
@@ -161,7 +161,7 @@ pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u
     wire::encode_record(&file)
 }
 
-/// Reads such a file; it must be complete, of this layout and of this owner.
+/// Reads a file written by [`to_file`]. The file must be complete, and its layout and owner must match.
 pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
     let damaged = |_: WireError| CheckpointRejection::Damaged;
     let file: File = wire::decode_record(file).map_err(damaged)?;
@@ -329,7 +329,7 @@ mod tests {
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
-    /// The purpose of a flight outlives a reboot with any new clock, but is no fresh checkpoint.
+    /// The purpose of a flight outlives a reboot with any new clock, but does not count as a fresh checkpoint.
     #[test]
     fn keeper_after_a_reboot() {
         assert!(keeper().lasting().is_empty());

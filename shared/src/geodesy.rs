@@ -147,7 +147,8 @@ mod tests {
         Datum::new(70.1, 19.2, 30.0),
     ];
 
-    /// Independent of ECEF: local radii of curvature, accurate to millimetres within 100 m.
+    /// Reference that is independent of ECEF: uses the local radii of curvature, and is accurate to millimetres within
+    /// 100 m.
     fn by_radii(from: &Datum, to: &Datum) -> Vector3<f64> {
         let lat = (0.5 * (from.latitude_deg + to.latitude_deg)).to_radians();
         let w2 = 1.0 - E2 * lat.sin().powi(2);
@@ -161,7 +162,8 @@ mod tests {
 
     #[test]
     fn known_ecef_coordinates() {
-        // By definition at the equator and the pole; in between from EPSG guidance note 7-2 (section 4.1.1).
+        // The expected values hold by definition at the equator and the pole. The one in between is from EPSG guidance
+        // note 7-2 (section 4.1.1).
         let at = |lat, lon, h| Datum::new(lat, lon, h).ecef();
         assert!((at(0.0, 90.0, 1.0) - Vector3::new(0.0, A + 1.0, 0.0)).norm() < 1e-6);
         assert!((at(90.0, 0.0, 0.0) - Vector3::new(0.0, 0.0, 6_356_752.314_2)).norm() < 1e-3);

@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn undulation_along_a_path() {
         let mut geoid = LocalGeoid::default();
-        // Towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
+        // A path towards the Puerto Rico trench, where the geoid is steepest; 20 km in steps of 50 m.
         let mut last: Option<f64> = None;
         for k in 0..400 {
             let place = Datum::new(18.6 + 0.00045 * f64::from(k), -66.0, 0.0);

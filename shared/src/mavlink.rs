@@ -1,5 +1,5 @@
-//! MAVLink frames: conversion between bytes and payloads. The only user of the MAVLink crate's reader and writer, whose
-//! releases break often; vessel and drone map payloads to their own messages.
+//! MAVLink frames: conversion between bytes and payloads. No other module uses the MAVLink crate's reader and writer,
+//! because its releases often break compatibility. Vessel and drone map payloads to their own messages.
 //!
 //! Extension fields of MAVLink 2 are read and written by their offset in the payload ([`Fields`], [`Outgoing`]): the
 //! crate's feature for them would add its code generator and the default features of its regular expressions to every
@@ -68,8 +68,8 @@ struct Waiting(VecDeque<u8>);
 
 impl Read for Waiting {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // One byte at a time: the reader then holds nothing back after a complete frame, and bytes between frames can
-        // be counted.
+        // The reader gets one byte at a time. It then buffers nothing beyond a complete frame, and bytes between frames
+        // can be counted.
         match (buffer.first_mut(), self.0.pop_front()) {
             (Some(to), Some(byte)) => {
                 *to = byte;
@@ -108,7 +108,7 @@ impl RawFrame {
 /// Frames from a byte stream that is cut at arbitrary points.
 pub struct FrameReader {
     reader: MavlinkReader<Waiting>,
-    /// Bytes received and bytes of complete frames; the difference is damage.
+    /// Bytes received and bytes of complete frames; the difference is the number of damaged bytes.
     taken: u64,
     whole: u64,
     lost: u64,
@@ -144,8 +144,8 @@ impl FrameReader {
             ..FrameReader::default()
         }
     }
-    /// Accepts the messages selected by `message` with any signature time: neither a wrong clock nor a possible replay
-    /// rejects them.
+    /// Accepts the messages selected by `message` with any signature time: they are accepted despite a wrong clock or a
+    /// possible replay.
     #[must_use]
     pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
         FrameReader {
@@ -173,7 +173,7 @@ impl FrameReader {
                     self.whole += length as u64;
                     let gone = self.taken - self.waiting() as u64;
                     if gone > self.whole {
-                        // Invalid bytes before it count as one damaged stretch.
+                        // Invalid bytes before a frame count as one damaged stretch.
                         self.gaps += 1;
                         self.whole = gone;
                     }

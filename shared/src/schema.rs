@@ -147,7 +147,7 @@ pub enum SchemaKind<'a> {
 }
 
 impl<'a> SchemaKind<'a> {
-    /// Encoding described by a schema; for an optional value that of the value.
+    /// Encoding described by a schema. For an optional value, this is the encoding of the value itself.
     pub fn of(schema: &'a Object) -> SchemaKind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),

@@ -9,7 +9,7 @@ use crate::wire::{self, WireError};
 
 /// Input or output of a step.
 pub trait Recorded: Any {
-    /// Appends it as a record; an error if it is longer than [`wire::MAX_RECORD_BYTES`].
+    /// Appends the value to `to` as a record. Returns an error if the record is longer than [`wire::MAX_RECORD_BYTES`].
     fn append(&self, to: &mut Vec<u8>) -> Result<(), WireError>;
     /// Hash by [`wire::hash_record`].
     fn hash(&self) -> Result<u64, WireError>;

@@ -26,8 +26,8 @@ config! {
 /// Tags of a deck.
 pub type Tags = Seq<DeckTag, MAX_TAGS>;
 
-/// Side of the small tags, m. From 1.4 m they appear with 20 px, enough to decode nearly all images, at 320 px of focal
-/// length.
+/// Side of the small tags, m. From a height of 1.4 m and with a focal length of 320 px they measure 20 px, enough to
+/// decode them in nearly all images.
 const SMALL_M: f64 = 0.09;
 /// Radius of the ring of six small tags about the seventh, m. At contact the image of the default camera (0.22 m above
 /// the deck, 480 px high) covers a circle of 0.165 m, in which a tag is complete if its centre is within 0.101 m of the
@@ -54,7 +54,7 @@ pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {
     let first = first_number(vessel);
     Seq::filled(tags.iter().zip(first..).map(|(tag, id)| DeckTag { id, ..*tag }))
 }
-/// Whether their ids are the defaults common to all boats without ids of their own.
+/// Whether the ids are the defaults, which all boats without ids of their own share.
 pub fn are_anybodys(tags: &[DeckTag]) -> bool {
     tags.iter().any(|tag| usize::from(tag.id) < MAX_TAGS)
 }

@@ -1,5 +1,5 @@
-//! The vessel's computer: its nodes, and [`VesselComputer`], which runs those of the vessel's process in the order of
-//! their data. The simulated world and the processes step these.
+//! The vessel's computer: its nodes, and [`VesselComputer`], which runs the nodes of the vessel's process in the order
+//! of their data. Both the simulated world and the real processes step these nodes.
 
 use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::bus::{computer, wiring};
@@ -72,7 +72,7 @@ pub struct ComputerOut {
 }
 
 impl ComputerOut {
-    /// Passes each encoded radio message to `send`, with whether it is held for drones that connect later.
+    /// Passes each encoded radio message to `send`; the flag states whether it is held for drones that connect later.
     pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
         // A drone that connects later cannot use a continued wave model.
         let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
@@ -120,7 +120,7 @@ wiring! {
 computer! {
     /// Processes of the vessel's computer.
     VesselRows of VesselNodes {
-        /// Sensors: bytes to measurements with time stamps.
+        /// Sensors: converts bytes to measurements with time stamps.
         sensors: SensorNode => ProcessKind::Sensors, |of, boot| {
             SensorNode::new(&of.sensors, of.id, boot).with_deck(of.vessel.deck.centre_m)
         };
@@ -131,7 +131,7 @@ computer! {
             node
         };
     }
-    /// The only list of the vessel's processes.
+    /// Processes of the vessel's computer, listed only here.
     PROCESSES: Installed
 }
 
@@ -165,11 +165,11 @@ pub struct VesselComputer {
     vessel: u32,
     boot: u32,
     followed: Followed,
-    /// Reported drone that follows another computer.
+    /// Last reported drone that follows another computer.
     follows_another: Option<FollowsAnother>,
-    /// Reported owner and waiting drone.
+    /// Last reported pair of silent owner and waiting drone.
     starved: Option<[u32; 2]>,
-    /// Reported stuck inertial sensors.
+    /// Inertial sensors reported as stuck.
     stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
     crew: CrewOrders,
@@ -301,8 +301,8 @@ impl Node for VesselComputer {
         let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
-        // Drone statuses go to deck arbiter and operator relay. Both treat a drone with a silent mission as silent: its
-        // earlier state shows neither that it left the deck nor that it received a command.
+        // Drone statuses go to the deck arbiter and the operator relay. Both treat a drone with a silent mission as
+        // silent: its earlier state shows neither that it left the deck nor that it received a command.
         let current: Vec<_> = statuses.iter().copied().filter(DroneStatus::is_current).collect();
         let former_owner = self.arbiter.owner();
         let granted = self.arbiter.step(

@@ -25,8 +25,8 @@ config! {
         /// Source: Virtual RobotX: 0.05; chosen for misalignment with the deck: 0.2 deg (a spirit level) of gravity.
         pub accelerometer_bias_sd_mps2: f64 = 0.06, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Chosen: much shorter than real biases last. With a swinging heading they seem observable, because the
-        /// correlation of roll with pitch is not kept.
+        /// Chosen: much shorter than real biases last. With a swinging heading they seem observable, because the filter
+        /// does not keep the correlation of roll with pitch.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
         /// Time without a sample after which no estimate is published, s.
         /// Chosen: a fifth of a wave period.

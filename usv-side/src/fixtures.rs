@@ -12,7 +12,7 @@ pub(crate) fn sentence(body: &str) -> String {
     format!("${body}*{sum:02X}\r\n")
 }
 
-/// RTCM 3 frame with this message number and payload length, bytes; for 4072 with subtype 0.
+/// RTCM 3 frame with this message number and payload length, bytes. Message 4072 gets subtype 0.
 pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
     let mut content = vec![(message >> 4) as u8, (message << 4) as u8, 0];
     content.extend((6..payload + 3).map(|k| (7 * k) as u8));

@@ -1,5 +1,5 @@
 //! Boot of the vessel's computer that the drones follow. Each time request names the boot of the newest estimate used
-//! by its drone. If it names another boot for long, a second computer publishes with this vessel's identity.
+//! by its drone. If it names another boot for a long time, a second computer publishes with this vessel's identity.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,8 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::deck::MAX_DRONES;
 
-/// Time for which a drone may follow the former boot of this computer: ten times what it needs to accept a restart.
+/// Time for which a drone may follow the former boot of this computer: ten times the time that it needs to accept a
+/// restart.
 const RESTART_TIMEOUT: Span = Span::from_millis(5000);
 /// Age up to which a request counts; a drone sends two per second.
 const FRESH: Span = Span::from_millis(3000);

@@ -1,18 +1,18 @@
-//! Senders on a MAVLink link, and selection of the vessel's: one system and one component for the lifetime of the
+//! Senders on a MAVLink link. The vessel's sender is one system and one component, selected for the lifetime of the
 //! process.
 
 use alight_shared::mavlink::{Fields, RawFrame};
 
 const HEARTBEAT: u32 = 0;
 pub(crate) const AUTOPILOT: u8 = 1;
-/// `MAV_AUTOPILOT_INVALID`: a component that is no autopilot.
+/// `MAV_AUTOPILOT_INVALID`: a component that is not an autopilot.
 const NO_AUTOPILOT: u8 = 8;
 /// `MAV_TYPE` of surface vessels, and of components that do not state a type.
 const GENERIC: u8 = 0;
 const ROVER: u8 = 10;
 const BOAT: u8 = 11;
 const SUBMARINE: u8 = 12;
-/// `MAV_TYPE_ONBOARD_CONTROLLER`: any computer.
+/// `MAV_TYPE_ONBOARD_CONTROLLER`: any onboard computer.
 const COMPUTER: u8 = 18;
 /// Number of messages after which a sensor without heartbeats counts as the vessel's; every autopilot sends one
 /// heartbeat per second.

@@ -74,15 +74,15 @@ pub struct SourceCounts {
     pub taken: u64,
     /// Passed measurements with a component that the filter's gate rejected; inertial samples count in pairs.
     pub gated: u64,
-    /// Not newer than the previous one of the source: out of order or repeated.
+    /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,
-    /// Too old, from the future, or out of range.
+    /// Measurements that are too old, from the future, or out of range.
     pub rejected: u64,
-    /// Rejected because the sensor repeats one sample.
+    /// Measurements rejected because the sensor repeats one sample.
     pub stuck: u64,
     /// The sensor repeats one sample now.
     pub is_stuck: bool,
-    /// Unused because another source of the kind, or an inertial sensor, is in use.
+    /// Measurements not used because another source of their kind, or an inertial sensor, is in use.
     pub spare: u64,
 }
 
@@ -205,8 +205,8 @@ impl VesselNode {
         &self.estimator
     }
 
-    /// Admits measurements of one kind, counts them by source, and passes them to `fuse`. It returns whether a
-    /// component was rejected by the gate, or None if the measurement is not needed.
+    /// Admits measurements of one kind, counts them by source, and passes them to `fuse`. `fuse` returns whether the
+    /// gate rejected a component, or None if the measurement is not needed.
     fn take<M: Message<Clock = VesselClock> + Copy + Into<Measurement>>(
         &mut self,
         now: Time<VesselClock>,
@@ -219,7 +219,7 @@ impl VesselNode {
             max_age: Span::from_secs(max_age_s),
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
-            // A source beyond the last is invalid and counted with the last.
+            // A source number beyond the last is invalid, and is counted with the last source.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
             let admitted = rule.admit(now, m, state.newest.as_ref());

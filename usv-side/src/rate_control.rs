@@ -20,7 +20,8 @@ const LINK_TIMEOUT_S: f64 = 10.0;
 /// Time for which the fraction at the last congestion is avoided, s: longer than the slow rise back to it, which takes
 /// up to 15 s.
 const THRESHOLD_MEMORY_S: f64 = 20.0;
-/// Number of samples at the initial fraction for a new drone: an existing queue drains, and the minimum delay shows.
+/// Number of samples at the initial fraction for a new drone: meanwhile an existing queue drains, which reveals the
+/// minimum delay.
 const STARTUP_SAMPLES: u32 = 8;
 /// Increase of the fraction per sample, below and above the threshold, and factor on congestion.
 const INCREASE: f64 = 0.1;
@@ -89,7 +90,7 @@ impl DroneLink {
         if (now - self.threshold_at).secs() > THRESHOLD_MEMORY_S {
             self.threshold = 1.0;
         }
-        // Twice in a row, because a single late one is an outage that has just ended.
+        // Two congested samples in a row are required, because a single late one is an outage that has just ended.
         if self.congested >= 2 {
             (self.threshold, self.threshold_at) = (0.85 * self.rate_fraction, now);
             self.rate_fraction = (DECREASE_FACTOR * self.rate_fraction).max(config.min_fraction);
@@ -164,7 +165,7 @@ mod tests {
         let (mut queue_s, mut fractions, mut t) = (0.0_f64, Vec::new(), from_s);
         while t < from_s + seconds {
             let rate_fraction = rate_control.rate_fraction();
-            // Offered minus carried, as time in the queue.
+            // Offered minus carried data, as time in the queue.
             queue_s = (queue_s + 0.5 * (rate_fraction / capacity - 1.0)).clamp(0.0, depth_s);
             let now = Time::from_secs(t);
             let newest = Time::from_secs(t - 0.1 - queue_s);
@@ -207,7 +208,7 @@ mod tests {
             rate_control.observe(Time::from_secs(t), 7, Time::from_secs(t - 0.1), 0.033);
             assert_eq!(rate_control.rate_fraction(), 1.0);
         }
-        // Its own link still counts.
+        // The descending drone's own link still counts.
         let congested = run(&mut rate_control, 19.0, 30.0, 0.4, 1.0);
         assert!(*congested.last().unwrap() < 0.75, "{congested:?}");
         rate_control.landing = None;

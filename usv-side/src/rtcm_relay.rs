@@ -2,8 +2,8 @@
 //!
 //! A token bucket holds the radio's budget for one second. The base position is small and essential: it passes while
 //! the bucket lasts, and the other messages leave room for it. An observation that does not fit is dropped with all
-//! following ones until the bucket is full again, so that epochs pass completely or not at all. Other messages wait
-//! with them, and leave a third of the bucket.
+//! following ones until the bucket is full again, so that epochs pass completely or not at all. Other messages are
+//! dropped with them, and must leave a third of the bucket.
 
 use alight_shared::msg::{Header, RtcmFrames, Seq};
 use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
@@ -70,7 +70,8 @@ impl RtcmRelay {
         }
         passed
     }
-    /// Whether a frame fits, which `begins` a message or not; takes its size from the bucket.
+    /// Whether a frame fits; if it does, its size is taken from the bucket. `begins`: the frame is the first of a
+    /// message.
     fn takes(&mut self, frame: &RtcmFrames<VesselClock>, begins: bool) -> bool {
         let Some(number) = number(&frame.bytes) else {
             return false;

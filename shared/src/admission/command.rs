@@ -1,5 +1,4 @@
-//! Admission rules for operator commands, used by the mission and in parts by the vessel's relay and the drone's
-//! bridge.
+//! Admission rules for operator commands. The mission uses all of them, the vessel's relay and the drone's bridge some.
 //!
 //! - A command is accepted once. Its repetitions carry the time at which it was given and are recognised by it within
 //!   the clocks' error, even with another sequence number or from a restarted relay.
@@ -33,8 +32,8 @@ impl<C: Clock> OperatorCommand<C> {
     }
 }
 
-/// Whether a command of this kind is accepted although it was rejected for this reason: an abort, at any age and clock
-/// offset.
+/// Whether a command of this kind is accepted despite this reason for rejection. An abort is accepted at any age and
+/// clock offset.
 pub fn counts_despite(kind: CommandKind, reason: RejectionReason) -> bool {
     let time = matches!(
         reason,
@@ -89,14 +88,14 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }
-    /// Discards all commands given before `now`, except an abort, because somebody took the drone over.
+    /// Discards all commands given before `now`, except an abort, because somebody has taken over the drone.
     pub fn supersede(&mut self, now: Time<C>) {
         self.newest = Some(OperatorCommand {
             header: Header::new(0, 0, 0, 0, now),
             kind: CommandKind::Hold,
         });
     }
-    /// Accepted command of these: an abort first, otherwise the newest.
+    /// Command to accept from this list: an abort if there is one, otherwise the newest.
     pub fn first_of(&mut self, now: Time<C>, commands: &[OperatorCommand<C>]) -> Option<CommandKind> {
         let mut first = None;
         for command in commands {
@@ -151,7 +150,7 @@ impl<C: Clock> CommandAdmission<C> {
             self.order = Some([command.header.boot, command.header.sequence]);
         }
     }
-    /// Whether it was accepted before. The repetition of an abort becomes the acknowledged one.
+    /// Whether this command was accepted before. The repetition of an abort becomes the acknowledged one.
     fn is_repeated(&mut self, command: &OperatorCommand<C>) -> bool {
         let h = &command.header;
         let same_time = |other: &Header<C>| (-SAME_COMMAND..=SAME_COMMAND).contains(&(h.at - other.at));
@@ -221,7 +220,7 @@ mod tests {
             // Another operator's hold at almost the same time, through the same relay.
             (before_landing, 10.5, (9, 2, 10.05, Hold), Ok(())),
             (before_landing, 10.5, (9, 2, 9.5, Hold), Err(OutOfOrder)),
-            // Given before an abort, or without knowing of it.
+            // Commands given before an abort, or without knowledge of it.
             (before_abort, 20.5, (9, 3, 19.0, Land), Err(OutOfOrder)),
             (before_abort, 20.5, (7, 1, 20.3, Land), Err(Unaware)),
             (before_abort, 20.5, (9, 3, 20.3, Land), Ok(())),

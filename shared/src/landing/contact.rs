@@ -12,7 +12,6 @@
 //! acceleration that an aligned drone does not follow. The part `w_s` (m/s²) of a strong wind (above 6 m/s) is
 //! compensated by tilt until the drone aligns. The lowest foot meets the deck `h_f = k_f s w_s / g` before the others
 //! (`s`: distance from their middle to each), while the drone still brakes with `a_b` and is not aligned yet.
-//! drone still brakes with `a_b`, and before it is aligned.
 
 use nalgebra::Vector2;
 
@@ -105,7 +104,7 @@ impl Contact {
         let (wind, gust) = (self.wind.mean, self.wind.gust_sd);
         let slips = ALONG_PER_GUST_S * gust;
         let [horizontal, vertical] = self.unforeseen_mps;
-        // The forecast's lag behind a turn is known only to one half.
+        // The forecast's lag behind a turn is known only to within a half.
         let turns = 0.5 * self.turn_mps;
         let along_sd = norm(&[ALONG_SD_MPS, horizontal, slips, self.parted_mps, turns]);
         let strong = beyond_aligned(&wind);
@@ -171,7 +170,7 @@ mod tests {
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
         assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
-        // A foot that touches while the drone brakes makes the contact harder, but not hard.
+        // A foot that touches while the drone brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
     }
 

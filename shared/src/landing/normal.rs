@@ -101,7 +101,7 @@ mod tests {
                 "{mean}, {sd}: {dense}"
             );
         }
-        // Far off along one axis, the distribution of that axis alone.
+        // Far off along one axis, only the distribution along that axis matters.
         assert!((inside(0.8, 0.05, 1.0) - below(4.0)).abs() < 1e-3);
         assert!(inside(2.0, 0.1, 1.0) < 1e-6 && inside(0.5, 0.0, 1.0) > 0.999);
     }

@@ -10,8 +10,9 @@
 //!
 //! (the peak as a parabola: the drone breaks away `a` before it and stops `2 a` after it, `a² = 2 (A + b - mu) / A`).
 //!
-//! - until a descending drone is at rest, each wave of [`WAVE_S`] is the predicted one, along its direction; its
-//!   slope is normal with the variance of the predicted tilt, of a peak over its mean and of the gusts;
+//! - until a descending drone is at rest, the waves, one per [`WAVE_S`], have the predicted slopes and directions. Each
+//!   slope is normally distributed; its variance is the sum of those of the predicted tilt, of a peak relative to its
+//!   mean, and of the gusts;
 //! - later there is no forecast. Waves like those of the last two minutes move the drone to and fro: on average by
 //!   `(d(b) - d(-b)) / 2` per window, with the variance `((d(b) + d(-b)) / 4)²`.
 //!
@@ -37,8 +38,8 @@ use crate::estimation::moments;
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
-/// Wind acceleration of a standing drone with stopped rotors, as a fraction of that in flight: half, since turning
-/// rotors have as much drag as the body, and less because of the wind profile above water and deck.
+/// Wind acceleration of a standing drone with stopped rotors, as a fraction of that in flight: one half because
+/// rotating rotors have as much drag as the body, and less because of the wind profile above water and deck.
 const STANDING: f64 = 0.4;
 /// Relative standard deviation of the friction: dry, wet and salty.
 const FRICTION_SD: f64 = 0.15;
@@ -50,8 +51,8 @@ const PEAK_SD: f64 = 0.3;
 const MEAN_S: f64 = 1.0;
 /// Range of wave periods, s: a faster hull carries no drone, and slower waves act as a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
-/// Period of waves without a prediction, s: they peak like the fastest waves and move a drone for as long as the roll
-/// of a small boat.
+/// Assumed period of waves without a prediction, s. Their slope peaks like that of the fastest waves, and moves a drone
+/// for as long as the roll of a small boat does.
 const UNKNOWN_PERIOD_S: f64 = 2.3;
 /// Time from the start of a descent to rest on the deck, s: descent of 4 to 6 s, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
@@ -78,7 +79,7 @@ const SLIDES_S: f64 = 1.0;
 /// Time for which a landed drone must stay before somebody secures it, s.
 const STAY_S: f64 = 60.0;
 
-/// Prediction whether a drone that lands now stays.
+/// Prediction of whether a drone that lands now stays on the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Staying {
     /// Probability that it stays.
@@ -194,7 +195,7 @@ impl Sines {
             let x = 0.5 * omega * MEAN_S;
             x / x.sin()
         };
-        // A slope below the message's resolution is no wave.
+        // A slope below the message's resolution does not count as a wave.
         let known = square > slopes.len() as f64 * SLOPE_STEP * SLOPE_STEP;
         if !(known && half.is_finite()) {
             return Sines {
@@ -232,7 +233,7 @@ pub struct Slopes {
     /// Wind acceleration of the standing drone.
     push: Vector2<f64>,
     gust: f64,
-    /// Wind in flight; zero if an aligned drone is blown along by all of it.
+    /// Wind in flight; zero if an aligned drone accepts all of it as drift.
     in_flight: WindPush,
     /// Slope of trim and heel.
     trim: f64,

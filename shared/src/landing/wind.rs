@@ -12,8 +12,9 @@ pub const DRAG_PER_M: f64 = 0.03;
 pub const LINEAR_MPS: f64 = 1.0;
 /// Intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
 pub const TURBULENCE: f64 = 0.19;
-/// Wind acceleration up to which an aligned drone is blown along, m/s². An alignment lasts about 0.3 s, so each m/s²
-/// costs 0.3 m/s along the deck, or a tilt of 6 deg if compensated. At 5 m/s (0.7 m/s²) aligning costs little.
+/// Maximum wind acceleration that an aligned drone accepts entirely as drift, m/s². An alignment lasts about 0.3 s, so
+/// each m/s² costs 0.3 m/s along the deck, or a tilt of 6 deg if compensated. At 5 m/s (0.7 m/s²) aligning costs
+/// little.
 const ALIGNED_MPS2: f64 = 1.2;
 /// Fraction of the excess over [`ALIGNED_MPS2`] that the drone accepts as drift, e.g. at 8 m/s (1.8 m/s²); it
 /// compensates the rest by tilt.
@@ -44,8 +45,8 @@ impl WindPush {
             gust_sd: drone.gust_sd,
         }
     }
-    /// Effect of a true wind towards `wind` (NED, m/s) over a vessel moving with `way` (NED, m/s) on a drone with usual
-    /// drag: the vessel's speed adds to the mean, while gusts come from the wind alone.
+    /// Effect of the wind on a drone with usual drag above a moving vessel. `wind` is the velocity of the true wind and
+    /// `way` that of the vessel, NED, m/s. The vessel's speed contributes to the mean, but not to the gusts.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {
         let (mean, slope) = drag(DRAG_PER_M, &(way - wind));
         WindPush {
@@ -65,7 +66,7 @@ pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     )
 }
 
-/// Part of the acceleration `wind` (m/s²) by which an aligned drone is blown along; it compensates the rest by tilt.
+/// Part of the acceleration `wind` (m/s²) that an aligned drone accepts as drift; it compensates the rest by tilt.
 pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     let whole = wind.norm();
     if whole <= ALIGNED_MPS2 {
@@ -74,8 +75,8 @@ pub fn wind_during_alignment(wind: &Vector2<f64>) -> Vector2<f64> {
     wind * ((ALIGNED_MPS2 + ALIGNED_FRACTION * (whole - ALIGNED_MPS2)) / whole)
 }
 
-/// Excess of `wind` (m/s²) over the acceleration by which an aligned drone is blown along entirely, m/s². In such a
-/// wind the tilted and aligned attitudes differ significantly.
+/// Excess of `wind` (m/s²) over the acceleration that an aligned drone accepts entirely as drift, m/s². In a wind with
+/// an excess, the tilted and aligned attitudes differ significantly.
 pub fn beyond_aligned(wind: &Vector2<f64>) -> f64 {
     (wind.norm() - ALIGNED_MPS2).max(0.0)
 }

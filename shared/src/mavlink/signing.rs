@@ -19,7 +19,7 @@ const NEW_STREAM: u64 = 60 * 100_000;
 /// Maximum number of streams with stored times; the oldest is dropped for a new one.
 pub const MAX_STREAMS: usize = 16;
 
-/// Newest timestamp of a stream of signed frames.
+/// Newest timestamp in a stream of signed frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct StreamTime {
@@ -83,7 +83,7 @@ impl fmt::Debug for Signing {
 }
 
 impl Signing {
-    /// Signing with this key and no clock but the frames' timestamps.
+    /// Signing with this key and without a clock other than the frames' timestamps.
     pub fn new(key: [u8; 32]) -> Signing {
         Signing::with_clock(key, || 0)
     }
@@ -115,7 +115,7 @@ impl Signing {
         for stream in before.streams.iter() {
             match times.streams.iter_mut().find(|s| s.from == stream.from) {
                 Some(known) => known.newest = known.newest.max(stream.newest),
-                // The list can only be full if as many new streams appeared at once.
+                // The list is full only if that many new streams have appeared at once.
                 None => drop(times.streams.push(*stream)),
             }
         }
@@ -267,7 +267,7 @@ mod tests {
         let [ours, other] = [[1; 32], [2; 32]].map(Signing::new);
         let [signed, later] = [(); 2].map(|()| heartbeat(Some(&ours)));
         let mut changed = heartbeat(Some(&ours));
-        // Only the signature, which the checksum does not cover.
+        // Changes only the signature, which the checksum does not cover.
         *changed.last_mut().unwrap() ^= 1;
         let frames = [
             signed.clone(),
@@ -315,7 +315,7 @@ mod tests {
     #[test]
     fn timestamp_after_the_latest_received() {
         let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
-        // Ahead of every clock.
+        // This frame's timestamp is ahead of every clock.
         let mut ahead = MAVLinkV2MessageRaw::new();
         let message = Outgoing::new(0, 50, vec![3; 9]);
         ahead
@@ -335,7 +335,7 @@ mod tests {
         };
         let before = of_ours();
         assert_eq!(taken(Some(ours.clone()), core::slice::from_ref(&ahead)).0, 1);
-        // The autopilot has used the same timestamp, and accepts nothing older by a minute.
+        // The autopilot has used the same timestamp, and rejects frames that are more than a minute older.
         let frames = [ahead, before, of_ours()];
         assert_eq!(taken(Some(autopilot), &frames).0, 2);
     }

@@ -9,13 +9,13 @@ use super::{MotionSample, SAMPLE_S};
 
 /// Prediction horizons at which errors are measured, s.
 pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
-/// Memory of the mean squares, comparisons: half a minute. Initially a fifth of all comparisons, because the first
-/// models are the worst.
+/// Memory of the mean squares, in comparisons: half a minute. At first it is a fifth of all comparisons so far, because
+/// the first models are the worst.
 const MEMORY: f64 = 300.0;
 const INITIAL_FRACTION: f64 = 0.2;
 /// Number of comparisons before measured errors replace the deviation of the motion itself.
 const FIRST: f64 = 15.0;
-/// Memory of the recent mean squares, comparisons: two seconds.
+/// Memory of the recent mean squares, in comparisons: two seconds.
 const RECENT: f64 = 20.0;
 /// Index in [`SPREAD_AT_S`] of the horizon (1 s) whose errors weight the two identifications.
 const WEIGHED_AT: usize = 2;
@@ -26,8 +26,8 @@ const SOON: usize = 2;
 /// Number of compared quantities: the degrees of freedom, and acceleration north and east, which show a manoeuvre
 /// first.
 const COMPARED: usize = DOFS + 2;
-/// Ratio by which a mean square of so few waves exceeds the usual one by chance (95 % of chi squared / 8 with 8 degrees
-/// of freedom).
+/// Ratio by which a mean square over a few waves exceeds the usual one by chance (95 % of chi squared / 8 with 8
+/// degrees of freedom).
 const BY_CHANCE: f64 = 1.94;
 
 #[derive(Clone, Copy, Debug)]
@@ -163,9 +163,9 @@ impl<C: Clock> ForecastErrors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// Ratio of the recent mean squares to the usual ones at the shortest horizons, at least 1. A change shows there
-    /// long before predictions at longer horizons are due: an unforeseen acceleration is part of the past from which
-    /// everything is predicted.
+    /// Ratio of the recent mean squares to the usual ones at the shortest horizons, at least 1. A change is visible
+    /// there long before predictions at longer horizons are due. It also affects these, because an unforeseen
+    /// acceleration is part of the past from which all horizons are predicted.
     fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);

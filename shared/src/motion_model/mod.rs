@@ -36,9 +36,9 @@ use regression::OBSERVED;
 
 /// Sampling interval, s: eight samples per period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// Time in which motion outside the modes fades, s: a quarter of a wave.
+/// Time within which motion outside the modes fades, s: a quarter of a wave.
 pub const FADE_S: f64 = 1.0;
-/// Time in which heel and trim change, s: that of a helm.
+/// Time within which heel and trim change, s: that of a helm manoeuvre.
 const HEEL_S: f64 = 2.0;
 
 /// The vessel's motion at one time, in axes parallel to NED.
@@ -235,7 +235,7 @@ impl<C: Clock> MotionModel<C> {
         let modes = self.modes().filter(|_| self.is_identified())?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
-    /// Whether the motion has been identified, including calm water, where no model predicts it.
+    /// Whether the motion has been identified, including calm water, where no model predicts the motion.
     pub fn is_identified(&self) -> bool {
         self.identified.iter().any(Identification::is_identified)
     }

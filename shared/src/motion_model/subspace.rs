@@ -103,7 +103,7 @@ impl Fit {
         let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
         let mean_out: DVector<f64> = mean.rows(INPUTS, OUTPUTS).into_owned();
         let variance_in = |i: usize| sums.products[(i, i)] / w - mean_in[i] * mean_in[i];
-        // One scale per channel and per degree of freedom preserves the shift of the future.
+        // A common scale for each channel and each degree of freedom preserves the shift of the future.
         let channel: [f64; CHANNELS] = core::array::from_fn(|c| {
             let sum: f64 = (0..LAGS).map(|l| variance_in(CHANNELS * l + c)).sum();
             (sum / LAGS as f64).max(1e-12).sqrt()
@@ -225,8 +225,9 @@ impl Fit {
         for k in 0..ORDER {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
-            // One of each conjugate pair; a negative real eigenvalue is half the sampling rate and no motion.
-            // A mode that decays within one step is noise: negligible in position, but of any size in velocity.
+            // Keeps one of each conjugate pair. A negative real eigenvalue corresponds to half the sampling rate, not
+            // to a motion. A mode that decays within one step is noise: negligible in position, but of any size in
+            // velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }

@@ -126,7 +126,7 @@ fn error_with_heel(heel: f64) -> (f64, f64) {
     ((squares / 1190.0).sqrt(), apart)
 }
 
-/// A turn heels the boat by 3 deg; relative to the mean of the last 100 s it would be 2 deg off for a minute.
+/// A turn heels the boat by 3 deg; a prediction about the mean of the last 100 s would be 2 deg off for a minute.
 #[test]
 fn heel_of_a_turn_within_seconds() {
     let (upright, _) = error_with_heel(0.0);

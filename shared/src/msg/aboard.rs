@@ -23,7 +23,7 @@ pub type Line = Text<240>;
 /// Validity of a take-off clearance, s. Covers the checks, the countdown and the wait for a good moment.
 pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
 /// Validity of a standing clearance during each stay of its drone on the deck, s, if neither a switch nor a sensor
-/// shows who comes near: the crew still remembers giving it. Chosen.
+/// shows that somebody comes near. Chosen: the crew still remembers the clearance.
 pub const TAKE_OFF_STANDING_S: f64 = 600.0;
 /// Maximum validity of a standing clearance, s: one watch on board.
 pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
@@ -78,7 +78,7 @@ pub struct Starved {
     pub owner: u32,
     /// Time since the owner's newest status, s.
     pub silent_s: f64,
-    /// Number of the waiting drone; of several, the one with the lowest battery.
+    /// Number of the waiting drone; if several wait, the one with the lowest battery.
     pub waiting: u32,
     /// Battery of the waiting drone, 0 to 1.
     pub battery: f64,
@@ -176,7 +176,7 @@ pub struct Decoded {
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Announced pulses whose fix does not have the time of the next pulse: different time bases.
+    /// Announced pulses whose time does not match that of their fix, because the two use different time bases.
     pub mismatched_pulses: u64,
 }
 
@@ -246,7 +246,7 @@ pub struct SourceUse {
     pub stuck: u64,
     /// The sensor repeats one value now.
     pub is_stuck: bool,
-    /// Used and rejected (before or by the gates) measurements during the last seconds.
+    /// Measurements used, and measurements rejected (before or by the gates), during the last seconds.
     pub lately: [u64; 2],
 }
 

@@ -221,8 +221,8 @@ pub struct DeckForecast {
     /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged over 3 s,
     /// recent maximum. 1 if both match their stated errors; None if either is missing.
     pub height_nis: Option<f64>,
-    /// Horizontal distance between the deck's position by vision and by radio, and its bound by both uncertainties, m;
-    /// None without a detection.
+    /// Horizontal distance between the deck's position by vision and by radio, and its bound from both uncertainties,
+    /// m; None without a detection.
     pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or calm water) to 1.
     pub wave_confidence: f64,

@@ -37,12 +37,12 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// Text of the condition that the mission waits for, or for a moment the reason why an order is rejected.
+    /// Text of the condition that the mission waits for, or briefly the reason why an order was rejected.
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether it carries the mission's state as of its own time. A status with an older mission state shows the
-    /// drone's position, but like silence nothing of what it does.
+    /// Whether the status carries a current mission state. A status with an older mission state shows the drone's
+    /// position but, like silence, does not show its actions.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()
     }
@@ -52,9 +52,9 @@ impl DroneStatus {
 /// thrust, and several commands with their answers.
 const STANDS_DOWN_S: f64 = 5.0;
 
-/// Time since the landing or the stopped take-off, s, if the drone is on the deck and has been armed for longer than a
-/// disarm takes (`disarm_s`): the commands were denied, their conditions are not met, or `disarm.on_deck` is off. A
-/// mission leaves `Landed` when the drone is armed again after a disarm.
+/// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a disarm
+/// takes (`disarm_s`), otherwise None. Possible causes: the commands were denied, their conditions are not met, or
+/// `disarm.on_deck` is off. A mission leaves `Landed` when the drone is armed again after a disarm.
 pub fn still_armed_s(
     now: Time<DroneClock>,
     mission: &MissionState,

@@ -21,8 +21,8 @@ pub const OWNER_ONLY_M: f64 = 15.0;
 /// Minimum height difference between a station and another drone's waiting place or station, m: three times the
 /// difference of two GNSS heights, plus the height of a drone.
 pub const STATION_APART_M: f64 = 5.0;
-/// Height difference between successive waiting places, m. GNSS heights of two drones differ by 1.4 m rms at 1 m rms
-/// each; five times that, plus the height of a drone.
+/// Height difference between successive waiting places, m. GNSS heights of two drones differ by 1.4 m rms if each has
+/// an error of 1 m rms. The layer is five times that difference plus the height of a drone.
 const LAYER_M: f64 = 8.0;
 
 /// Waiting place of a drone, with a height and bearing of its own.

@@ -55,8 +55,8 @@ pub struct LinkCheckpoint {
     pub hover_thrust: f64,
     /// Duration of the hover-thrust identification, s.
     pub hover_learned_s: f64,
-    /// Reasons for which this process has ended the autopilot's mission in this flight: battery, completion, order.
-    /// Whoever selects the mission again keeps it.
+    /// Reasons for which this process has ended the autopilot's mission in this flight: battery, completion, order. If
+    /// a pilot selects the mission again, it is not ended for the same reason.
     pub ended_missions: [bool; 3],
     /// Times of the signed frames.
     pub signing: SigningTimes,

@@ -435,8 +435,8 @@ pub struct DroneStatus {
     pub order: Option<[u32; 2]>,
     /// The motors are armed according to the autopilot's newest report.
     pub armed: bool,
-    /// Time since the landing or the stopped take-off if the drone is on the deck and armed for longer than a disarm
-    /// takes, s.
+    /// Time since the landing or the stopped take-off, s, of a drone that stays armed on the deck for longer than a
+    /// disarm takes; otherwise None.
     pub still_armed_s: Option<f32>,
     /// Age of the mission's state at sending, s: its process may have ended or hang.
     pub mission_age_s: f32,
@@ -446,12 +446,12 @@ pub struct DroneStatus {
     pub station: Option<Station>,
 }
 
-/// Message after the drone's name when it stands armed on the deck, with the remedy.
+/// Message that a drone stands armed on the deck, with the remedy; it follows the drone's name.
 pub fn still_armed(for_s: f32) -> String {
     format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }
 
-/// Wind for display: speed, and direction it comes from, clockwise from north.
+/// Wind for display: speed, and the direction that it comes from, clockwise from north.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wind {
     /// Speed, m/s.

@@ -208,7 +208,7 @@ reasons! {
     Matching { "matches the deck for {v:.1} s (needs {l:.0})" }
     /// Closer to the deck than permitted, m.
     TooNear { "{v:.2} m above the deck (lowest {l:.2})" }
-    /// Has followed the deck at this clearance, m, for the required time, s.
+    /// The drone has followed the deck at this clearance, m, for the required time, s.
     Matched { "matched the deck at {v:.1} m for {l:.0} s: climbs" }
     /// The vessel states that it turns or may turn.
     VesselTurns { "the vessel states that she turns" }

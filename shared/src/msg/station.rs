@@ -84,8 +84,8 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// Text of the condition that the mission waits for, with the position of a station, or shortly after a rejected
-    /// order the reason.
+    /// Text of the condition that the mission waits for, with the position of a station. Shortly after a rejected
+    /// order, the reason for the rejection.
     pub fn waits(&self) -> String {
         if let Some(rejected) = self.rejected {
             return rejected.to_string();

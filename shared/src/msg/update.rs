@@ -195,7 +195,7 @@ impl<C: Clock> WaveUpdate<C> {
             advice: m.advice,
         }
     }
-    /// Form that continues `base`. None if the base is too old or has other modes, or if one factor per mode is not
+    /// Form that continues `base`. None if the base is too old, has different modes, or if one factor per mode is not
     /// accurate enough. The shapes of a mode change together, except those in the vessel's own axes during a turn.
     fn continued(m: &WaveModel<C>, base: &WaveModel<C>) -> Option<Self> {
         let same = m.header.boot == base.header.boot
@@ -409,7 +409,7 @@ mod tests {
                 let [variance, covariance, of_rate] = got.covariance(d);
                 prop_assert!(covariance * covariance <= variance * of_rate * (1.0 + 1e-9));
             }
-            // A message without the rest gives the same estimate by the earlier rest.
+            // A message without the slowly changing part gives the same estimate with the earlier one.
             let brief = on_air(&EstimateUpdate { rest: None, ..whole });
             prop_assert_eq!(receiver.estimate(&brief), Some(got));
         }
@@ -533,7 +533,8 @@ mod tests {
                 (got.header, got.slopes, got.advice),
                 (sent.header, sent.slopes, sent.advice)
             );
-            // A receiver that misses a whole model continues no other; it has every model from the next whole one on.
+            // A receiver that misses a whole model cannot use its continuations. It has every model from the next whole
+            // one on.
             let received = ![0, 6].contains(&k) && late.waves(&update).is_some();
             assert_eq!(received, (3..6).contains(&k) || k >= 9, "{k}");
         }

@@ -105,8 +105,8 @@ impl VesselModel {
             .bank_omega_radps
             .iter()
             .map(|&omega| {
-                // Deep water: slope k a, orbital acceleration omega² a = slope g. The slope is shared by two axes;
-                // along either, a hull that does not follow the water is subject to all of it.
+                // Deep water: slope k a, orbital acceleration omega² a = slope g. The slope is shared by two axes. A
+                // hull that does not follow the water is subject to the whole slope along either axis.
                 let slope = config.bank_slope_sd;
                 let orbital = slope * GRAVITY;
                 let z = orbital / (omega * omega);

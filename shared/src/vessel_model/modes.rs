@@ -4,9 +4,10 @@
 //! y_d(t) = Re sum_k c_kd exp(p_k t),   p_k = -lambda_k omega_k + i omega_k sqrt(1 - lambda_k^2)
 //! ```
 //!
-//! A mode is a damped oscillator common to all six degrees of freedom. Its pole `p_k` holds frequency of encounter and
-//! damping, its shape `c_kd` the present amplitude and phase per degree of freedom (Fossen 2011, section 8.2.6;
-//! Procházka 2024, eq. 3: `A_wave` in modal form, `C_wave` times the wave state). A real pole is a decaying motion.
+//! A mode is a damped oscillator common to all six degrees of freedom. Its pole `p_k` gives the frequency of encounter
+//! and the damping. Its shape `c_kd` gives the present amplitude and phase in each degree of freedom (Fossen 2011,
+//! section 8.2.6; Procházka 2024, eq. 3: `A_wave` in modal form, `C_wave` times the wave state). A real pole is a
+//! decaying motion.
 
 use nalgebra::Complex;
 
@@ -14,7 +15,7 @@ use super::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
 use crate::msg::{WaveMode, WaveModel, f16};
 use crate::time::{Clock, Time};
 
-/// Mode at the time of validity of its shape.
+/// One mode, with its shape at the time of validity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// `p_k`, 1/s; its real part is not positive.

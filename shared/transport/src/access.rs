@@ -95,7 +95,6 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
 /// feature `stats`, `interceptor/low_pass.rs`), while `packets dropped` reveals a peer that sends too much. A message
 /// far above the limit is never assembled (`transport/link/rx/max_message_size`); other messages are checked and
 /// counted by the receiver.
-/// put together (`transport/link/rx/max_message_size`); the rest is checked and counted where it is received.
 pub fn question_sizes() -> Value {
     json!([{
         "flows": ["ingress"],

@@ -89,8 +89,8 @@ impl Instance {
     pub fn prefix(&self) -> String {
         format!("alight_{}_", self.name)
     }
-    /// Removes all files of the instance from shared memory and from the middleware's directory. None of its processes
-    /// may be alive.
+    /// Removes all files of the instance from shared memory and from the middleware's directory. The caller must ensure
+    /// that no process of the instance is running.
     pub fn wipe(&self) -> std::io::Result<()> {
         let prefix = self.prefix();
         for directory in ["/dev/shm", "/tmp"] {
@@ -99,7 +99,7 @@ impl Instance {
             };
             for entry in entries.flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    // A file that vanished in the meantime is removed as well.
+                    // A file that vanished in the meantime also counts as removed.
                     let _gone = std::fs::remove_file(entry.path());
                 }
             }

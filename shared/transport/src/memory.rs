@@ -29,7 +29,7 @@ use alight_shared::process::InputState;
 use alight_shared::topics::{self, Topic};
 
 /// Maximum number of publishers per topic. Every process of a computer may publish its state, and a killed process
-/// keeps its place until it is cleaned up.
+/// occupies its own until it is cleaned up.
 const PUBLISHERS: usize = 16;
 /// Maximum number of subscribers per topic: all processes, and observers.
 const SUBSCRIBERS: usize = 24;
@@ -256,7 +256,7 @@ impl bus::Wake for Listener {
     }
 }
 
-/// Becomes readable when a message is published, to be combined with other descriptors.
+/// The descriptor becomes readable when a message is published, and can be awaited together with others.
 impl AsFd for Listener {
     #[allow(unsafe_code)]
     fn as_fd(&self) -> BorrowedFd<'_> {

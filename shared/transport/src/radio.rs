@@ -296,13 +296,13 @@ impl Radio {
         };
         radio.begin()?;
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
-        // A session that never receives anything also counts as silent. This ends an opening that stalled half way
-        // (observed once, over UDP on a loaded computer).
+        // A session that never receives anything also counts as silent. This closes a session that stalled while
+        // opening (observed once, over UDP on a loaded computer).
         radio.last_received_ns = Some(steady_ns());
         Ok(radio)
     }
 
-    /// Opens the session. A client's opening waits for its router, so it runs in a separate thread.
+    /// Opens the session. A client waits for its router while opening, so this runs in a separate thread.
     fn begin(&mut self) -> Result<(), TransportError> {
         if !self.parts.config.router {
             let open = self.parts.open()?;
@@ -328,7 +328,7 @@ impl Radio {
         self.last_fresh_ns = steady_ns();
         self.last_received_ns = Some(self.last_fresh_ns);
     }
-    /// Opens a new session; after a failure it is retried later.
+    /// Opens a new session. After a failure, another attempt follows later.
     fn reopen(&mut self) {
         if let Err(e) = self.begin() {
             self.failed(&e);
@@ -339,7 +339,7 @@ impl Radio {
             warn!("{error}");
         }
     }
-    /// Takes over a session opened by the thread, or starts again after a failed opening.
+    /// Takes over a session opened by the thread, or tries again after a failure.
     fn take_opened(&mut self) {
         let Some(opening) = &self.opening else {
             if self.open.is_none() && self.attempts.is_due(steady_ns()) {
@@ -414,7 +414,7 @@ impl Radio {
         }
     }
 
-    /// Waits until a message can be received, to be combined with other futures.
+    /// Waits until a message can be received; can be combined with other futures.
     pub async fn arrival(&self) {
         let arrival = self.parts.inbox.arrival();
         if self.channel.is_some() {
@@ -454,9 +454,9 @@ impl Radio {
     }
 
     /// Watchdog of the dialling side, to be called periodically. Reopens the session when it went silent, or has
-    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The latter is a
-    /// stream far behind, or a datagram session whose declarations were lost or overtaken: then one side publishes
-    /// while the other has no subscriber (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
+    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The second case
+    /// occurs if a stream is far behind, or if declarations of a datagram session were lost or overtaken: then one side
+    /// publishes while the other has no subscriber (measured over a link with 30 ms of jitter: 2 of 8 sessions). The
     /// listening side keeps its socket, and silence carries no information for it; its watchdog is
     /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {

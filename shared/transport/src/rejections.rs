@@ -4,8 +4,7 @@
 //! following only in its log (crate `tracing`), which a subscriber evaluates:
 //!
 //! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, or expired. It has
-//!   neither
-//!   transport nor link, so neither `transport_events_listener` nor `link_events_listener` reports it;
+//!   neither transport nor link, so neither `transport_events_listener` nor `link_events_listener` reports it;
 //! - a message of an admitted name on a key outside its rule, which the access control drops without any other trace.
 //!
 //! [`PlaintextAttempts`] detects streams without TLS.
@@ -214,7 +213,7 @@ mod tests {
             rejection_in(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
             None
         );
-        // Its link is counted instead.
+        // A peer without an admitted name is counted by its link instead.
         let unnamed =
             "abc did not match any configured ACL subject. Default permission `Deny` will be applied";
         assert_eq!(rejection_in(RULES, unnamed), None);

@@ -12,7 +12,7 @@ use crate::TransportError;
 /// Set permanently by SIGTERM or SIGINT: systemd sends SIGCONT right after SIGTERM.
 static END: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
     // When iceoryx2 0.10.0 creates shared memory, it replaces all signal handlers once per process in every node mode.
-    // Installing them first keeps the handlers registered here, which call them.
+    // If its handlers are installed first, the handlers registered here stay in place and call them.
     let asked = SignalHandler::termination_requested();
     let end = Arc::new(AtomicBool::new(asked));
     for signal in [SIGTERM, SIGINT] {

@@ -15,7 +15,7 @@ pub fn counted() -> u64 {
 }
 
 pub(super) fn listen() {
-    // It can be set once per process.
+    // The logger can be set only once per process.
     let _again = set_logger(&Counter);
     set_log_level(LogLevel::Warn);
 }
@@ -25,7 +25,7 @@ struct Counter;
 impl Log for Counter {
     fn log(&self, _level: LogLevel, _origin: Arguments, text: Arguments) {
         let number = COUNTED.fetch_add(1, Ordering::Relaxed).saturating_add(1);
-        // Powers of two only, so that the journal has room for any number.
+        // Only counts that are powers of two are logged, so that any number of warnings fits into the journal.
         if number.is_power_of_two() {
             warn!("shared memory: warning {number} of this process: {text}");
         }

@@ -15,8 +15,8 @@
 //! ```
 //!
 //! `w_d² = G/M`, `zeta_d = D / (2 sqrt(G M))` and, for wall-sided hulls, `L² = 12 G_5/G_3`, `B² = 12 G_4/G_3` from the
-//! vessel model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). Horizontally the wave's pressure
-//! accelerates the hull like the water it displaces, at any speed.
+//! vessel model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). In the horizontal directions, the
+//! wave's pressure accelerates the hull like the water that it displaces, at any speed.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};

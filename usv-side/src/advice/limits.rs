@@ -6,8 +6,8 @@ use alight_shared::frames::wrap_angle;
 
 /// Angular step for checking headings, rad: 1 deg.
 const STEP_RAD: f64 = core::f64::consts::PI / 180.0;
-/// Maximum turn if there are keep-out sectors, rad (150 deg): a half turn may be made either way, while only one way is
-/// checked.
+/// Maximum turn if there are keep-out sectors, rad (150 deg): a vessel may make a half turn either way, but only one
+/// way is checked.
 const SURE_TURN_RAD: f64 = 2.62;
 const MAX_SECTORS: usize = 8;
 
@@ -40,8 +40,8 @@ config! {
 }
 
 impl AdviceConfig {
-    /// Whether the skipper permits this heading (rad) and speed (m/s) to a vessel on the heading `now`, rad. The vessel
-    /// turns the shorter way, and out of a sector it is in.
+    /// Whether the skipper permits a change from the heading `now` (rad) to this heading (rad) and speed (m/s). The
+    /// vessel turns the shorter way, and may turn out of a sector that it is in.
     pub(super) fn permits(&self, [heading, speed]: [f64; 2], now: f64) -> bool {
         let turn = wrap_angle(heading - now);
         let steps = (turn.abs() / STEP_RAD).ceil().max(1.0);
@@ -117,7 +117,8 @@ mod tests {
         };
         let clear = |from: f64, to: f64| permits(&shore, from, to, 3.0);
         assert!(clear(0.0, 15.0) && clear(30.0, 60.0), "out of a sector");
-        // Into a sector, through one, from one into another, and a half turn that may lead through any.
+        // Turns into a sector, through a sector, from one sector into another, and a half turn that may lead through
+        // any sector.
         for (from, to) in [
             (0.0, 30.0),
             (60.0, 30.0),

@@ -5,8 +5,8 @@
 //! and the wind over the deck give the probability of a landing by the drone's own definition
 //! ([`alight_shared::landing`]): speed and angle of the contact, four feet on the deck, and staying at rest.
 //!
-//! Slopes that move a landed drone are the measured ones of the last two minutes, as for the drone, scaled by the ratio
-//! of the modelled deviations on both courses; on the present course they are used unchanged.
+//! The slopes that move a landed drone are those measured over the last two minutes, as in the drone's own calculation.
+//! On another course they are scaled by the ratio of the modelled deviations on both courses.
 //!
 //! A course costs the time until it is steady. Waiting costs as much as in the drone's mission
 //! ([`WAITING_COST_PER_MIN`]). A course is worth it if its probability minus that cost exceeds the present one's.
@@ -46,7 +46,7 @@ const HEADING_STEP_RAD: f64 = TAU / HEADINGS as f64;
 const SPEED_STEP_MPS: f64 = 2.0;
 /// Maximum number of speeds: the present one and slower ones.
 const MAX_SPEEDS: usize = 6;
-/// Turn rate without heeling, rad/s, and acceleration, m/s². Chosen: a small boat at ease.
+/// Turn rate without heeling, rad/s, and acceleration, m/s². Chosen: gentle for a small boat.
 const TURN_RADPS: f64 = 0.1;
 const SPEED_CHANGE_MPS2: f64 = 0.3;
 /// Maximum time to reach an advised course, s.
@@ -60,7 +60,7 @@ const PLACE_SD_M: f64 = 0.05;
 /// Wind assumed while it is unknown.
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 
-/// The deck's motion on a course, and the probability of a landing.
+/// Deck motion and probability of a landing on one course.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CourseOutlook {
     pub heading_rad: f64,
@@ -139,7 +139,7 @@ struct Conditions {
     heading_rad: f64,
     speed_mps: f64,
     heel: [f64; 2],
-    /// Fraction of the deck's motion that is not predicted one reaction time ahead: heave, and tilt.
+    /// Fractions of the deck's heave and tilt that are not predicted one reaction time ahead.
     unforeseen: [f64; 2],
     /// True wind towards NED, m/s.
     wind: Vector2<f64>,
@@ -211,7 +211,7 @@ impl Advisor {
     pub fn waves_to_rad(&self) -> Option<f64> {
         self.sea.as_ref().map(|(_, sea)| sea.towards)
     }
-    /// Best course within half a minute and the skipper's limits; None while no sea is known.
+    /// Best course that is reached within half a minute and obeys the skipper's limits; None while no sea is known.
     pub fn advice(&self) -> Option<Advice> {
         let here = *self.outlooks.first()?;
         let permitted = |c: &CourseOutlook| {
@@ -299,8 +299,8 @@ impl Advisor {
         }
     }
 
-    /// Outlook for a course with these powers of the deck's signals. The slopes measured on the present course, whose
-    /// apparent slope has the modelled standard deviation `here`, are scaled accordingly.
+    /// Outlook for a course with these powers of the deck's signals. `here` is the modelled standard deviation of the
+    /// apparent slope on the present course, by which the slopes measured there are scaled.
     fn outlook(
         &self,
         now: &Conditions,

@@ -1,12 +1,12 @@
 //! Directional wave spectrum and powers of the deck's motion, from the vessel's own motion at the frequencies of
 //! encounter.
 //!
-//! Averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s. Water and hull
-//! move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the cross-spectra `C`
-//! per frequency, `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` therefore points in that direction, and its length
-//! `r` gives the spread `s = r / (1 - r)` of `cos^2s((theta - theta_1) / 2)` (Longuet-Higgins, Cartwright and Smith
-//! 1963). The wave frequency in each direction follows from that of encounter, `omega_e = omega - omega² U cos mu / g`;
-//! of up to three solutions the longest wave has the energy.
+//! The spectra are averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s.
+//! Water and hull move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the
+//! cross-spectra `C` per frequency, `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` therefore points in that
+//! direction, and its length `r` gives the spread `s = r / (1 - r)` of `cos^2s((theta - theta_1) / 2)`
+//! (Longuet-Higgins, Cartwright and Smith 1963). The wave frequency in each direction follows from that of encounter,
+//! `omega_e = omega - omega² U cos mu / g`; of up to three solutions the longest wave has the energy.
 
 use std::collections::VecDeque;
 
@@ -28,7 +28,7 @@ const FIRST: usize = 2;
 const BINS: usize = 13;
 /// Memory, segments: 100 s, some twenty waves, as in the identification.
 const MEMORY: f64 = 16.0;
-/// Number of segments before a sea is known: 45 s.
+/// Minimum number of segments for an estimate of the sea: 45 s.
 const MIN_SEGMENTS: f64 = 4.0;
 /// Change of heading within a segment, or of its mean from the previous one, that counts as a turn, rad.
 const TURN_RAD: f64 = 15.0 * TAU / 360.0;
@@ -36,9 +36,9 @@ const TURN_RAD: f64 = 15.0 * TAU / 360.0;
 /// head sea (`omega² dU / g`) counts as another course ([`course_change_mps`]).
 const SHORT_RADPS: f64 = 1.3;
 const DIRECTIONS: usize = 24;
-/// Maximum length of the mean direction: seas always have some spread.
+/// Maximum length of the mean direction vector, because the directions in a sea always have some spread.
 const MAX_DIRECTED: f64 = 0.95;
-/// Minimum length of the mean direction over all waves with a known direction.
+/// Minimum length of the mean direction vector over all waves with a known direction.
 const MIN_DIRECTED: f64 = 0.3;
 /// Minimum heave power of the hull per wave power for identifying a wave.
 const MIN_RESPONSE: f64 = 0.1;
@@ -46,7 +46,7 @@ const MIN_RESPONSE: f64 = 0.1;
 const PRIOR: f64 = 0.1;
 /// Fraction of the variance below which waves are dropped.
 const NEGLIGIBLE: f64 = 1e-4;
-/// Lines that represent the width of a bin.
+/// Frequencies that represent the width of a bin, as offsets from its centre in bins.
 const LINES: [f64; 3] = [-1.0 / 3.0, 0.0, 1.0 / 3.0];
 
 const fn bin_width() -> f64 {
@@ -161,8 +161,8 @@ impl WaveSpectrum {
         self.add_segment()
     }
 
-    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None if the vessel turns or changes speed in
-    /// it.
+    /// Mean heading (rad) and velocity (NED, m/s) of the recorded segment; None if the vessel turns or changes speed
+    /// during the segment.
     fn course(&self) -> Option<(f64, Vector2<f64>)> {
         let n = self.record.len() as f64;
         let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
@@ -181,8 +181,8 @@ impl WaveSpectrum {
         (steady && known).then(|| (wrap_angle(first + sum / n), velocity))
     }
 
-    /// Adds the recorded segment unless the vessel changes course or speed in it. Segments of another course or speed
-    /// are discarded.
+    /// Adds the recorded segment unless the vessel changes course or speed during it. Segments of another course or
+    /// speed are discarded.
     fn add_segment(&mut self) -> bool {
         let Some((heading, velocity)) = self.course() else {
             return false;
@@ -355,7 +355,7 @@ fn own_frequency(met: f64, along: f64) -> f64 {
     if a.abs() < 1e-6 {
         met
     } else if root <= 0.0 {
-        // No wave is met at this frequency: take the one with the highest frequency of encounter.
+        // No wave is met at this frequency: use the wave with the highest frequency of encounter.
         0.5 / a
     } else {
         2.0 * met / (1.0 + root.sqrt())
@@ -416,7 +416,7 @@ mod tests {
         let c = correction(&measured, &modelled, &paired(&modelled));
         assert!(c[0] < 1.1 && c[1] > 3.5 && c[2] > 3.5, "{c:?}");
         assert_eq!(correction(&measured, &[0.0; SIGNALS], &[0.0; SIGNALS])[2], 1.0);
-        // At a frequency without waves, the remains of a manoeuvre are not a response.
+        // At a frequency without waves, the remains of a manoeuvre do not count as a response.
         let quiet = correction(&[0.01; SIGNALS], &[1e-6; SIGNALS], &paired(&modelled));
         assert!(quiet.iter().all(|c| *c < 1.2), "{quiet:?}");
     }

@@ -13,8 +13,8 @@
 use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Ratio of a push to the standard deviation at rest that detects it. Noise alone reaches four within minutes; in waves
-/// there is no rest to exceed.
+/// Minimum ratio of a push to the standard deviation at rest. Noise alone reaches a ratio of four within minutes. In
+/// waves there is no rest to compare with.
 const STANDS_OUT: f64 = 6.0;
 /// Ratio below which a push has ended.
 const OVER: f64 = 3.0;
@@ -31,9 +31,9 @@ const KNOWN: f64 = 0.3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecayOrder {
-    /// Oscillates back: heave, roll, pitch.
+    /// Degree of freedom that oscillates about its equilibrium: heave, roll, pitch.
     Stiff,
-    /// Slows down: surge, sway, yaw.
+    /// Degree of freedom that only slows down: surge, sway, yaw.
     Free,
 }
 
@@ -61,12 +61,13 @@ pub enum NotObservable {
         /// Ratio of the largest value to the standard deviation at rest.
         stands_out: f64,
     },
-    /// The detected motion is not a free decay: held, driven by waves, or of another degree of freedom.
+    /// The detected motion is not a free decay: the vessel was held or driven by waves, or moved in another degree of
+    /// freedom.
     NoDecay {
         /// Fraction of the motion explained by a free decay.
         explained: f64,
     },
-    /// A free decay, but too short, weak or noisy.
+    /// The motion is a free decay, but too short, weak or noisy.
     Vague,
 }
 
@@ -298,7 +299,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // Drop pushes that somebody held, or of another degree of freedom.
+    // Drop pushes that somebody held, and pushes in another degree of freedom.
     let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)
@@ -312,7 +313,8 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
         .ok_or(NotObservable::Vague)?
         .diagonal();
     if good.len() >= 3 {
-        // Differences between pushes are not sensor noise: they come from the water, the strength, a hand.
+        // Differences between pushes are not sensor noise: they come from the water, the strength of the push, or a
+        // hand on the boat.
         let own: Vec<Vector2<f64>> = good.iter().filter_map(|push| fit(order, &[push])).collect();
         let n = own.len() as f64;
         if own.len() >= 3 {
@@ -415,7 +417,7 @@ mod tests {
     fn free_decay_of_a_held_vessel() {
         let mut held = pushed(DecayOrder::Stiff, 6.2, 243.0, 0.005, 0);
         for k in 0..9 {
-            // A sawtooth: up in jumps, and down again.
+            // A sawtooth that jumps up and falls slowly.
             for (i, y) in held.y.iter_mut().skip(300 + 60 * k).take(20).enumerate() {
                 *y += if (i + k) % 3 == 0 { 1.0 } else { -0.7 };
             }

@@ -129,7 +129,7 @@ mod tests {
             let g = g.unwrap();
             assert!((g.value - truth).abs() < 1.0 && g.sd < 0.03 * truth, "{g:?}");
         }
-        // Wrong direction, too little, on the centre line, not measured.
+        // Tilt in the wrong direction, too little tilt, weight on the centre line, tilt not measured.
         let other = stiffness(&weight, &[known(0.0), None], &[known(-0.01), known(0.01)]);
         assert!(other[0].is_err() && other[1] == Err(None), "{other:?}");
         let middle = Weight {

@@ -19,8 +19,8 @@ const MIN_FIXES: usize = 10;
 const MIN_WINDOWS: usize = 5;
 /// Number of samples on each side for averaging rates, whose noise biases `r` towards zero.
 const AROUND: usize = 2;
-/// Minimum standard error, m, and as a fraction of the distance. Distances of the simulated vessel come out 5 to 8 %
-/// short (seeds 1 and 2, pushed and in waves).
+/// Minimum standard error, m, and as a fraction of the distance. Distances of the simulated vessel are estimated 5 to 8
+/// % too short (seeds 1 and 2, pushed and in waves).
 const FLOOR_M: f64 = 0.005;
 const FLOOR_FRACTION: f64 = 0.05;
 
@@ -44,7 +44,7 @@ pub fn at(states: &[InertialState], t_s: f64) -> Option<(usize, &InertialState)>
     (t_s - m.t_s < 0.05).then_some((k, m))
 }
 
-/// Fix: time, velocity not explained by the inertial sensor, and its dependence on `r`.
+/// Equation of one fix: time, velocity that the inertial sensor does not explain, and its dependence on `r`.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     t_s: f64,
@@ -146,7 +146,7 @@ impl Lever {
             .saturating_sub(3)
             .max(1);
         let white = bread * (rest.max(0.0) / freedom as f64);
-        // Errors common to the fixes of a window (White 1980, one cluster per window).
+        // Covariance that allows for errors common to the fixes of a window (White 1980, one cluster per window).
         let meat: Matrix3<f64> = self
             .windows
             .iter()

@@ -1,9 +1,9 @@
 //! Offline identification of the vessel's parameters from a recording of its sensors.
 //!
-//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses one side, the bow, or the
-//! whole vessel down and lets go, tows it and lets go, or turns it and lets go, with rests in between. Free motion
-//! determines `D/M` and `G/M` but not M, which needs a known force: in roll and pitch a known weight ([`incline`]). The
-//! model needs only the two ratios, so in the other degrees of freedom M stays as configured, and D and G follow.
+//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses down one side, the bow or the
+//! whole vessel, tows it or turns it, and then releases it, with rests in between. Free motion determines `D/M` and
+//! `G/M` but not M, which needs a known force: in roll and pitch a known weight ([`incline`]). The model needs only the
+//! two ratios, so in the other degrees of freedom M stays as configured, and D and G follow.
 //!
 //! The position of the GNSS antenna comes from any rotation of the vessel, including in waves ([`lever`]). It is
 //! relative to the inertial sensor, whose own position stays as configured because the reference point is arbitrary.
@@ -141,7 +141,7 @@ impl Record {
         let Some(first) = self.imu.first() else {
             return Vec::new();
         };
-        // Start level by the mean of the first second.
+        // The initial roll and pitch follow from the mean of the first second.
         let count = 100.min(self.imu.len());
         let force = self
             .imu
@@ -172,7 +172,7 @@ impl Record {
                 let dt = dt.min(GAP_S);
                 attitude *= UnitQuaternion::from_scaled_axis(rates * dt);
                 let force = attitude * Vector3::from(s.accelerometer);
-                // Use the mean of the forces so far at first, so that the start has no effect.
+                // At first, use the mean of all forces so far, so that the initial attitude has no effect.
                 let over_s = (s.header.at - first.header.at).secs().clamp(1.0, LEVELLED_S);
                 let mut correction = force.cross(&-Vector3::z()) / GRAVITY * (dt / over_s);
                 while let Some(h) = headings.next_if(|h| h.header.at <= s.header.at) {

@@ -1,4 +1,4 @@
-//! Crew orders for deck and course: each is repeated until the vessel's status names it, and accepted once.
+//! Crew orders for deck and course. Each is repeated until the vessel's status names it, but is accepted only once.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,8 @@ use super::VesselEvent;
 pub(super) struct CrewOrders(VecDeque<u32>);
 
 impl CrewOrders {
-    /// Orders that are accepted now, and events about the rejected ones. A delayed order would be wrong.
+    /// Orders that are accepted now, and events for the rejected ones. A late order is rejected because the situation
+    /// may have changed.
     pub(super) fn take(
         &mut self,
         now: Time<VesselClock>,
@@ -72,7 +73,7 @@ mod tests {
         let text = "crew order: deck closed: too late and rejected: give it again";
         assert_eq!(late, Some((true, text.to_owned())));
         assert_eq!(events.len(), 2);
-        // The last accepted orders are known after any number of others.
+        // The newest accepted orders remain known after any number of earlier ones.
         let many: Vec<_> = (10..10 + 2 * MAX_ORDERS as u32)
             .map(|boot| given(boot, 99.0))
             .collect();

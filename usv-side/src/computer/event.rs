@@ -43,7 +43,7 @@ pub enum VesselEvent {
     /// An inertial sensor repeats one sample, or measures again.
     StuckImu {
         source: usize,
-        /// It repeats one sample.
+        /// The sensor repeats one sample.
         stuck: bool,
     },
     /// A drone with a low battery waits for the deck, whose owner is silent.

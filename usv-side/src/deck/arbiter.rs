@@ -4,29 +4,30 @@
 //! ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there
 //! is evidence that it has left: for several seconds it reports itself armed, in the air and at a distance, or the crew
 //! reports so ([`claim`]). A single status is not enough, and silence is no evidence: a drone that owns the deck may
-//! have landed and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore no
-//! silence gives the deck to another drone without the crew. While another waits with a low battery the arbiter raises
-//! an alarm ([`Starved`]), and the waiting drone lands at the next place in its own order.
+//! have landed and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore
+//! silence never transfers the deck to another drone without the crew. While another drone waits with a low battery,
+//! the arbiter raises an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
 //!
-//! A drone switched on without a position may stand on the deck. Until it reports its position the deck is given to no
-//! drone, but it does not take the deck from its owner.
+//! A drone that is switched on without a position may stand on the deck. Until it reports its position, no drone
+//! receives the deck, but the present owner keeps it.
 //!
-//! Every flying drone gets a waiting place off the deck. Only the owner may be within [`OWNER_ONLY_M`] of the deck: the
-//! deck is given to another only when its previous owner is beyond that distance. A silent drone keeps its waiting
-//! place, and a station its height: of two stations at one height, the later is left out of the grant and gives way.
+//! Every flying drone gets a waiting place off the deck. Only the owner may be within [`OWNER_ONLY_M`] of the deck:
+//! another drone receives the deck only when the previous owner is beyond that distance. A silent drone keeps its
+//! waiting place and the height of its station. If two stations have the same height, the grant omits the later one,
+//! and its drone gives way.
 //!
-//! The crew closes and opens the deck ([`DeckOrder`]). An order to open it states that nothing lies there. This is
-//! evidence about a drone that stood there, but not about one that was in the air when it fell silent: that one keeps
-//! the deck for as long as a landing takes, or until the order names it. A [`DeckCheckpoint`] outlives the process.
-//! Configured digital inputs also close the deck ([`DeckInputs`]): the crew's switch, and a sensor for objects on the
-//! deck other than drones. They never end an ownership, and an input that cannot be read closes the deck.
+//! The crew closes and opens the deck ([`DeckOrder`]). An order to open it states that nothing lies on the deck. This
+//! is evidence about a drone that stood on the deck, but not about a drone that was in the air when it fell silent: the
+//! latter keeps the deck for as long as a landing takes, or until an order names it. A [`DeckCheckpoint`] outlives the
+//! process. Configured digital inputs also close the deck ([`DeckInputs`]): the crew's switch, and a sensor for objects
+//! on the deck other than drones. They never end an ownership, and an input that cannot be read closes the deck.
 //!
 //! A drone on the deck takes off only with a clearance of the crew: for one take-off within a limited time
-//! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]), in both
-//! cases only until somebody has been at the deck. No clearance outlives this process.
+//! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]), but in both
+//! cases only until somebody approaches the deck. A clearance ends with this process.
 //!
-//! The grant also contains the course that the helm intends ([`Course`]). The arbiter knows whether a drone asks for a
-//! steady one.
+//! The grant also contains the course that the helm intends ([`Course`]). The arbiter also reports whether a drone asks
+//! for a steady course.
 
 use core::mem::discriminant;
 
@@ -60,7 +61,7 @@ const FRESH: Span = Span::from_millis(2000);
 /// Time for which one of two drones with the same number must be silent to end the conflict.
 const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
 /// Battery of a waiting drone that counts as low, 0 to 1: one and a half times the mission's reserve, which gives the
-/// crew time to look.
+/// crew time to look at the deck.
 const LOW_BATTERY: f64 = 0.3;
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -160,21 +161,21 @@ impl DeckArbiter {
         };
         self.drones.iter().filter_map(double)
     }
-    /// Number of rejected statuses: of another vessel or version, out of order, of a drone beyond [`MAX_DRONES`] or of
-    /// a second one with the same number.
+    /// Number of rejected statuses: from another vessel or version, out of order, from a drone beyond [`MAX_DRONES`],
+    /// or from a second drone with the same number.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
-    /// Drones switched on without a position; the deck is given to no drone until they report one.
+    /// Drones switched on without a position. No drone receives the deck until they report one.
     pub fn unplaced(&self) -> impl Iterator<Item = u32> {
         let unplaced = |d: &&Drone| d.unplaced;
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
     }
-    /// Alarm that a drone with a low battery waits for a silent owner.
+    /// Alarm: a drone with a low battery waits for a silent owner.
     pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         let silent_s = (now - owner.received).secs();
-        // Any manoeuvre it had begun without a radio has ended.
+        // After this time, any manoeuvre that the owner had begun has ended.
         if silent_s <= self.config.status_timeout_s {
             return None;
         }
@@ -195,7 +196,7 @@ impl DeckArbiter {
             battery,
         })
     }
-    /// Silent drones that may be descending. An order to open the deck that does not name them leaves the deck to them.
+    /// Silent drones that may be descending. They keep the deck if an order to open it does not name them.
     pub fn unheard(&self, now: Time<VesselClock>) -> impl Iterator<Item = Unheard> {
         let timeout_s = self.config.status_timeout_s;
         let may_descend = move |d: &&Drone| {
@@ -264,7 +265,7 @@ impl DeckArbiter {
         }
     }
 
-    /// Drone after an admitted status, without its rival.
+    /// State of the drone after an admitted status. Its rival is dropped.
     fn updated(&mut self, now: Time<VesselClock>, status: &DroneStatus, before: Option<Drone>) -> Drone {
         let h = &status.header;
         let former = before.map_or(Claim::Away, |d| d.claim);
@@ -288,7 +289,7 @@ impl DeckArbiter {
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
-            // It may still approach until it receives that it gave way.
+            // The drone may still approach until it receives the grant that takes the deck from it.
             Some(_) => !claim::is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
@@ -310,7 +311,7 @@ impl DeckArbiter {
             descends: status.state == State::Descent
                 || Claim::reported(status) < Claim::Landing && claim::flies(status),
             unplaced,
-            // Evidence that ended one claim does not apply to the next.
+            // Evidence that ended one claim does not count for the next.
             evidence: evidence.filter(|_| (claim >= Claim::Landing) == (former >= Claim::Landing)),
             at_deck: Claim::is_at_deck(status),
             flies: claim::flies(status),
@@ -337,12 +338,12 @@ impl DeckArbiter {
         }
     }
 
-    /// Applies a report of the crew: nothing lies on the deck, and `named` is neither there nor above it.
+    /// Applies the crew's report that nothing lies on the deck, and that `named` is neither on it nor above it.
     fn open(&mut self, now: Time<VesselClock>, named: Option<u32>) {
         self.closed = None;
         let timeout_s = self.config.status_timeout_s;
         let ends = |d: &Drone| d.ends_by_a_look(now, timeout_s) || named == Some(d.header.drone);
-        // The crew would see a silent drone standing there; one that waits in the air keeps its place.
+        // The crew would see a silent drone on the deck. A silent drone that waits in the air keeps its place.
         self.drones
             .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing || !ends(d));
         for d in &mut self.drones {
@@ -352,7 +353,7 @@ impl DeckArbiter {
                     (d.claim, d.inside) = (Claim::Away, false);
                 }
             } else if !d.at_deck && (d.claim >= Claim::Landing || named == Some(d.header.drone)) {
-                // According to both the drone and the crew it is not there.
+                // Both the drone and the crew report that it is not on the deck.
                 (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
             }
         }
@@ -389,10 +390,10 @@ impl DeckArbiter {
             .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
             .filter(|_| open)
             .min_by_key(|d| d.since);
-        // A silent drone may be descending; a drone that flies elsewhere climbs first.
+        // A silent drone may be descending, and a drone that flies elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
-        // Another drone may be above or on the deck, or may not know yet that it lost it.
+        // Another drone may be above or on the deck, or may not know yet that it has lost the deck.
         let free = |next: &&Drone| {
             let may_be_there = |d: &Drone| d.inside || d.unplaced;
             !drones().any(|d| may_be_there(d) && d.header.drone != next.header.drone)
@@ -420,13 +421,13 @@ impl DeckArbiter {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
         match self.owner {
             _ if self.closed(now).is_some() => DECK_CLOSED,
-            // Both drones would take the deck for theirs.
+            // Both drones would assume that they own the deck.
             Some(id) if double(id) => DECK_CLOSED,
             owner => owner.unwrap_or(0),
         }
     }
-    /// Heights of the stations kept by the drones at the waiting places, m; 0: none, or at the height of an earlier
-    /// station. A silent drone keeps its station for the ordered time.
+    /// Heights of the stations of the drones at the waiting places, m; 0: the drone has no station, or an earlier
+    /// station has its height. A silent drone keeps its station for the ordered time.
     fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
         let keeps = |d: &Drone| {
             let (station, since) = d.station?;
@@ -488,8 +489,8 @@ impl Node for DeckArbiter {
             }
             if owner.is_none() {
                 self.vacated = Some(now);
-                // A previous owner that gave way may still approach without receiving it, until it reports from beyond
-                // the distance.
+                // A previous owner may have missed the grant that took the deck from it. Until it reports from beyond
+                // the distance, it may still approach.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;
                 self.drones
@@ -522,7 +523,7 @@ impl Node for DeckArbiter {
                 occupied: self.occupied(now),
                 stations,
                 places: core::array::from_fn(|k| {
-                    // Two drones with one number would both go there.
+                    // Two drones with the same number would both fly to this place.
                     let occupant = self.drones.iter().find(|d| d.place == Some(k));
                     occupant.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
                 }),

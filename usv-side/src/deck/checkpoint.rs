@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 pub enum Claim {
     #[default]
     Away,
-    /// Above the deck, but not steady: keeps the deck, but does not request it.
+    /// The drone is above the deck, but not steady: it keeps the deck, but does not request it.
     Above,
-    /// On its way, waiting, or steady above the deck.
+    /// The drone is on its way, waiting, or steady above the deck.
     Requesting,
-    /// In descent or flare.
+    /// The drone is in descent or flare.
     Landing,
     OnDeck,
 }
@@ -25,7 +25,7 @@ pub struct DroneClaim {
     pub boot: u32,
     pub claim: Claim,
     pub place: Option<usize>,
-    /// It was in the space reserved for the owner.
+    /// The drone was in the space reserved for the owner.
     pub inside: bool,
 }
 
@@ -34,7 +34,7 @@ pub struct DeckCheckpoint {
     pub owner: Option<u32>,
     /// Reason why the deck is closed; None: it is open.
     pub closed: Option<Closure>,
-    /// The owner, and every drone that lands, stands or waits there.
+    /// The owner, and every drone that lands, stands or waits at the deck.
     pub claims: Vec<DroneClaim>,
 }
 
@@ -54,6 +54,7 @@ pub struct GivenCommand {
     pub operator: Sender,
     /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// Still repeated to its drone: neither acknowledged, replaced, given up, nor cancelled by an abort.
+    /// The command is still repeated to its drone: it is not acknowledged, replaced, given up, or cancelled by an
+    /// abort.
     pub open: bool,
 }

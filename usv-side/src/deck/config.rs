@@ -5,8 +5,8 @@ use alight_shared::config;
 config! {
     /// Timeouts of deck ownership, and digital inputs of the deck.
     pub struct DeckConfig {
-        /// Age of the status of a descending drone after which it counts as standing on the deck, s. A drone without
-        /// the deck is forgotten after this time.
+        /// Age of the status of a descending drone after which it counts as standing on the deck, s. A drone that does
+        /// not own the deck is forgotten after this time.
         /// Source: above the longest descent and flare together (30 and 8 s), which a drone may complete without a
         /// radio.
         pub status_timeout_s: f64 = 60.0, in 40.0..=3600.0;

@@ -1,4 +1,4 @@
-//! Received drones, for the crew.
+//! Monitor of the drones that the vessel receives, for display to the crew.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ const MAX_WIND_AGE_S: f64 = 600.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct News {
     pub(crate) state: bool,
-    /// Time since the landing, s, when the drone is first reported landed and still armed after its disarm should have
+    /// Time since the landing, s, in the first status that reports the drone still armed after its disarm should have
     /// finished.
     pub(crate) still_armed: Option<f32>,
 }
@@ -80,7 +80,7 @@ impl DroneMonitor {
     pub fn received(&self) -> u64 {
         self.received
     }
-    /// Number of rejected statuses: of another vessel or version, damaged, repeated, or of a drone beyond
+    /// Number of rejected statuses: from another vessel or version, damaged, repeated, or from a drone beyond
     /// [`MAX_DRONES`].
     pub fn rejected(&self) -> u64 {
         self.rejected
@@ -122,7 +122,7 @@ mod tests {
         for bad in [foreign, repeated, nan, version] {
             assert!(!monitor.observe(&bad).state);
         }
-        // A status of another drone in between is no change of state.
+        // A status of another drone in between does not count as a change of state.
         assert!(monitor.observe(&status(1, 5, 1, State::Idle)).state);
         assert!(!monitor.observe(&status(1, 4, 3, State::Tracking)).state);
         assert!(monitor.observe(&status(1, 4, 4, State::Landed)).state);

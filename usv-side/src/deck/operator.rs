@@ -1,19 +1,19 @@
-//! Operator relay: operator commands on their way through the vessel to its drones.
+//! Operator relay: passes operator commands through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status echoes it, for at most 10 s; an abort without a time
-//! limit. Until an abort has shown its effect, no other command reaches that drone. Commands given up to then, and
-//! landings ordered by others within a second of the abort, remain rejected afterwards. Each repetition carries the
-//! original time of the command: anything the drone was commanded since, from any source, is newer.
+//! A command is sent to its drone at 2 Hz until the drone's status echoes it, for at most 10 s. An abort is repeated
+//! without a time limit, and until it has taken effect, no other command reaches that drone. Commands given before
+//! then, and landings ordered by others within a second of the abort, remain rejected afterwards. Each repetition
+//! carries the original time of the command, so that every later command from any source is newer.
 //!
 //! An operator's terminal repeats its command for 12 s. The relay remembers received commands and their times, also
 //! across a restart of the vessel's process ([`GivenCommand`]).
 //!
-//! Commands for drones that the radio does not admit are rejected, so each admitted drone always has room for one: an
-//! abort becomes pending whatever other operators send.
+//! Commands for drones that the radio does not admit are rejected, so there is always room for one command to each
+//! admitted drone. An abort is therefore relayed regardless of what other operators send.
 //!
 //! The relay replies to each of an operator's messages, and at every change, with the progress of the command
-//! ([`CommandReceipt`]). A drone state that matches by chance is no acknowledgement, and silence does not show whether
-//! an abort is pending.
+//! ([`CommandReceipt`]). A drone state that matches a command by chance does not count as an acknowledgement, and
+//! silence does not show whether an abort is pending.
 
 use std::collections::VecDeque;
 
@@ -39,7 +39,7 @@ struct Relayed {
     operator: Sender,
     /// Command with boot and sequence of the operator's message.
     given: Retransmission<VesselClock, OperatorCommand<VesselClock>>,
-    /// Minimum sequence of its repetitions.
+    /// Minimum sequence number of the command's repetitions.
     first: u32,
     progress: CommandProgress,
 }
@@ -51,7 +51,7 @@ impl Relayed {
     fn is_open(&self) -> bool {
         self.progress == CommandProgress::Pending
     }
-    /// Whether it is this command of this operator.
+    /// Whether this entry is the command of `operator` with the header `h`.
     fn is_of(&self, operator: Sender, h: &Header<VesselClock>) -> bool {
         let known = &self.given.message.header;
         (self.operator, known.drone, known.boot, known.sequence) == (operator, h.drone, h.boot, h.sequence)
@@ -68,7 +68,7 @@ impl Relayed {
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct OperatorIn {
-    /// From operators with accepted certificates.
+    /// Commands of operators with accepted certificates.
     pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
     pub statuses: Vec<DroneStatus>,
     /// Commands known to the previous start, at the first step.
@@ -200,7 +200,7 @@ impl OperatorRelay {
         Ok(())
     }
 
-    /// Receipts for commands whose progress has changed, and for those just sent by an operator.
+    /// Receipts for commands whose progress has changed, and for commands just sent by an operator.
     fn answer(
         &mut self,
         now: Time<VesselClock>,
@@ -224,7 +224,7 @@ impl OperatorRelay {
         receipts
     }
 
-    /// Progress of a command shown by a status, if any.
+    /// Progress of a command according to a status; None if the status does not show it.
     fn shown(&self, c: &Relayed, status: &DroneStatus) -> Option<CommandProgress> {
         let command = &c.given.message;
         let is_own = |[boot, k]: [u32; 2]| boot == self.boot && k >= c.first;

@@ -23,7 +23,7 @@ pub(super) struct StatedCourse {
 }
 
 impl StatedCourse {
-    /// Course and speed are kept for `for_s` seconds; 0 withdraws the statement.
+    /// States that course and speed are kept for `for_s` seconds; 0 withdraws the statement.
     pub(super) fn order_steady(&mut self, now: Time<VesselClock>, for_s: u32) {
         let for_s = f64::from(for_s).min(f64::from(MAX_STEADY_S));
         self.ordered = Ordered::SteadyUntil(now + Span::from_secs(for_s));

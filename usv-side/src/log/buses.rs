@@ -22,7 +22,7 @@ const STAMPS: core::ops::Range<u64> = 1_000_000_000_000_000..10_000_000_000_000_
 pub(super) const LINES: [Format; 2] = [Format::N2k, Format::SignalK];
 pub(super) const STREAMS: [Format; 2] = [Format::Ubx, Format::Mavlink];
 
-/// Format among these of a file that begins with `head`.
+/// Format of a file that begins with `head`, if it is one of `these`.
 pub(super) fn format(these: &[Format], head: &[u8]) -> Option<Format> {
     these.iter().copied().find(|format| begins(*format, head))
 }

@@ -1,5 +1,5 @@
 //! Conversion of tables ([`super::table`]) to measurements: one row per time, one column per quantity. An empty cell
-//! was not measured, and a quantity may have separate rows.
+//! means that the quantity was not measured. A quantity may have rows of its own.
 //!
 //! | column | what |
 //! |---|---|
@@ -16,7 +16,7 @@
 //! | `down_mps` | its velocity |
 //!
 //! Rates without accelerations are interpolated to the times of the attitudes. Heaves and rates on separate rows are
-//! combined with the attitude and the accelerations interpolated to their times.
+//! combined with attitudes and accelerations that are interpolated to their times.
 
 use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
@@ -95,7 +95,7 @@ impl<const N: usize> Series<N> {
         let at = |k: usize| Some((*self.t.get(k)?, *self.y.get(k)?));
         (k.checked_sub(1).and_then(at), at(k))
     }
-    /// Interpolated value at a time, if there are values close by on both sides.
+    /// Interpolated value at a time, if there are close values before and after it.
     fn at(&self, t: f64) -> Option<[f64; N]> {
         match self.around(t) {
             (_, Some((b, y))) if b == t => Some(y),
@@ -157,7 +157,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
     let mut reading = Reading::of(&table, mount);
     reading.check_gravity(&table, origin)?;
     let mut gather = Gather::default();
-    // Relative to the first: nanoseconds since 1970 are coarse in floating point.
+    // Times are relative to the first row, because nanoseconds since 1970 are coarse in floating point.
     let begin = table.rows.first().map_or(0.0, |r| r.t);
     for row in &table.rows {
         let at_ns = ((row.t - begin) * 1e9).round() as i64;
@@ -203,7 +203,7 @@ struct Reading {
     /// Attitudes with rates, and rates on separate rows.
     rated: u64,
     own_rates: u64,
-    /// Heaves on separate rows, and those of them without an attitude.
+    /// Heaves on separate rows, and how many of these lack an attitude.
     own_heaves: u64,
     lost_heaves: u64,
     lost_forces: u64,
@@ -346,7 +346,7 @@ impl Reading {
             return None;
         }
         self.own_velocities += u64::from(place.is_none() && velocity.is_some());
-        // The position is the origin of its own plane; if not measured, the nearest measured one.
+        // A measured position is the origin of its own plane. Without one, the nearest measured position is the origin.
         let near = self.place.at(row.t).or_else(|| self.place.nearest(row.t));
         let [latitude_deg, longitude_deg] = place.or(near).unwrap_or_default();
         let level = || self.altitude.nearest(row.t).map(|[a]| a);
@@ -370,7 +370,7 @@ impl Reading {
         )
     }
 
-    /// Notes on quantities that lack others.
+    /// Notes on quantities whose use requires a missing quantity.
     fn notes(&self, table: &CsvTable) -> Vec<String> {
         let mut notes = Vec::new();
         if self.rated > 0 {

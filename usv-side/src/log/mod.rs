@@ -16,7 +16,7 @@ use crate::sensors::{Average, Measurement, Mount, Remark, SourceMeasurement, pla
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
-/// Signatures of recordings that need conversion first, with their formats.
+/// Signatures of recordings that must be converted before reading, with their formats.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
     (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
@@ -113,7 +113,7 @@ impl Gather {
         let missing: Vec<&str> = kinds.iter().filter(|k| !k.0).map(|k| k.1).collect();
         missing.join(", ")
     }
-    /// Recording of a decoder with the counts `decoded`; `found` describes the file's content.
+    /// Completes the recording of a decoder with the counts `decoded`; `found` describes the file's content.
     fn recording(
         self,
         origin: &str,

@@ -66,7 +66,7 @@ impl Kinds {
             } += 1;
         }
     }
-    /// Text for display, most frequent first.
+    /// Text for display, most frequent kind first.
     fn text(&self) -> String {
         let mut all: Vec<(&String, &Fate)> = self.0.iter().collect();
         all.sort_by_key(|(_, fate)| core::cmp::Reverse(fate.total()));
@@ -95,8 +95,8 @@ fn sentence(line: &[u8]) -> Option<(String, &[u8])> {
     (3..=8).contains(&end).then(|| (address.to_owned(), content))
 }
 
-/// Whether it contains the start of a sentence: a dollar, an address of capitals, a comma; or one of iKonvert with NMEA
-/// 2000.
+/// Whether the text contains the start of a sentence (a dollar, an address of capitals, a comma), or an iKonvert
+/// sentence with NMEA 2000.
 pub(super) fn is_nmea(head: &[u8]) -> bool {
     let mut lines = head.split(|b| *b == b'\n');
     lines.any(|line| Peeled::of(line).content.starts_with(b"!PDGY,")) || has_sentence(head)
@@ -193,7 +193,7 @@ mod tests {
             (r.measurements.len(), r.decoded.good, r.decoded.corrupted),
             (300, 300, 0)
         );
-        // Neither time nor counter.
+        // These sentences carry neither a time nor a counter.
         let e = read(carriers("MXPGN").as_bytes(), "boat.nmea", &Mount::default());
         let e = e.unwrap_err().to_string();
         assert!(e.contains("MXPGN 1200 read"), "{e}");

@@ -1,7 +1,8 @@
 //! Alight's table (CSV): a header line of known columns, then one row per line with comma-separated cells.
 //!
-//! An empty cell, or NaN, was not measured; a quantity may have separate rows. `deploy/docs/sensors.md` lists the
-//! columns. Tables of other programs are converted first (`deploy/docs/recordings.md`).
+//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have rows of its own.
+//! `deploy/docs/sensors.md` lists the columns. Tables of other programs are converted first
+//! (`deploy/docs/recordings.md`).
 
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
 use thiserror::Error;
@@ -11,7 +12,7 @@ pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
 const TIME: &str = "t_s";
 const MAX_TIME_S: f64 = 1e10;
 const MAX_ROWS: usize = 2_000_000;
-/// Fraction of rows with the time of the previous row above which the times are too coarse.
+/// Maximum fraction of rows whose time equals that of the previous row. Above it, the times are too coarse.
 const COARSE: f64 = 0.2;
 /// Cell without a value, like an empty one.
 const NAN: &str = "nan";
@@ -132,7 +133,7 @@ impl CsvRow {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Bad {
     pub count: u64,
-    /// Line of the first, and its fault.
+    /// Line and fault of the first bad row.
     pub first: Option<(u64, String)>,
 }
 
@@ -195,7 +196,7 @@ pub fn is_table(head: &[u8]) -> bool {
     first_line(head).split(|b| *b == b',').any(is_time)
 }
 
-/// Whether it is text in columns of any kind.
+/// Whether the file is text in columns of any kind.
 pub fn has_columns(head: &[u8]) -> bool {
     let is_text = |b: &u8| !b.is_ascii_control() || b.is_ascii_whitespace();
     head.iter().all(is_text) && first_line(head).iter().any(|b| b",;\t|".contains(b))
@@ -318,7 +319,7 @@ impl CsvTable {
                 header = Some((line, self::columns(&record, line)?));
                 continue;
             };
-            // A spreadsheet leaves lines of commas only.
+            // A spreadsheet may leave lines that contain only commas.
             if read.is_ok() && record.iter().all(str::is_empty) {
                 continue;
             }

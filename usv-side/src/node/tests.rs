@@ -1,4 +1,4 @@
-//! Invalid input to the node is counted, and causes neither a panic nor an unsafe message.
+//! Tests that invalid input to the node is counted, and causes neither a panic nor an unsafe message.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
@@ -142,7 +142,7 @@ fn estimate_of_a_vessel_at_rest() {
         "{e:?}"
     );
     assert!(e.eta[HEAVE].abs() < 0.05 && e.eta[ROLL].abs() < 0.005 && e.eta[PITCH].abs() < 0.005);
-    // 20 s at 30, 5 and 1 Hz.
+    // The expected numbers are those of 20 s at 30, 5 and 1 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (19..=20).contains(&predictions));
     assert_eq!(n.rejected(), Rejections::default());
@@ -177,7 +177,8 @@ fn height_whose_reference_is_uncertain() {
     let mut n = node();
     let [_, sd] = height_of(&mut n, 0..6000, |g| vec![uncertain(g)]);
     assert!((3.0..3.5).contains(&sd), "{sd}");
-    // A receiver that measures it is more accurate, and the other does not bias the height.
+    // A receiver that reports the height above the ellipsoid is more accurate, and the uncertain one does not bias the
+    // height.
     let [height, sd] = height_of(&mut n, 6000..12_000, |g| {
         let up = GnssFix {
             source: 2,
@@ -187,7 +188,7 @@ fn height_whose_reference_is_uncertain() {
         vec![g, up]
     });
     assert!(sd < 1.2 && (height - 0.0).abs() < 1.0, "{height} +- {sd}");
-    // Without it, only the uncertain one remains.
+    // Without that receiver, only the uncertain one remains.
     let [_, sd] = height_of(&mut n, 12_000..13_500, |g| vec![uncertain(g)]);
     assert!((3.0..4.0).contains(&sd), "{sd}");
 }
@@ -201,7 +202,7 @@ fn height_that_is_not_measured() {
     let mut n = node();
     let [_, sd] = height_of(&mut n, 0..6000, |g| vec![flat(g)]);
     assert!(sd > 100.0, "no height is not a height of zero: {sd}");
-    // The first height is adopted whatever was assumed.
+    // The first measured height replaces any assumed one.
     let [height, sd] = height_of(&mut n, 6000..6500, |g| {
         vec![GnssFix {
             datum: alight_shared::geodesy::Datum::new(0.0, 0.0, 48.0),
@@ -297,7 +298,7 @@ fn circling(k: i64) -> Readings {
     let t = k as f64 * 1e-2;
     let ((s, c), yaw) = ((omega * t).sin_cos(), turn * t);
     let (roll, roll_rate) = (0.052 + 0.052 * s, 0.052 * omega * c);
-    // Level, along and across the heading: acceleration of the circle minus gravity.
+    // Specific force in level axes along and across the heading: centripetal acceleration minus gravity.
     let force = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), -roll)
         * nalgebra::Vector3::new(0.0, speed * turn, -9.806_65);
     let mut input = rest(k);
@@ -316,8 +317,8 @@ fn circling(k: i64) -> Readings {
     input
 }
 
-/// In a turn, neither the recent trim equals the present heel, nor the mean velocity the velocity. The prediction still
-/// starts at the estimate, and its interval covers the later position.
+/// In a turn, the recent mean trim differs from the present heel, and the mean velocity from the present one. The
+/// prediction still starts at the estimate, and its interval covers the later position.
 #[test]
 fn prediction_that_begins_at_the_estimate() {
     let mut n = node();
@@ -401,7 +402,7 @@ fn output_before_all_sensors_and_after_imu_loss() {
     for k in 100..400 {
         n.step(time(k), &rest(k).into());
     }
-    // Silence: the estimate is withheld after one second.
+    // During a silence, the estimate is withheld after one second.
     for k in 400..700 {
         let out = n.step(time(k), &VesselIn::default());
         assert!(k < 505 || out.estimate.is_none(), "{k}");

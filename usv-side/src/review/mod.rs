@@ -28,9 +28,10 @@ const TICK: Span = Span::from_millis(10);
 const JUMP_S: f64 = 5.0;
 /// Number of following measurements among which one must return to the former time for a lead to count as an outlier.
 const LOOK_AHEAD: usize = 20;
-/// Start of the evaluation, s, or after a third of a shorter recording: the record length for identifying the sea.
+/// Start of the evaluation, s: the record length needed to identify the sea. A shorter recording is evaluated after its
+/// first third.
 const WARM_UP_S: f64 = 60.0;
-/// Number of missing usual steps that counts as a gap, together with `GAP_S`.
+/// Minimum length of a gap in usual steps, but at least `GAP_S`, s.
 const GAP_STEPS: f64 = 5.0;
 const GAP_S: f64 = 0.3;
 /// Standard deviations of assumed position and velocity without a recorded receiver, m, m/s: a boat on station.
@@ -47,7 +48,7 @@ pub struct SourceReview {
     pub samples: u64,
     /// Usual rate (median step), Hz.
     pub rate_hz: f64,
-    /// Silences longer than five usual steps and 0.3 s.
+    /// Number of silences that are longer than five usual steps and longer than 0.3 s.
     pub gaps: u64,
     pub longest_gap_s: f64,
     /// Use of the measurements by the node.

@@ -21,7 +21,7 @@ const MAX_GAP_S: f64 = 0.2;
 pub struct PredictionReview {
     /// Degree of freedom: position north, east, down, then roll, pitch, yaw.
     pub what: &'static str,
-    /// m or deg.
+    /// Unit: m or deg.
     pub unit: &'static str,
     pub count: u64,
     /// Root mean square difference from the later estimate, per horizon.
@@ -41,7 +41,7 @@ struct Pending {
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
-    /// Regression for roll, pitch, height.
+    /// Prediction of the regression for roll, pitch and height.
     ridge: Option<[f64; 3]>,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct Predictions {
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: PublishedMotion,
-    /// Exists from the first estimate on.
+    /// Regression; None before the first estimate.
     ridge: Option<RefittedRidge>,
 }
 

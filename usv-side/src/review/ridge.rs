@@ -59,7 +59,7 @@ impl PublishedMotion {
     pub fn forget(&mut self) {
         let Some(last) = self.times.last() else { return };
         let from = *last - Span::from_secs(WINDOW_S + REFIT_S);
-        // Rarely, because all remaining entries are moved.
+        // Entries are dropped rarely, because all remaining ones are moved.
         let old = self.times.partition_point(|t| *t < from);
         if old > self.times.len() / 2 {
             self.times.drain(..old);
@@ -153,7 +153,7 @@ impl Ridge {
             scaled[reach + r - LAGS[f / CHANNELS]][f % CHANNELS]
         });
         for horizon in horizons_s {
-            // Rows whose target was published by now.
+            // Number of rows whose target has already been published.
             let known = z.nrows().checked_sub((horizon / STEP_S).ceil() as usize)?;
             if known < MIN_ROWS.min(FEATURES) {
                 return None;
@@ -198,7 +198,7 @@ impl Ridge {
 pub struct RefittedRidge {
     began: Time<VesselClock>,
     horizons_s: Vec<f64>,
-    /// Number of the interval, and its fit.
+    /// Number of the current 10 s interval, and the fit at its start; the fit is None if it failed.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 

@@ -37,7 +37,7 @@ pub(super) fn declare(
 ) -> zenoh::Result<Vec<Queryable<()>>> {
     let (sender, questions) = sync_channel(MAX_WAITING);
     let mut answers = Answers::of(name, publications);
-    // It ends with the queryables, which hold its senders.
+    // The thread ends with the queryables, which hold its senders.
     std::thread::Builder::new()
         .name("answers".into())
         .spawn(move || answers.answer_all(&questions))?;

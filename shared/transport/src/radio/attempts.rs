@@ -78,7 +78,7 @@ mod tests {
                 .unwrap()
                 .contains("no room")
         );
-        // A success ends the pauses; the first is not a reopening.
+        // A success ends the pauses; the first success does not count as a reopening.
         attempts.succeeded();
         assert!(!attempts.is_pausing() && attempts.reopened() == 0);
         assert!(attempts.failed(now, &error("no room")).is_some());

@@ -35,7 +35,7 @@ impl Rings {
         if is_full {
             ring.pop_front();
         } else if self.0.values().map(VecDeque::len).sum::<usize>() > MAX_WAITING {
-            // The sender with most messages loses one.
+            // The sender with the most messages loses one.
             if let Some(longest) = self.0.values_mut().max_by_key(|r| r.len()) {
                 longest.pop_front();
             }
@@ -76,7 +76,7 @@ impl Waiting {
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
-    /// Notification of a waiting thread and of a waiting task.
+    /// Notifications for a waiting thread and for a waiting task.
     arrived: (Condvar, Notify),
 }
 
@@ -182,7 +182,7 @@ mod tests {
             (taken(&inbox).len(), dropped),
             (MAX_WAITING, 2 * MAX_WAITING as u64)
         );
-        // The sender with most messages loses one.
+        // The sender with the most messages loses one.
         for k in 0..10 {
             inbox.put(message(STATE, Sender::Vessel(1), k), false);
         }

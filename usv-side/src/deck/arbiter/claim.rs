@@ -14,8 +14,8 @@ const ON_DECK_M: f32 = 5.0;
 const FAR_M: f32 = OWNER_ONLY_M as f32;
 /// Number of consecutive consistent statuses that end a claim; at 2 Hz two of seven may be lost.
 const MIN_STATUSES: u32 = 5;
-/// Duration of consistent statuses that ends a claim: longer than one wrong position, or a jump that an estimator takes
-/// back.
+/// Duration of consistent statuses that ends a claim: longer than one wrong position, or than a jump that an estimator
+/// reverts.
 const MIN_TIME: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,8 @@ pub(super) struct ClaimEvidence {
 }
 
 impl ClaimEvidence {
-    /// Adds a status that confirms the evidence or not. A contradicting status or a silence resets it.
+    /// Adds a status; `shows` states whether it confirms the evidence. A contradicting status or a silence resets the
+    /// evidence.
     pub(super) fn with(before: Option<Self>, now: Time<VesselClock>, shows: bool) -> Option<Self> {
         if !shows {
             return None;
@@ -48,8 +49,8 @@ pub(super) fn is_far(status: &DroneStatus) -> bool {
     status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }
 
-/// Whether the autopilot reports it armed and in the air. The land detector on a heaving deck may also report this for
-/// a landed drone.
+/// Whether the autopilot reports the drone armed and in the air. The land detector on a heaving deck may also report
+/// this for a landed drone.
 pub(super) fn flies(status: &DroneStatus) -> bool {
     status.armed && status.landed == LandedState::InAir
 }
@@ -72,7 +73,8 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Before a take-off the position decides, also for a drone started there, until it reports otherwise.
+            // Before a take-off the position decides, also for a drone that was started on the deck, until it reports
+            // otherwise.
             (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
             (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {
@@ -100,11 +102,11 @@ impl Claim {
             return reported;
         }
         let on_ground = status.landed == LandedState::OnGround;
-        // Switched on again, or its landing was abandoned on the deck.
+        // The drone was switched on again, or its landing was abandoned on the deck.
         if on_ground && !is_far(status) {
             return Claim::OnDeck;
         }
-        // A mission that broke off still flies; no other status proves that the drone is away.
+        // After a broken-off mission the drone still flies. No other status proves that it is away.
         let goes_on = reported > Claim::Away && status.armed && !on_ground;
         if goes_on || departed { reported } else { before }
     }

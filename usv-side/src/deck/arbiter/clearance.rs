@@ -1,8 +1,9 @@
-//! Take-off clearances of the crew, and their ends: a clearance is only as recent as the last look at the drone.
+//! Take-off clearances of the crew, and the conditions that end them.
 //!
-//! A clearance ends after a time, and when anything shows that somebody has been at the deck: the deck was closed by
-//! order, switch or hatch, a weight was put on or removed ([`crate::deck::DeckConfig::occupancy_sensor`]), a battery
-//! was changed, or a drone's computer was restarted. A new clearance is then needed.
+//! The crew clears a take-off after looking at the drone. The clearance ends after a time, and at any sign that
+//! somebody has been at the deck since: the deck was closed by order, switch or hatch, a weight was put on or removed
+//! ([`crate::deck::DeckConfig::occupancy_sensor`]), a battery was changed, or a drone's computer was restarted. A new
+//! clearance is then needed.
 
 use core::fmt;
 
@@ -44,7 +45,7 @@ impl fmt::Display for ClearanceEnd {
 pub(super) struct Clearance {
     drone: u32,
     until: Time<VesselClock>,
-    /// End of a standing clearance; None: for one take-off.
+    /// End of a standing clearance; None: the clearance is for one take-off.
     watch: Option<Time<VesselClock>>,
 }
 
@@ -75,7 +76,7 @@ impl Clearance {
 }
 
 /// Whether a take-off ended between these two states, so that the clearance does not permit a second one while somebody
-/// walks up to the drone. A countdown stopped by a check goes on.
+/// walks up to the drone. A countdown that a check interrupts does not end the take-off.
 fn ends_take_off(before: State, now: State) -> bool {
     before.is_take_off() && !now.is_take_off() || stops_take_off(before, now)
 }
@@ -140,13 +141,13 @@ impl Clearances {
         let clears = self.given.iter().find(|c| Some(c.drone) == named);
         let clears = clears.map(|c| c.drone);
         if let Some(left) = self.leaves.filter(|left| Some(*left) != clears) {
-            // It has left: a clearance for one take-off is used up.
+            // The drone has left the deck: a clearance for one take-off is used up.
             self.given.retain(|c| c.drone != left || c.watch.is_some());
         }
         self.leaves = clears;
         clears.is_some()
     }
-    /// Limits standing clearances to `stands` for each stay of their drone on the deck.
+    /// Limits each standing clearance to the duration `stands` per stay of its drone on the deck.
     fn bound(&mut self, now: Time<VesselClock>, stands: Span, on_deck: impl Fn(u32) -> bool) {
         for c in &mut self.given {
             let Some(watch) = c.watch else { continue };
@@ -165,7 +166,7 @@ impl DeckArbiter {
     pub(crate) fn ended_clearances(&mut self) -> Vec<(u32, ClearanceEnd)> {
         core::mem::take(&mut self.cleared.ended)
     }
-    /// Whether the deck's owner stands on it and may take off with a clearance given since.
+    /// Whether the deck's owner stands on the deck and may take off with a clearance given since it arrived.
     pub(super) fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
         if self.closed(now).is_some() {
             self.cleared.given.clear();
@@ -173,7 +174,8 @@ impl DeckArbiter {
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && Some(d.header.drone) == self.owner;
         let owner = self.drones.iter().find(stands).filter(|d| !d.is_double());
         let named = owner.map(|d| d.header.drone);
-        // A hatch or weight sensor shows who comes near; without either the clearance is the only evidence.
+        // A hatch switch or weight sensor shows that somebody comes near. Without either, the clearance is the only
+        // evidence.
         let watched = !self.config.occupancy_sensor.is_empty() || !self.config.crew_switch.is_empty();
         let limit_s = if watched {
             TAKE_OFF_WATCH_S
@@ -187,7 +189,7 @@ impl DeckArbiter {
         self.cleared.bound(now, Span::from_secs(limit_s), on_deck);
         self.cleared.clears(now, named)
     }
-    /// Checks a status of a drone that also stood on the deck before for signs that somebody has been at it.
+    /// Checks the status of a drone that remains on the deck for signs that somebody has been at the drone.
     pub(super) fn watch_standing(&mut self, status: &DroneStatus, restarted: bool, changed: bool) {
         let why = match (changed, restarted) {
             (true, _) => ClearanceEnd::Battery,
@@ -196,7 +198,8 @@ impl DeckArbiter {
         };
         self.cleared.end(why, |c| c.drone == status.header.drone);
     }
-    /// Checks a new sensor level: the drone was lifted, unless its rotors may have lifted it.
+    /// Ends the clearance of a drone that was lifted according to a new sensor level, unless its own rotors may have
+    /// lifted it.
     pub(super) fn watch_sensor(&mut self, before: Option<Reading>, occupied: Option<bool>) {
         let fell = before.is_some_and(|r| r.level) && occupied == Some(false);
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && d.state != State::SpinUp;

@@ -8,7 +8,7 @@ use super::claim::ClaimEvidence;
 use super::clearance::StandingCharge;
 use crate::deck::checkpoint::{Claim, DroneClaim};
 
-/// Silence of the former boot after which another boot id counts as a restart: three periods.
+/// Silence of the former boot after which another boot id counts as a restart: three status periods.
 const RESTART_SILENCE: Span = Span::from_millis(1500);
 /// Alternations between two senders with one number until they count as two drones; late packets of a former start
 /// cause one.
@@ -20,26 +20,26 @@ pub(super) struct Drone {
     pub(super) received: Time<VesselClock>,
     pub(super) state: State,
     pub(super) claim: Claim,
-    /// Time since which it has requested the deck without owning it, or has owned it without descending.
+    /// Start of the drone's request for the deck, or of its ownership without a descent.
     pub(super) since: Time<VesselClock>,
-    /// Not known to be beyond [`alight_shared::msg::OWNER_ONLY_M`] since it was within.
+    /// The drone has been within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported from beyond since.
     pub(super) inside: bool,
     pub(super) place: Option<usize>,
     pub(super) rival: Option<Rival>,
-    /// In descent (not in flare), or in the air after one: it does not stand on the deck.
+    /// The drone is in descent (not in flare), or in the air after a descent, so it does not stand on the deck.
     pub(super) descends: bool,
-    /// Switched on without a position, and none reported since: it may stand on the deck.
+    /// The drone was switched on without a position and has not reported one since, so it may stand on the deck.
     pub(super) unplaced: bool,
-    /// Evidence that ends its claim, or shows its position.
+    /// Evidence that ends the drone's claim, or shows its position.
     pub(super) evidence: Option<ClaimEvidence>,
-    /// The newest status alone shows it at the deck.
+    /// The newest status alone shows the drone at the deck.
     pub(super) at_deck: bool,
-    /// The newest status shows it armed and in the air.
+    /// The newest status shows the drone armed and in the air.
     pub(super) flies: bool,
     /// Battery, 0 to 1; None: not reported.
     pub(super) battery: Option<f64>,
     pub(super) standing: Option<StandingCharge>,
-    /// Descends, or waits with its descent because of the vessel's course.
+    /// The drone descends, or delays its descent because of the vessel's course.
     pub(super) wants_steady: bool,
     pub(super) station: Option<(Station, Time<VesselClock>)>,
 }
@@ -49,9 +49,9 @@ pub(super) struct Drone {
 pub(super) struct Rival {
     pub(super) header: Header<DroneClock>,
     pub(super) received: Time<VesselClock>,
-    /// The first sender was received since.
+    /// The first sender has been received since then.
     pub(super) answered: bool,
-    /// Number of times that both were received alternately.
+    /// Number of alternations between the two senders.
     pub(super) alternations: u32,
 }
 
@@ -59,9 +59,9 @@ impl Drone {
     /// Drone from a checkpoint of this vessel, whose deck has `owner`.
     pub(super) fn restored(c: &DroneClaim, vessel: u32, owner: Option<u32>, now: Time<VesselClock>) -> Drone {
         Drone {
-            // Any later message follows it.
+            // Any later message follows this header.
             header: Header::new(vessel, c.drone, c.boot, 0, Time::EPOCH),
-            // Silent since then.
+            // The drone counts as silent at first.
             received: now - FRESH - Span::from_millis(1),
             // Only the claim of a descending drone is known.
             state: match c.claim {
@@ -70,7 +70,7 @@ impl Drone {
             },
             claim: c.claim,
             since: now,
-            // The owner may have flown there in the meantime.
+            // The owner may have flown into its space in the meantime.
             inside: c.inside || owner == Some(c.drone),
             place: c.place,
             ..Drone::default()
@@ -79,19 +79,20 @@ impl Drone {
     pub(super) fn is_fresh(&self, now: Time<VesselClock>) -> bool {
         now - self.received <= FRESH
     }
-    /// Whether it may stand on the deck, where the deck sensor registers it.
+    /// Whether the drone may stand on the deck, where the deck sensor detects it.
     pub(super) fn may_stand(&self, now: Time<VesselClock>) -> bool {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
-    /// Whether a look at the deck shows that a silent drone has left. A drone that stood there is visible or gone; one
-    /// that was in the air may descend in silence, undetected by the sensor, for as long as a landing takes.
+    /// Whether a look at the deck shows that a silent drone has left. A drone that stood on the deck is visible or
+    /// gone. A drone that was in the air may descend in silence, undetected by the sensor, for as long as a landing
+    /// takes.
     pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }
     pub(super) fn is_double(&self) -> bool {
         self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
     }
-    /// Whether a status is from the known sender and in order, or from its next start.
+    /// Whether a status comes from the known sender in order, or from its next start.
     pub(super) fn admit(&mut self, now: Time<VesselClock>, h: &Header<DroneClock>) -> bool {
         if h.boot == self.header.boot {
             let new = h.follows(&self.header);

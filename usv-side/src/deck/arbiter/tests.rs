@@ -33,7 +33,7 @@ impl Rig {
         rig.run(&[], 4.0);
         rig
     }
-    /// Owner after the drones have reported these states at 2 Hz for `secs`.
+    /// Owner after the drones have reported these states at 2 Hz for `secs` seconds.
     fn run(&mut self, states: &[(u32, State)], secs: f64) -> u32 {
         for _ in 0..(secs / 0.5).ceil() as u32 {
             self.t_s += 0.5;
@@ -113,7 +113,7 @@ impl Rig {
         }
         self.arbiter.owner().unwrap_or(0)
     }
-    /// Rig after the first drone was in these states, each for the given time, s.
+    /// Rig after the first drone has been in each of these states for the given time, s.
     fn after(states: &[(State, f64)]) -> Rig {
         let mut rig = Rig::new();
         for &(state, secs) in states {
@@ -181,9 +181,9 @@ fn grant_of_the_first_request() {
         let both = [(1, state), (2, State::Approach)];
         assert_eq!(rig.run(&both, 5.0), 1, "{state:?}");
     }
-    // It owns the deck however long it is switched off on it.
+    // A drone that is switched off on the deck owns the deck for any length of time.
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
-    // The deck is released only when it has left.
+    // The deck is released only when this drone has left.
     for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 1)] {
         assert_eq!(
             rig.run_at((1, State::GaveUp), distance_m),
@@ -211,7 +211,7 @@ fn grant_of_an_idle_and_of_a_silent_owner() {
             matches!(last, State::Descent | State::Flare),
             "{last:?}"
         );
-        // The crew looks.
+        // The crew looks at the deck and opens it.
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 0.5), 2, "{last:?}");
     }
@@ -251,13 +251,13 @@ fn deck_opened_under_a_silent_descent() {
             assert_eq!(unheard[0].drone, 1);
             assert!((unheard[0].silent_s + unheard[0].remaining_s - 60.0).abs() < 1e-9);
         }
-        // The crew sees where it is. An order for another drone does not affect it.
+        // The crew sees where the drone is. An order for another drone does not affect it.
         let mut informed = rig.clone();
         informed.order(DeckOrder::Clear(3));
         assert_eq!(informed.run(&waiting, 0.5), 1, "{last:?}");
         informed.order(DeckOrder::Clear(1));
         assert_eq!(informed.run(&waiting, 4.0), 2, "{last:?}");
-        // Or its manoeuvre has ended.
+        // Without an order that names the drone, the deck is released once its manoeuvre has ended.
         rig.run(&waiting, 3.0);
         assert_eq!(rig.arbiter.unheard(Time::from_secs(rig.t_s)).count(), 0);
         rig.order(DeckOrder::Open);
@@ -273,7 +273,7 @@ fn deck_opened_under_a_silent_descent() {
 fn silent_owner_that_gives_way() {
     for last_s in [0.5, 1.5, 2.5] {
         let mut rig = Rig::after(&[(State::Approach, 0.5)]);
-        // The deck was closed in the meantime: both wait, and the owner for too long.
+        // Both drones wait, and the owner waits for too long without descending.
         let both = [(1, State::Approach), (2, State::Approach)];
         let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
         assert!(waited.is_some());
@@ -301,7 +301,7 @@ fn waiting_places() {
     };
     let mut held: Vec<u32> = (1..=PLACES as u32).collect();
     assert_eq!(places(&rig), held, "no place is left for the last two");
-    // Also through silence and a restart of the vessel.
+    // Drones keep their places during silence and a restart of the vessel.
     rig.run(&crowd[3..], 600.0);
     rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&crowd[3..], 600.0);
@@ -316,7 +316,7 @@ fn waiting_places() {
     rig.run(&crowd[8..], 0.5);
     held[4] = PLACES as u32 + 1;
     assert_eq!(places(&rig), held);
-    // The crew clears the deck, not the air around it, where the second waited.
+    // The crew clears the deck, but not the air around it, where the second drone waited.
     rig.run(&[(2, State::Landed)], 1.0);
     rig.run(&crowd[8..], 60.0);
     rig.order(DeckOrder::Open);
@@ -332,7 +332,7 @@ fn deck_closed_until_the_crew_opens_it() {
     let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
-    // Also through a restart.
+    // The deck stays closed during a restart.
     rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
@@ -343,7 +343,7 @@ fn deck_closed_until_the_crew_opens_it() {
     assert_eq!(rig.order(DeckOrder::Open).owner, 2);
 }
 
-/// Two drones are ordered to one station: it belongs to the first, even while silent, until its time is over.
+/// Two drones are ordered to one station: the station belongs to the first, even while silent, until its time is over.
 #[test]
 fn station_of_two_drones() {
     let mut rig = Rig::new();

@@ -31,7 +31,7 @@ fn status(state: State, waiting: ReasonCode) -> DroneStatus {
     }
 }
 
-/// Status of a mission that has received the newest repetition.
+/// Status of a mission that has received the relay's newest repetition.
 fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
     Some(DroneStatus {
         abort: Some([relay.boot, relay.sequence]),
@@ -121,7 +121,7 @@ fn receipts_of_a_command_in_every_progress() {
     let mut relay = relay_of(9);
     let command_of = |sequence, kind| Some(command(sequence, 3, kind));
     let gave_up = Some(status(State::GaveUp, ReasonCode::NotCommanded));
-    // A drone that gave up before does not acknowledge an abort.
+    // A drone that gave up before the abort does not acknowledge it.
     let abort = command_of(1, CommandKind::Abort);
     assert_eq!(receipts(&mut relay, 1.0, abort, gave_up), [(5, 1, Pending)]);
     assert_eq!(receipts(&mut relay, 1.1, None, gave_up), []);
@@ -165,7 +165,7 @@ fn receipts_of_a_command_in_every_progress() {
         ..status(State::Landed, ReasonCode::NotReady)
     };
     assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
-    // The same for an abort that the drone receives but does not carry out, unless it rejects a newer order.
+    // The same applies to an abort that the drone receives but does not carry out, unless it rejects a newer order.
     for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
         let mut relay = relay_of(9);
         receipts(&mut relay, 1.0, abort, None);
@@ -322,7 +322,7 @@ fn replaced_command() {
     assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
 }
 
-/// A wait, ms, and an order of another operator after it, for an admitted drone or another.
+/// Delay, ms, and a subsequent order of another operator for an admitted or another drone.
 fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)> {
     let kind = prop_oneof![3 => Just(CommandKind::Abort), 1 => Just(CommandKind::Land), 1 => Just(CommandKind::Hold)];
     let drone = prop_oneof![1 => Just(3_u32), 99 => 1_u32..200];
@@ -331,7 +331,8 @@ fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)>
 }
 
 proptest! {
-    /// After any commands of others, including ones with its own boot and sequence, and with restarts.
+    /// An abort is relayed after any commands of others, including commands with its own boot and sequence, and after
+    /// restarts.
     #[test]
     fn abort_after_any_orders_of_others(
         orders in prop::collection::vec(other_command(), 0..400),

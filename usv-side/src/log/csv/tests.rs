@@ -1,4 +1,4 @@
-//! Tables to measurements, of many kinds.
+//! Conversion of many kinds of tables to measurements.
 
 use super::*;
 

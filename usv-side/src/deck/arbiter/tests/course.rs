@@ -17,7 +17,7 @@ fn promise_of_a_steady_course_and_a_turn() {
     rig.run(&[], 0.5);
     assert_eq!(stated(&rig), Course::Unknown);
     rig.order(DeckOrder::Steady(60));
-    // Also between two grants.
+    // An order also applies between two periodic grants.
     rig.t_s += 0.01 - 0.5;
     assert_eq!(rig.order(DeckOrder::Turning).course, Course::Turning);
     rig.run(&[], 600.0);
@@ -65,7 +65,7 @@ fn wanted_steady_course() {
         rig.run(&[(1, state)], 1.0);
         assert_eq!(wants(&rig), wanted, "{state:?}");
     }
-    // It may be descending for as long as a descent lasts.
+    // A silent drone may be descending for as long as a descent lasts.
     rig.run(&[(1, State::Descent)], 1.0);
     rig.run(&[], 59.0);
     assert!(wants(&rig));

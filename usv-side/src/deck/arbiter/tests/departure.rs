@@ -93,7 +93,7 @@ fn standing_clearance_of_two_drones() {
     for (here, comes) in [(1, 2), (2, 1), (1, 2)] {
         assert_eq!(rig.run(&[(here, there)], TAKE_OFF_CLEARANCE_S + 1.0), here);
         assert!(cleared(&rig), "drone {here}, after hours as well");
-        // The other one requests the deck, which is given once it is free.
+        // The other drone requests the deck and receives it once it is free.
         assert!(!rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
         rig.run(&[(here, there), (comes, State::Approach)], 1.0);
         assert!(rig.arbiter.is_wanted(Time::from_secs(rig.t_s)));
@@ -144,7 +144,7 @@ fn standing_clearance_that_was_forgotten() {
         assert_eq!(rig.arbiter.ended_clearances(), [(1, ClearanceEnd::Time)]);
         assert!(rig.order(DeckOrder::TakeOff(1)).take_off, "given again");
     }
-    // A sortie does not use it up, and each stay on the deck has its own time limit.
+    // A sortie does not use up a standing clearance, and each stay on the deck has its own time limit.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for state in [State::TakeOff, State::ClimbOut, State::Hold, State::Descent] {
         rig.run(&[(1, state)], 200.0);
@@ -184,7 +184,7 @@ fn clearance_after_somebody_was_at_the_drone() {
     };
     assert_eq!(silent(restarted), (false, vec![(1, ClearanceEnd::Computer)]));
     assert_eq!(silent(|_| ()), (true, vec![]));
-    // A charger is slower.
+    // A charger raises the charge more slowly than a battery change.
     let mut rig = standing_with(&DeckConfig::default(), DeckInputs::default());
     for k in 0..800 {
         rig.t_s += 0.5;

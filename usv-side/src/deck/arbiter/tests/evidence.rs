@@ -19,13 +19,13 @@ fn single_status_from_beyond_the_deck() {
         |s| s.landed = LandedState::Unknown,
         |s| s.deck_distance_m = None,
         |s| s.deck_distance_m = Some(14.0),
-        // Its own mission reports it on the deck with a wrong position.
+        // The drone's own mission reports that it stands on the deck, with a wrong position.
         |s| s.state = State::Landed,
     ];
     for (k, change) in contrary.into_iter().enumerate() {
         assert_eq!(far(change), ([1, 1], true), "{k}");
     }
-    // The same for a drone that was descending when last received.
+    // The same applies to a drone that was descending when last received.
     for (state, distance_m) in [
         (State::Hold, None),
         (State::GaveUp, None),
@@ -110,7 +110,7 @@ fn drone_switched_on_without_a_position() {
         let (_, mut rig, status) = parked(landed, None);
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
         assert_eq!(rig.arbiter.unplaced().collect::<Vec<_>>(), [1]);
-        // Also when switched off, and after a restart of the vessel.
+        // No drone receives the deck, even when this one is switched off, and after a restart of the vessel.
         assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
         rig.restart(Some(rig.arbiter.checkpoint()));
         assert_eq!(rig.run_as(status, 60), 0, "{landed:?}");
@@ -123,13 +123,13 @@ fn drone_switched_on_without_a_position() {
         other.run_as(status, 4);
         assert_eq!([other.run_as(far, 1), other.run_as(status, 4)], [0, 0]);
         assert_eq!(other.run_as(far, 8), 2, "{landed:?}");
-        // Or the crew sees that nothing stands there.
+        // The crew may also report that nothing stands on the deck.
         let (_, mut rig, status) = parked(landed, None);
         rig.run_as(status, 4);
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run_as(status, 4), 2, "{landed:?}");
     }
-    // It does not take the deck from its owner.
+    // A drone without a position does not take the deck from its owner.
     let mut rig = Rig::new();
     rig.run(&[(2, State::TrackingStable)], 0.5);
     let status = DroneStatus {
@@ -149,9 +149,9 @@ fn drone_reporting_from_the_deck() {
     let cases = [
         (Some(1.0), LandedState::OnGround, 1),
         (Some(200.0), LandedState::OnGround, 2),
-        // It may stand there.
+        // The drone may stand on the deck.
         (None, LandedState::OnGround, 0),
-        // Above the deck, whatever its intention.
+        // The drone is above the deck, whatever its intention.
         (Some(1.0), LandedState::InAir, 0),
     ];
     for (distance_m, landed, owner) in cases {
