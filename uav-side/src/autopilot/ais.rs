@@ -1,8 +1,8 @@
 //! The vessel's position by AIS: `!AIVDM` and `!AIVDO` sentences of a receiver on the drone or ashore (NMEA 0183, ITU-R
 //! M.1371).
 //!
-//! It decodes position reports of class A (types 1, 2, 3) and B (18, 19); each needs its checksum. AIS is not
-//! authenticated.
+//! It decodes position reports of class A (types 1, 2, 3) and B (18, 19); a sentence without a valid checksum is
+//! ignored. AIS is not authenticated.
 
 use std::collections::VecDeque;
 
@@ -73,7 +73,7 @@ fn placed(report: &PositionReport) -> Option<AisReport> {
             let (sin, cos) = f64::from(course_deg).to_radians().sin_cos();
             Some([speed_mps * cos, speed_mps * sin])
         }
-        // A vessel at rest reports no course.
+        // A vessel at rest does not report a course.
         (Some(0.0), None) => Some([0.0; 2]),
         (Some(_) | None, _) => None,
     };
@@ -118,14 +118,14 @@ mod tests {
                 "{sentence}: {all:?}"
             );
         }
-        // Seattle, moored.
+        // The vessel is moored in Seattle.
         let [r] = decoded("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n")[..] else {
             panic!()
         };
         assert!((r.place.latitude_deg - 47.582_833).abs() < 1e-6, "{r:?}");
         assert!((r.place.longitude_deg + 122.345_833).abs() < 1e-6, "{r:?}");
         assert!(r.place.velocity.is_some_and(|[n, e]| n.hypot(e) < 1e-9), "{r:?}");
-        // New York, 0.1 kn at 79.6 deg.
+        // The vessel in New York moves at 0.1 kn, course 79.6 deg.
         let [r] = decoded("\\s:rx*00\\!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C\n")[..] else {
             panic!()
         };
@@ -144,14 +144,14 @@ mod tests {
             sound.replace("177", "178"),
             sound.replace("*5C", ""),
             sound.replace("!AIVDM", "$GPGGA"),
-            // A base station, and static data.
+            // Reports of a base station, and static data.
             "!AIVDM,1,1,,A,H52N>V@T2rNVPJ2000000000000,2*29".into(),
             "x".repeat(10_000) + sound,
             String::new(),
         ] {
             assert_eq!(decoded(&format!("{wrong}\n")), [], "{wrong}");
         }
-        // The queue is bounded and keeps the newest.
+        // The queue is bounded and keeps the newest reports.
         assert_eq!(decoded(&format!("{sound}\n").repeat(1000)).len(), MAX_REPORTS);
     }
 

@@ -4,8 +4,8 @@
 //! - Alight chooses a mode in three cases: a diversion (battery), which hands the drone to the autopilot; a take-off
 //!   that an operator has ordered and the crew has cleared; and the end of the autopilot's own mission when a sortie
 //!   returns, once in a flight for each reason.
-//! - One heartbeat in another mode ends our set-points. It takes two heartbeats in our mode to begin, so that a delayed
-//!   heartbeat gives no permission.
+//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to begin, so that a
+//!   delayed heartbeat does not give permission.
 //! - After another authority has taken command (pilot, failsafe, geofence), only a change back to our mode gives a new
 //!   permission; after a diversion the mode has to be left first.
 
@@ -26,7 +26,7 @@ pub enum ControlAuthority {
     #[default]
     Searching,
     LinkLost,
-    /// A second vehicle's autopilot is received, and the own one is not configured.
+    /// Another vehicle's autopilot is received as well, and the configuration does not select one.
     SeveralAutopilots,
     /// No answer to TIMESYNC: samples cannot be dated.
     NoClock,
@@ -36,7 +36,7 @@ pub enum ControlAuthority {
     OptionUnknown,
     /// ArduCopter reads thrust as a climb rate.
     OptionMissing,
-    /// Ready; the pilot flies, or the autopilot on its own.
+    /// Ready; the pilot flies the drone, or the autopilot flies it without our set-points.
     Standby {
         mode: AutopilotMode,
     },
@@ -55,7 +55,7 @@ impl ControlAuthority {
     pub fn commands(self) -> bool {
         self == ControlAuthority::Commanding
     }
-    /// Set-points may be streamed for a handover while another authority commands.
+    /// Whether set-points may be streamed for a handover while another authority commands.
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
     }
@@ -113,7 +113,7 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-/// Whether the autopilot flies on its own in this mode, whoever chose it.
+/// Whether the autopilot flies without our set-points in this mode, regardless of who chose it.
 fn flies_itself(mode: AutopilotMode) -> bool {
     match mode {
         AutopilotMode::Return | AutopilotMode::Land => true,
@@ -127,12 +127,12 @@ pub(crate) struct AuthorityEvidence {
     pub(crate) alive: bool,
     pub(crate) several: bool,
     pub(crate) clock: bool,
-    /// The origin of the autopilot's NED is known, or not needed.
+    /// Whether the origin of the autopilot's NED is known or not needed.
     pub(crate) origin: bool,
-    /// The heading is aligned, or was at the start of this flight's odometry.
+    /// Whether the heading is aligned, or was aligned at the start of this flight's odometry.
     pub(crate) heading: bool,
     pub(crate) odometry: bool,
-    /// Thrust is read as thrust; None: unknown yet.
+    /// Whether the autopilot reads thrust as thrust, not as a climb rate; None while unknown.
     pub(crate) thrust: Option<bool>,
     pub(crate) heartbeat: bool,
     pub(crate) mode: AutopilotMode,
@@ -145,8 +145,8 @@ pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
-    /// Set-points were followed and no pilot has taken over since. A second autopilot within reach does not interrupt
-    /// this flight.
+    /// Whether set-points were followed and no pilot has taken over since. A second autopilot within reach does not
+    /// interrupt this flight.
     flown: bool,
     /// Diversion that revoked the permission, until the mode is left.
     revoked: Option<Diversion>,
@@ -159,7 +159,7 @@ impl AuthorityStateMachine {
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }
-    /// Continues a permission that the previous link held until a moment ago.
+    /// Continues a permission that the previous link has just held.
     pub(crate) fn resume(&mut self) {
         self.confirmations = CONFIRMATIONS;
         self.flown = true;
@@ -346,7 +346,7 @@ mod tests {
             ..several
         };
         assert_eq!(run(&mut a, 160, &[hold]), [ControlAuthority::Standby { mode }]);
-        // The pilot's mode ends it.
+        // A mode that the pilot chooses ends the command.
         let pilot = AuthorityEvidence {
             mode: AutopilotMode::Other,
             ..several
@@ -364,13 +364,13 @@ mod tests {
         let s = run(&mut a, 60, &[person, READY, person, person]);
         assert_eq!(s[0], ControlAuthority::TakenOver { mode });
         assert!(s.iter().all(|s| !s.commands()), "{s:?}");
-        // Quiet, then ready, then a new permission.
+        // First the pause without set-points, then ready, then a new permission.
         let s = run(&mut a, 140, &[person; 10]);
         assert_eq!(s[9], ControlAuthority::Standby { mode });
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
-    /// During a return set-points are streamed at once; it ends the command as any other mode does.
+    /// In the return mode set-points are streamed at once; the mode ends the command as any other mode does.
     #[test]
     fn authority_after_a_return() {
         let mut a = AuthorityStateMachine::default();

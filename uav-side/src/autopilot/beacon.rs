@@ -1,7 +1,7 @@
 //! The vessel's position from a beacon, accepted from one configured source:
 //! - by MAVLink on the autopilot's link, from one system number: `GLOBAL_POSITION_INT` of a tracker or of the boat's
 //!   autopilot, `FOLLOW_TARGET` of a ground station or a phone;
-//! - by AIS, from one MMSI: `AIS_VESSEL` of the autopilot, or sentences of a receiver.
+//! - by AIS, from one MMSI: `AIS_VESSEL` of the autopilot, or NMEA sentences of an AIS receiver.
 //!
 //! The sources' clocks are unknown: a report is dated at its arrival, and its delay is part of its error.
 
@@ -13,8 +13,8 @@ use super::message::{MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
 use super::{DroneTime, Output, OutputHeaders};
 
-/// Default standard deviation of the position, each axis, m: a receiver without corrections, and a delay of a second at
-/// 2 m/s.
+/// Default standard deviation of the position, each axis, m: a receiver without corrections, plus 1 s of delay at 2
+/// m/s.
 const PLACE_SD_M: f64 = 5.0;
 /// Standard deviations of a reported and of an unknown velocity, m/s.
 const VELOCITY_SD_MPS: f64 = 0.3;
@@ -22,19 +22,20 @@ const UNKNOWN_VELOCITY_SD_MPS: f64 = 2.0;
 /// Validity of a report, s: ten periods of the usual 1 Hz.
 const LASTS_S: f64 = 10.0;
 
-/// Standard deviation of an AIS position, each axis, m: a receiver without corrections, and an antenna some metres from
-/// the deck. Delay of an AIS report, s.
+/// Standard deviation of an AIS position, each axis, m: a receiver without corrections, with its antenna some metres
+/// from the deck. Delay of an AIS report, s.
 const AIS_SD_M: f64 = 8.0;
 const AIS_LATE_S: f64 = 2.0;
 const AIS_VELOCITY_SD_MPS: f64 = 0.3;
-/// Validity of an AIS report, s: class B below 2 kn reports every three minutes. Its uncertainty increases meanwhile.
+/// Validity of an AIS report, s: a class B vessel below 2 kn reports every three minutes. The uncertainty increases
+/// with the age.
 const AIS_LASTS_S: f64 = 200.0;
 /// Age of an AIS report up to which a repetition is accepted, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OtherSystems {
-    /// Time and system number of another vehicle's autopilot that was received last.
+    /// Time of the last reception of another vehicle's autopilot, and its system number.
     pub(super) autopilot: Option<(DroneTime, u8)>,
     ais: Option<PlaceReport>,
 }
@@ -154,7 +155,7 @@ mod tests {
         assert_eq!(m.place_sd_m, PLACE_SD_M);
         assert_eq!(received(&mut link, 41, &tracker), None);
         assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
-        // A phone without a speed, with a stated error.
+        // This phone reports an error, but no speed.
         let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
             error_m: Some(12.0),
@@ -184,7 +185,7 @@ mod tests {
             },
             age_s: 1.0,
         };
-        // Over the autopilot's link, with the autopilot's system number.
+        // The report arrives over the autopilot's link, with the autopilot's system number.
         let m = received(&mut link, 1, &MavlinkMessage::Ais(report)).unwrap();
         assert_eq!((m.source, m.header.at), (BeaconSource::Ais, Time::from_secs(2.0)));
         assert!((m.velocity[0] - 3.0).abs() < 0.01 && (m.velocity[1] + 4.0).abs() < 0.01);
@@ -194,7 +195,7 @@ mod tests {
             "{}",
             m.place_sd_m
         );
-        // A repetition, another vessel, no fix, no configured MMSI.
+        // Rejected are a repetition, another vessel, a report without a fix, and any report if no MMSI is configured.
         let changed = |change: fn(&mut AisReport)| {
             let mut r = report;
             change(&mut r);

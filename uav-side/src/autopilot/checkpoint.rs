@@ -30,8 +30,8 @@ pub(super) struct LinkSuccession {
 }
 
 impl AutopilotLink {
-    /// Takes the predecessor's checkpoint, once, at the start. `given`: the checkpoint held by the supervisor; boot 0:
-    /// none.
+    /// Reads the predecessor's checkpoint once, at the start. `given` is the checkpoint held by the supervisor; boot
+    /// number 0 means that there is no checkpoint.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         let s = &mut self.succession;
         if s.has_begun {
@@ -41,7 +41,7 @@ impl AutopilotLink {
         s.began = s.began.or(Some(now));
         s.has_begun = s.recovery.poll(now, boot, given);
         let before = s.recovery.checkpoint();
-        // At any age: the mission's own checkpoint may have been too old, too.
+        // The checkpoint is read at any age, because the mission's own checkpoint may be too old to be used.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.operators.parameters.recalled = readable.and_then(|m| m.mode);
         if let Some(m) = &readable {
@@ -65,7 +65,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Continues where the previous link was, unless the autopilot has reported another state meanwhile.
+    /// Continues from the previous link's state, unless the autopilot has reported another state since.
     fn resume(&mut self, now: DroneTime, m: &LinkCheckpoint) {
         let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
@@ -78,7 +78,7 @@ impl AutopilotLink {
             return;
         }
         let peer = self.peer.get_or_insert_with(|| {
-            // The autopilot was alive; a heartbeat received meanwhile is lost.
+            // The autopilot was alive; heartbeats that arrived before this link started are lost.
             let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);

@@ -2,9 +2,9 @@
 //!
 //! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset ours - theirs
 //! is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. The quickest of the last answers is used; its
-//! uncertainty increases with the drift of the clocks. An autopilot that states too early a time is wrong by more
-//! (ArduPilot subtracts the transmission time on a serial line of the bytes queued behind a request): its samples then
-//! arrive before they were taken, and several of them in a row outweigh the answer.
+//! uncertainty increases with the drift of the clocks. The error is larger if the autopilot's time in the answer is too
+//! early: on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a request. Its samples
+//! then seem to arrive before they were taken, and several of these in a row overrule the answer.
 
 use std::collections::VecDeque;
 
@@ -18,15 +18,15 @@ use super::message::MavlinkMessage;
 const MAX_REQUESTS: usize = 16;
 const MAX_EXCHANGES: usize = 20;
 const DRIFT: f64 = 1e-4;
-/// Difference between offsets, with the autopilot's clock behind, from which it counts as restarted, s.
+/// Backward jump of the autopilot's clock, as a difference between offsets, above which it has restarted, s.
 const RESTART_S: f64 = 0.5;
-/// Difference between two offsets, in addition to their errors, from which a clock has stepped, s.
+/// Difference between two offsets, beyond their errors, above which one of the clocks has stepped, s.
 const STEPPED_S: f64 = 0.02;
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
-/// Lead of a sample over its arrival up to which it is dated at its arrival, s.
+/// A sample dated after its arrival by at most this time is dated at its arrival instead, s.
 const AHEAD_S: f64 = 0.01;
 /// Number of consecutive samples dated ahead of their arrival that contradict an answer, and their minimum duration, s:
-/// one stamp may be wrong, and samples of another stream come in between.
+/// a single time stamp may be wrong, and samples of other streams arrive in between.
 const SEVERAL: u32 = 5;
 const SEVERAL_S: f64 = 0.05;
 
@@ -42,13 +42,13 @@ struct AheadRun {
 pub(crate) struct RemoteClock {
     /// Ours minus theirs.
     exchanges: VecDeque<OffsetBounds<DroneClock>>,
-    /// Our times in the pending requests, ns.
+    /// Send times of the pending requests on our clock, ns.
     requests: VecDeque<i64>,
     timer: Periodic<DroneClock>,
     /// Unused answers, and samples with an impossible time.
     pub(crate) rejected: u32,
     pub(crate) restarts: u32,
-    /// This computer was suspended together with its clock: time of detection, and duration, s.
+    /// Suspension of this computer together with its clock: time of detection, and duration, s.
     stood_still: Option<(DroneTime, f64)>,
     ahead: Option<AheadRun>,
 }
@@ -63,7 +63,7 @@ impl RemoteClock {
         let (remote_ns, local_ns) = (0, now.nanos());
         Some(MavlinkMessage::Timesync { remote_ns, local_ns })
     }
-    /// Takes a message that may answer a request; true when the autopilot has restarted.
+    /// Processes a message that may answer a request. Returns whether the autopilot has restarted.
     pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) -> bool {
         let before = self.restarts;
         if let Some(k) = self.requests.iter().position(|q| *q == asked_ns) {
@@ -72,7 +72,8 @@ impl RemoteClock {
         }
         self.restarts != before
     }
-    /// Takes an answer that arrived at `now`: our time in the request and the autopilot's in the answer, ns.
+    /// Processes an answer that arrived at `now`, with our time in the request and the autopilot's time in the answer,
+    /// ns.
     fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let asked = Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&(now - asked).secs()) {
@@ -148,8 +149,8 @@ impl RemoteClock {
         }
         Some(at.min(now))
     }
-    /// Discards the answers that several consecutive samples contradict. When all are contradicted, the one with the
-    /// smallest lead remains: this computer may have been suspended.
+    /// Discards the answers that several consecutive samples contradict. If all answers are contradicted, the one with
+    /// the smallest lead is kept, because this computer may have been suspended.
     fn discard_contradicted(&mut self, now: DroneTime) {
         let lasts = |run: &AheadRun| run.count >= SEVERAL && (now - run.since).secs() >= SEVERAL_S;
         let Some(run) = self.ahead.filter(lasts) else {
@@ -218,8 +219,9 @@ mod tests {
         assert_eq!(c.rejected, 5);
     }
 
-    /// After answers of 20 ms and one of 1 ms that is early by `early_s`: number of samples dated right in the next
-    /// second (100 Hz, 1 ms delay; those that are `ahead` are stamped 15 ms after their arrival), and the uncertainty.
+    /// Number of correctly dated samples in the second after several answers with a round trip of 20 ms and one of 1 ms
+    /// whose time is early by `early_s`, and the uncertainty. Samples arrive at 100 Hz with 1 ms of delay; those that
+    /// are `ahead` are stamped 15 ms after their arrival.
     fn dated(early_s: f64, ahead: impl Fn(i64) -> bool) -> (usize, f64) {
         let mut c = RemoteClock::default();
         for k in 0..10 {
@@ -254,7 +256,7 @@ mod tests {
 
     #[test]
     fn single_samples_against_right_answers() {
-        // A single sample, every fifth as from a stream with another clock, and a burst of four samples.
+        // Samples ahead are a single one, every fifth one (a stream with another clock), and a burst of four.
         for ahead in [
             |k: i64| k == 50,
             |k: i64| k % 5 == 0,
@@ -265,7 +267,7 @@ mod tests {
         }
     }
 
-    /// A suspension of any length does not count as a restart; the next answer dates samples again.
+    /// A suspension of any length is not taken for a restart; samples are dated again from the next answer on.
     #[test]
     fn timesync_after_a_suspended_computer() {
         for gap_s in [0.1, 0.3, 1.5, 20.0] {
@@ -292,7 +294,7 @@ mod tests {
         for k in 0..10 {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);
         }
-        // Its clock starts at zero; the first answer is slower than all before.
+        // The autopilot's clock restarts at zero; its first answer takes longer than all earlier ones.
         let t0 = DroneTime::from_secs(300.0);
         let now = t0 + Span::from_secs(0.02);
         c.answered(now, t0.nanos(), 1_000_000_000, 0.1);

@@ -85,14 +85,14 @@ config! {
         /// Rate of TIMESYNC requests, Hz.
         pub timesync_hz: f64 = 5.0, in 0.5..=50.0;
         /// Maximum round trip of a TIMESYNC answer, s.
-        /// Chosen: 0.06 s each way still lands (tests/tests/flights/link/landings.rs).
+        /// Chosen: landings still succeed with 0.06 s each way (tests/tests/flights/link/landings.rs).
         pub timesync_limit_s: f64 = 0.25, in 0.002..=1.0;
         /// Send body rates with attitude set-points. PX4 drops them; ArduCopter 4.6 and 4.7 rotate them by the attitude
         /// once too often, so that at a heading of 180 deg they act against it.
-        /// Measured: with ArduCopter 4.7 and rates 0 of 2 landed.
+        /// Measured: with ArduCopter 4.7 and body rates sent, 0 of 2 flights landed.
         pub send_rates: bool = false;
-        /// Quadratic fraction f of the autopilot's thrust curve `T = f u² + (1 - f) u`, as far as the autopilot does
-        /// not compensate it itself (PX4: THR_MDL_FAC compensates it, then 0).
+        /// Quadratic fraction f of the autopilot's thrust curve `T = f u² + (1 - f) u`, if the autopilot does not
+        /// compensate it itself; 0 if it does (PX4 with THR_MDL_FAC).
         /// Source: The autopilot's own correction.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
         /// Hover thrust before it is identified, as a command of the autopilot, 0 to 1.
@@ -123,7 +123,7 @@ config! {
         /// Last reserve of the battery.
         pub battery: BatteryConfig;
         /// Side of the tag reported in `LANDING_TARGET`, m.
-        /// Source: The paper's.
+        /// Source: The paper's tag.
         pub deck_tag_m: f64 = 1.0;
         /// Send `LANDING_TARGET` and the estimated deck to other users of the link.
         pub publish_deck: bool = false;
@@ -182,8 +182,8 @@ config! {
 }
 
 config! {
-    /// Last reserve of the battery, for a drone whose mission has chosen no landing place before
-    /// (`drone.mission.battery_order`). It acts no sooner than a running mission has confirmed the charge
+    /// Last reserve of the battery, for a drone whose mission has not chosen a landing place yet
+    /// (`drone.mission.battery_order`). It does not act before a running mission has confirmed the charge
     /// (`drone.mission.battery_lasts_s`).
     #[derive(Copy)]
     pub struct BatteryConfig {

@@ -13,7 +13,7 @@ use super::message::{
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Displacement of the deck from which home is sent again, m: the errors of two receivers.
+/// Displacement of the deck above which home is sent again, m: the errors of two receivers.
 const HOME_MOVED_M: f64 = 5.0;
 const HOME_PERIOD: Span = Span::from_millis(5_000);
 /// Time after which home is repeated: autopilots set home themselves at arming, and a command may be lost.

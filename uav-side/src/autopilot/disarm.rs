@@ -1,10 +1,10 @@
 //! Forced disarm on the deck.
 //!
 //! Stock land detectors do not disarm on a heaving deck (PX4: none within 90 s at 0.5 m). The pilot's confirmed
-//! touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot executes in the air
-//! too. The touchdown detection alone is not sufficient: the drone must also be near the deck, slow relative to it, and
-//! carried by something other than its rotors. Each command needs all of this evidence again; after a quick series the
-//! commands become rare.
+//! touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot executes even in
+//! the air. The touchdown detection alone is not sufficient: the drone must also be near the deck, slow relative to it,
+//! and carried by something other than its rotors. Each command needs all of this evidence again; after a quick series
+//! the commands follow at longer intervals.
 
 use core::fmt;
 
@@ -19,23 +19,24 @@ use super::config::DisarmConfig;
 /// Duration of the evidence without the pilot's set-points, s: several time constants of its measurements.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
-/// Time between two commands after the quick series, s: an autopilot that denied for a moment is disarmed in the end.
+/// Time between two commands after the quick series, s: an autopilot that denied the quick series is still disarmed
+/// eventually.
 const RARE_S: f64 = 2.0;
 
 /// Evidence of contact, independent of the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
     pub(crate) landing: bool,
-    /// Feet above the deck by the rangefinder, m; None: no reading, or a rejected one.
+    /// Height of the feet above the deck, measured by the rangefinder, m; None without an accepted reading.
     pub(crate) range_height: Option<f64>,
     pub(crate) range_doubted: bool,
     pub(crate) forecast_height: Option<f64>,
     /// Speed relative to the deck, or over ground without a forecast, m/s.
     pub(crate) speed: Option<f64>,
     pub(crate) load_factor: Option<f64>,
-    /// Reported thrust as a fraction of hover; None: no recent report.
+    /// Reported thrust as a fraction of hover; None without a recent report.
     pub(crate) thrust: Option<f64>,
-    /// The commanded thrust has been at most that of a drone at rest for long enough to act.
+    /// Whether the commanded thrust has been no more than that of a drone at rest for long enough to take effect.
     pub(crate) commanded_low: bool,
     pub(crate) reports_on_ground: bool,
 }
@@ -45,7 +46,8 @@ pub(crate) const RESTS_MPS: f64 = 0.5;
 /// Height from which a drone pressed down at half of hover thrust meets the deck at 1 m/s, the limit of a successful
 /// landing, m: `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
-/// Height to press from by the forecast alone, m; its error is as large.
+/// Height from which the drone is pressed down if only the forecast gives the height, m: the forecast's error is as
+/// large.
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
@@ -87,7 +89,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
-    // NaN counts as high, fast and not supported.
+    // NaN is treated as high, fast and not supported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
         return Some(DisarmInhibit::RangeHigh);
@@ -151,7 +153,7 @@ impl DisarmSequence {
         }
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
-        // Without one of the witnesses the others have to last.
+        // If a witness is missing, the evidence of the others has to last longer.
         let hold_s = if e.thrust.is_none() || e.range_doubted {
             c.hold_s.max(HOLD_ALONE_S)
         } else {
@@ -173,7 +175,7 @@ impl DisarmSequence {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ForcedDisarm {
     pub(super) touchdown: DisarmSequence,
-    /// While the autopilot holds by itself.
+    /// Sequence for an autopilot that holds by itself.
     pub(super) alone: DisarmSequence,
     pub(super) own_landing: DisarmSequence,
     pub(super) inhibited: Option<DisarmInhibit>,
@@ -209,7 +211,7 @@ mod tests {
     #[test]
     fn armed_drone_after_the_disarm_sequence() {
         let c = DisarmConfig::default();
-        // The last command precedes the end by one pause and has been answered then.
+        // The last command precedes the end by one pause, so it has been answered by then.
         let mut d = DisarmSequence::default();
         let within = ((c.longest_s() - c.pause_s) * 1e3) as i64;
         assert_eq!(commands(&mut d, 0, within, &ON_DECK, &c), c.tries);
@@ -264,7 +266,7 @@ mod tests {
         let c = DisarmConfig::default();
         let mut d = DisarmSequence::default();
         assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
-        // Ten within 2 s, then one every 2 s while it is armed on the deck.
+        // Ten commands follow within 2 s, then one every 2 s while the drone is armed on the deck.
         assert_eq!(commands(&mut d, 40, 2_000, &ON_DECK, &c), c.tries - 1);
         assert_eq!(commands(&mut d, 2_040, 58_000, &ON_DECK, &c), 29);
         let off = DisarmConfig { on_deck: false, ..c };
@@ -289,9 +291,9 @@ mod tests {
             ),
             (|e| e.speed = Some(3.0), DisarmInhibit::Fast),
             (|e| e.speed = None, DisarmInhibit::Fast),
-            // It hovers.
+            // The drone hovers.
             (|e| e.thrust = Some(1.0), DisarmInhibit::NotSupported),
-            // It falls with the thrust cut, and the autopilot reports ground.
+            // The drone falls with the thrust cut, and the autopilot reports ground.
             (
                 |e| (e.load_factor, e.reports_on_ground) = (Some(0.4), true),
                 DisarmInhibit::NotSupported,
@@ -342,7 +344,7 @@ mod tests {
         };
         assert_eq!(inhibit(&silent, &c), None);
         let mut d = DisarmSequence::default();
-        // With lasting evidence, as without the rangefinder.
+        // The evidence has to last longer, as without the rangefinder.
         assert_eq!(commands(&mut d, 0, 190, &silent, &c), 0);
         assert_eq!(commands(&mut d, 190, 30, &silent, &c), 1);
         let doubted = ContactEvidence {

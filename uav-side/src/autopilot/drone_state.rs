@@ -28,7 +28,7 @@ const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Time after an `ODOMETRY` during which separate positions and attitudes are ignored.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
 const MAX_SAMPLES: u32 = 50;
-/// Jump of the position from which the origin is requested again, m.
+/// Jump of the position above which the origin is requested again, m.
 const JUMPED_M: f64 = 1.0;
 /// Time constant of the specific force as disarm evidence, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
@@ -90,7 +90,7 @@ impl DroneStateAssembler {
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
-    /// Takes a position with its velocity, to combine with the newest attitude.
+    /// Stores a position with its velocity, to be combined with the newest attitude.
     pub(crate) fn position(
         &mut self,
         at: DroneTime,
@@ -140,11 +140,11 @@ impl DroneStateAssembler {
         variances: Option<[[f64; 3]; 3]>,
         c: &AutopilotLinkConfig,
     ) -> Option<DroneState> {
-        // A duplicate, or out of order.
+        // The sample is a duplicate or out of order.
         if self.last.is_some_and(|l| at <= l.header.at) {
             return self.reject();
         }
-        // Touchdown detection needs inertial samples: without them nothing is flown.
+        // Touchdown detection needs inertial samples: without them the drone is not flown.
         let inertial = self.inertial.as_mut();
         let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
         let force = if i.count > 0 {
@@ -232,7 +232,7 @@ impl RangeReadings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
     pub(super) assembler: DroneStateAssembler,
-    /// Count of the autopilot's jumps that were handled.
+    /// Number of the autopilot's jumps handled so far.
     resets: u8,
     pub(super) origin: AutopilotOrigin,
     pub(super) heading: HeadingAlignment,
@@ -264,13 +264,13 @@ impl DroneEstimate {
         self.assembler.restart();
         self.smooth.restart();
     }
-    /// Starts again without origin and heading, for another or restarted autopilot.
+    /// Discards origin and heading, for another autopilot or one that has restarted.
     pub(super) fn forget(&mut self) {
         self.restart();
         (self.heading, self.origin) = Default::default();
     }
-    /// Takes new odometry of the autopilot: smooths it, and learns the wind and, when the drone flies at this `thrust`
-    /// (fraction), the hover thrust. Returns the drone's own odometry; None before origin and heading are known.
+    /// Smooths new odometry of the autopilot and estimates the wind from it; also the hover thrust, if the drone flies
+    /// at a known `thrust` (fraction). Returns the drone's own odometry; None before origin and heading are known.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -297,7 +297,7 @@ impl DroneEstimate {
         let before = self.smooth.jumps();
         let mut state = self.smooth.step(&reported, counted);
         if state.check().is_err() {
-            // Accumulated jumps have led the frame out of bounds.
+            // The sum of the jumps has moved positions out of the message's bounds.
             self.restart();
             state = self.smooth.step(&reported, false);
         }
@@ -431,7 +431,7 @@ mod tests {
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
         assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // The invalid 0 m of a rangefinder without a minimum distance.
+        // A rangefinder without a minimum distance reports an invalid 0 m.
         let none = DistanceReport {
             time_ms: 0,
             range_m: 0.0,

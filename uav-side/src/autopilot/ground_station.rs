@@ -19,19 +19,19 @@ use super::{AutopilotOut, DroneTime};
 const VALUES: Span = Span::from_millis(500);
 /// Time for which the mission waits for one condition before that is reported.
 const WAITS: Span = Span::from_millis(3000);
-/// Text for an abort or a hold so low that a climb would hit the deck harder than the landing does.
+/// Text for an abort or hold ordered so low that a climb would hit the deck harder than the landing does.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
-/// Name of the distance between the centres of drone and deck, m.
+/// Name of the value for the distance between the centres of drone and deck, m.
 pub const DISTANCE: &str = "deck_m";
-/// Name of the age of the vessel estimate behind the forecast, s.
+/// Name of the value for the age of the vessel estimate behind the forecast, s.
 pub const AGE: &str = "link_age_s";
-/// Names of the true wind's speed, m/s, and of the direction it comes from, deg.
+/// Names of the values for the true wind's speed, m/s, and the direction that it comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct GroundReports {
     entered: Option<(State, DroneTime)>,
-    /// Condition that the mission waits for, since when, and whether it was reported.
+    /// Condition that the mission waits for, start of the wait, and whether it was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
     /// Reason why the newest order is not carried out, as last reported.
     rejected: Option<ReasonCode>,

@@ -1,4 +1,4 @@
-//! Alignment of the autopilot's heading; nothing is flown before it is aligned.
+//! Alignment of the autopilot's heading; Alight does not fly before it is aligned.
 //!
 //! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the magnetometer
 //! 0.4 to 2 s later, by up to 180 deg. Both fuse GNSS only after tilt and heading are aligned, so an estimator that
@@ -29,14 +29,14 @@ pub(crate) struct HeadingAlignment {
 }
 
 impl HeadingAlignment {
-    /// Takes the estimator's status, bits of [`estimator`].
+    /// Processes the estimator's status, which has the bits of [`estimator`].
     pub(crate) fn status(&mut self, now: DroneTime, flags: u16) {
         let needed = estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS;
         let aligned = flags & needed == needed;
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
-    /// Takes the autopilot's odometry and checks its heading for jumps.
+    /// Checks the heading in the autopilot's odometry for jumps.
     pub(crate) fn watch(&mut self, d: &DroneState) {
         let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
         let jumped = self.last.is_some_and(|(then, before, turned)| {
@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn alignment_by_the_estimators_status() {
         let mut h = HeadingAlignment::default();
-        // PX4 before the alignment: tilt, height, constant position.
+        // Before the alignment PX4 reports tilt, height and constant position.
         h.status(
             at(1.0),
             estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,
@@ -101,7 +101,7 @@ mod tests {
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
         h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
         assert!(h.was_aligned() && h.is_aligned(at(21.0)));
-        // Lost in flight: a flight continues, nothing begins.
+        // Alignment lost in flight: a flight continues, but no landing begins.
         h.status(at(30.0), estimator::ATTITUDE);
         assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
     }

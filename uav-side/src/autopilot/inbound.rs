@@ -13,12 +13,12 @@ use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
-/// Silence of the first autopilot after which another one is accepted, and time for which another one counts as
-/// received, s.
+/// Silence of the first autopilot after which another one is accepted, and time after its last heartbeat for which
+/// another one is considered present, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
-    /// Takes a frame. True when it reported the autopilot's mode, mostly in a heartbeat.
+    /// Processes a frame. Returns whether it reported the autopilot's mode, mostly in a heartbeat.
     pub(super) fn receive(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         if let MavlinkMessage::Heartbeat(heartbeat) = &frame.message {
             return self.on_heartbeat(now, frame.from, heartbeat);
@@ -93,7 +93,7 @@ impl AutopilotLink {
             MavlinkMessage::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
                 peer.on_mode(*custom_mode);
-                // Equivalent to a heartbeat, as far as the mode is concerned.
+                // Reports the mode like a heartbeat.
                 return true;
             }
             MavlinkMessage::Landed { state } => {
@@ -296,7 +296,7 @@ impl AutopilotLink {
         false
     }
 
-    /// Takes a command to this component: an order to the mission, or an unknown command.
+    /// Processes a command to this component: an order to the mission, or an unknown command.
     fn on_command(&mut self, now: DroneTime, from: Address, asked: &StationCommand, out: &mut AutopilotOut) {
         let command = asked.number;
         let answer = |result| MavlinkMessage::CommandAck {

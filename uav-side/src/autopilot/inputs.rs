@@ -17,13 +17,13 @@ use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 pub(super) struct LinkInputs {
     set_point: Latest<SetPoint>,
     pub(super) mission: Latest<MissionState>,
-    /// Landing mode of the mission by its newest state, at any age; None: no state received.
+    /// Landing mode in the mission's newest state, at any age; None before the first state.
     pub(super) mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 }
 
 impl LinkInputs {
-    /// Takes the messages of a step. Returns whether the mission was aborted, and whether the set-point is new.
+    /// Stores the messages of a step. Returns whether the mission was aborted, and whether the set-point is new.
     pub(super) fn take(&mut self, now: DroneTime, input: &AutopilotIn) -> [bool; 2] {
         let before = self.mission.get().and_then(|m| m.abort);
         let mission = (input.mission.as_ref()).filter(|m| self.mission.offer(now, m));
@@ -44,7 +44,7 @@ impl LinkInputs {
     pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
         self.fresh_mission(now).map(|m| m.state)
     }
-    /// The mission's last report, for as long as the pilot node continues with it.
+    /// The mission's last state, while the pilot node still acts on it.
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)

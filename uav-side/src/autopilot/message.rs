@@ -55,9 +55,9 @@ pub const ARMED: u8 = 128;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CommandResult {
     Accepted,
-    /// Rejected now; a repetition may succeed.
+    /// Rejected for now; a repetition may succeed.
     TemporarilyRejected,
-    /// Rejected in every such state.
+    /// Rejected; a repetition in the same state fails as well.
     Denied,
     Unsupported,
     Failed,
@@ -101,7 +101,7 @@ impl CommandLong {
             ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
         }
     }
-    /// Choice of the firmware's mode with this main and sub-mode.
+    /// Command to enter the firmware's mode with this main mode and sub-mode.
     pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
         CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])
     }
@@ -128,7 +128,7 @@ pub struct AttitudeThrustTarget {
     pub to: Address,
     /// NED from body, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
-    /// Body rates, rad/s; None: unused.
+    /// Body rates, rad/s; None if unused.
     pub rates: Option<[f64; 3]>,
     /// Collective thrust as the autopilot commands it, 0 to 1.
     pub thrust: f64,
@@ -150,7 +150,7 @@ pub struct OdometryReport {
     pub rates: [f64; 3],
     /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not reported.
     pub variances: Option<[[f64; 3]; 3]>,
-    /// Count of the estimate's jumps.
+    /// Number of jumps of the estimate.
     pub resets: u8,
 }
 
@@ -204,7 +204,7 @@ pub struct ImuReport {
 pub struct ParameterValue {
     /// The message's float.
     pub bits: u32,
-    /// The message states an integer type.
+    /// Whether the message declares an integer type.
     pub integer: bool,
 }
 
@@ -268,7 +268,7 @@ pub struct LandingTarget {
     pub size_m: f64,
 }
 
-/// `TARGET_RELATIVE`: a target as detected from the vehicle.
+/// `TARGET_RELATIVE`: a target detected by the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetRelative {
     /// Our time, us.
@@ -282,7 +282,7 @@ pub struct TargetRelative {
     pub yaw_sd: f64,
 }
 
-/// `TARGET_ABSOLUTE`: a target as measured by its own receiver.
+/// `TARGET_ABSOLUTE`: a target whose own receiver measures its position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetAbsolute {
     /// Our time, us.
@@ -311,7 +311,7 @@ pub enum MavlinkMessage {
     Attitude(AttitudeReport),
     Imu(ImuReport),
     Distance(DistanceReport),
-    /// `CURRENT_MODE`: the mode in force, sent when it changes.
+    /// `CURRENT_MODE`: the present mode, sent when it changes.
     Mode {
         custom_mode: u32,
     },
@@ -350,7 +350,7 @@ pub enum MavlinkMessage {
         to: Address,
         /// At most 16 characters.
         name: String,
-        /// Replaces the name.
+        /// If given, the parameter is requested by this index and the name is ignored.
         index: Option<u16>,
     },
     /// `PARAM_SET`.
@@ -405,7 +405,7 @@ pub enum MavlinkMessage {
     CommandAck {
         command: u16,
         result: CommandResult,
-        /// Sender of the command; zeros: not stated.
+        /// Sender of the acknowledged command; zeros if not stated.
         to: Address,
     },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
@@ -452,10 +452,10 @@ pub enum MavlinkMessage {
     },
     /// `RC_CHANNELS`.
     RemoteControl(RcChannels),
-    /// `RC_CHANNELS_OVERRIDE`: first eight channels as set by a ground station.
+    /// `RC_CHANNELS_OVERRIDE`: first eight channels, set by a ground station.
     RemoteControlOverride {
         to: Address,
-        /// us; 0: released to the receiver, 65535: keep the last value.
+        /// Pulse of each channel, us; 0: controlled by the receiver again, 65535: the last value stays in force.
         pulses_us: [u16; 8],
     },
     /// `NAMED_VALUE_FLOAT`.

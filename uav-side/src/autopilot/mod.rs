@@ -105,7 +105,8 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     pub forecast: Option<DeckForecast>,
     pub rtcm: Vec<RtcmFrames<DroneClock>>,
-    /// Checkpoint of a crashed predecessor; boot 0: none. It is read until this link publishes its own.
+    /// Checkpoint of a crashed predecessor; boot number 0 means that there is no checkpoint. It is read until this link
+    /// publishes its own.
     pub checkpoint: Option<LinkCheckpoint>,
 }
 
@@ -125,7 +126,7 @@ pub struct AutopilotOut {
     pub relative: Vec<RelativePlace>,
     /// RTCM frames for that receiver.
     pub rtcm: Vec<Vec<u8>>,
-    /// Texts for people: changes of control authority, denied commands, the autopilot's own texts.
+    /// Texts for operators: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
 
@@ -223,7 +224,7 @@ pub struct AutopilotLink {
 }
 
 impl AutopilotLink {
-    /// Link of a drone with this `geometry`. `attitudes`: the pilot node sends attitude set-points.
+    /// Link of a drone with this `geometry`. `attitudes`: whether the pilot node sends attitude set-points.
     pub fn new(
         config: &AutopilotLinkConfig,
         odometry: &OdometryConfig,
@@ -295,7 +296,7 @@ impl AutopilotLink {
             odometry: if e.heading.was_aligned() {
                 (e.state).is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
             } else {
-                // Odometry is not passed on yet.
+                // Before odometry is passed on, the heading has to be observed.
                 e.heading.is_watched(now, self.config.odometry_loss_s)
             },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),

@@ -20,7 +20,7 @@ pub enum Firmware {
 const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 impl Firmware {
-    /// Firmware by a heartbeat; None for other systems than a multirotor's autopilot.
+    /// Firmware that sends this heartbeat; None if the sender is not the autopilot of a multirotor or helicopter.
     pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
         if !COPTERS.contains(&vehicle) {
             return None;
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(px4(4, 3), AutopilotMode::Hold);
         assert_eq!(px4(4, 5), AutopilotMode::Return);
         assert_eq!(px4(4, 6), AutopilotMode::Land);
-        // Position and manual: a pilot flies.
+        // Position and manual mode: a pilot flies.
         assert_eq!(px4(3, 0), AutopilotMode::Other);
         assert_eq!(px4(1, 0), AutopilotMode::Other);
         let copter = |n| Firmware::ArduCopter.mode(n);

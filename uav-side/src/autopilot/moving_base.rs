@@ -15,7 +15,7 @@ use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
 use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
 
 const FRAGMENT_BYTES: usize = 180;
-/// Number of fragments of a frame: two bits number them.
+/// Maximum number of fragments of a frame: their number has two bits.
 const MAX_FRAGMENTS: usize = 4;
 /// Maximum number of messages that a step passes on: the capacity of the topic.
 const MAX_RTCM: usize = 32;
@@ -25,7 +25,7 @@ const TEXT_PAUSE: Span = Span::from_millis(5000);
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct MovingBase {
-    /// Number of fragmented frames to the autopilot, of which five bits are sent.
+    /// Sequence number of the frames to the autopilot; its low five bits are sent.
     sequence: u8,
     pub(super) passed_on: u32,
     pub(super) dropped: u32,
@@ -69,7 +69,7 @@ impl MovingBase {
             }
         }
     }
-    /// Passes a frame on; false when that is impossible.
+    /// Passes a frame on; returns false if that is impossible.
     fn pass_on(&mut self, frame: &[u8], target: RtcmTarget, out: &mut AutopilotOut) -> bool {
         match target {
             RtcmTarget::Receiver => out.rtcm.push(frame.to_vec()),
@@ -85,8 +85,8 @@ impl MovingBase {
         true
     }
     /// Relative place from a report that arrives at `now`, at least `latency` after its measurement, on the drone's
-    /// clock. None while the vessel's antenna position is unknown, for an implausible time, and for a report of the
-    /// time alone.
+    /// clock. None while the vessel's antenna position is unknown, if the time is implausible, and if the report
+    /// contains the time alone.
     pub(super) fn place(
         &mut self,
         now: DroneTime,
@@ -98,7 +98,7 @@ impl MovingBase {
         let at = self.clock.local_time(now, at_ns, latency)?;
         let solution = report.solution?;
         let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
-        // Without a place only the state counts.
+        // Without a place only the state of the solution is published.
         let [baseline_m, baseline_sd_m] = report.place.unwrap_or([[0.0; 3], [MAX_SD_M; 3]]);
         let place = RelativePlace {
             header: Header {
@@ -114,8 +114,8 @@ impl MovingBase {
     }
 }
 
-/// Fragments of a frame with this sequence number; None for a frame that is too long. The receiver detects the end by a
-/// partial fragment, or by the fourth.
+/// Fragments of a frame with this sequence number; None for a frame that is too long. For the receiver a frame ends
+/// with a fragment that is not full, or with the fourth fragment.
 fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
     const FRAGMENTED: u8 = 1;
     let sequence = (sequence & 31) << 3;

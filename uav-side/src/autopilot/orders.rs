@@ -14,14 +14,15 @@ pub(super) fn sent(header: Header<DroneClock>, kind: CommandKind) -> SentCommand
     Retransmission::new(Command { header, kind }, header.at, topics::AUTOPILOT_RETRIES)
 }
 
-/// Whether the mission's newest state shows that it accepted the order; false when it rejects the order or time is up.
-/// None: pending.
+/// Whether the mission's newest state shows that it accepted the order; false if it rejected the order or the time is
+/// over; None while pending.
 pub(super) fn outcome(order: &SentCommand, now: DroneTime, mission: Option<&MissionState>) -> Option<bool> {
     let answer = mission.and_then(|m| order.answered(m));
     answer.or(order.is_over(now).then_some(false))
 }
 
-/// Text for people on an order that failed; a mission's rejection with its reason, as far as one STATUSTEXT holds it.
+/// Text for operators on a failed order. A mission's rejection includes the reason, cut to the length of one
+/// STATUSTEXT.
 pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>) -> String {
     let (_, named) = named(order.message.kind);
     let Some(m) = mission else {
@@ -42,7 +43,7 @@ pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>
     }
 }
 
-/// Severity (`MAV_SEVERITY`) of an order, and its name for people.
+/// Severity (`MAV_SEVERITY`) of an order, and its name in texts.
 pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
     use super::message::severity;
     match kind {

@@ -17,7 +17,7 @@ const UNKNOWN: Span = Span::from_millis(1000);
 const MAX_GEOID_M: f64 = 120.0;
 /// Number of origin reports during which the receiver's two heights are awaited.
 const REPORTS_WITHOUT_GEOID: u8 = 3;
-/// Displacement from which an origin counts as another one, m: the message resolves centimetres.
+/// Displacement above which an origin is a new one, m: the message resolves centimetres.
 const MOVED_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,7 +27,7 @@ pub(super) struct AutopilotOrigin {
     /// Height of the sea above the ellipsoid in use, m; None until it is decided.
     pub(super) geoid_m: Option<f64>,
     reports: u8,
-    /// Restarted when the origin may have changed, so that it is requested at once.
+    /// Reset when the origin may have changed, so that it is requested at once.
     pub(super) timer: Periodic<DroneClock>,
 }
 
@@ -43,7 +43,7 @@ impl AutopilotOrigin {
             MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
         })
     }
-    /// Takes both heights of the autopilot's receiver. Their difference is kept for the flight: it changes by
+    /// Stores the difference of both heights of the autopilot's receiver. It is kept for the flight: it changes by
     /// centimetres, and the origin must not change.
     pub(super) fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
         let geoid_m = ellipsoid_m - sea_m;
@@ -51,8 +51,9 @@ impl AutopilotOrigin {
             self.geoid_m.get_or_insert(geoid_m);
         }
     }
-    /// Takes the origin of the autopilot's NED with its height above the sea. Without the receiver's heights the geoid
-    /// model's height at this position counts from the third report on. Returns whether the origin has changed.
+    /// Processes a report of the origin of the autopilot's NED, with its height above the sea. Without the receiver's
+    /// heights the geoid model's height at this position is used from the third report on. Returns whether the origin
+    /// has changed.
     pub(super) fn on_report(&mut self, reported: &Datum) -> bool {
         self.reports = self.reports.saturating_add(1);
         if self.geoid_m.is_none() && self.reports < REPORTS_WITHOUT_GEOID {

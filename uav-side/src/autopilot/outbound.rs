@@ -35,10 +35,10 @@ const NEAR_M: f64 = 0.6;
 /// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
-/// Maximum time until a mission counts a charge, s: the largest `battery_lasts_s`.
+/// Maximum time until a mission acts on a low charge, s: the largest `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
-/// Distance from the deck's centre beyond which no deck carries the drone, m: errors of two receivers, and the longest
-/// decks.
+/// Distance from the deck's centre beyond which the drone cannot stand on the deck, m: errors of two receivers, and the
+/// longest decks.
 const AWAY_FROM_DECK_M: f64 = 20.0;
 const ARM_TRIES: u32 = 3;
 
@@ -46,7 +46,7 @@ const ARM_TRIES: u32 = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeldPosition {
     place: Vector3<f64>,
-    /// Relative to the deck's centre, when the deck was known.
+    /// Position relative to the deck's centre, if the deck was known.
     from_deck: Option<Vector3<f64>>,
     yaw: f64,
 }
@@ -103,7 +103,7 @@ impl AutopilotLink {
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
-            // A mission that falls silent in the flare still counts as landing: the pilot node completes the landing
+            // The drone is still landing if the mission falls silent in the flare: the pilot node completes the landing
             // without it.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
@@ -144,7 +144,7 @@ impl AutopilotLink {
             return Some(thrust_off);
         }
         let evidence = self.contact(now);
-        // With pressing just begun, the thrust cut is measured at once, and the former support lasts a little longer.
+        // Just after pressing begins, the thrust cut is already measured while the earlier support still shows.
         let c = match self.stream.flown {
             Some(_) => self.config.disarm,
             None => self.lasting(),
@@ -172,7 +172,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Evidence needed for a disarm without a touchdown just detected: the drone may have left the deck since.
+    /// Evidence needed for a disarm some time after the touchdown: the drone may have left the deck since.
     fn lasting(&self) -> DisarmConfig {
         let c = self.config.disarm;
         DisarmConfig {
@@ -220,8 +220,8 @@ impl AutopilotLink {
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// Continues the disarm in that state, on lasting evidence. It sends a set-point that presses down, or above the
-    /// deck one that climbs; with it PX4 returns from its failsafe to the mode that the pilot chose.
+    /// Continues the disarm in that state, on evidence over a longer time. It sends a set-point that presses down, or
+    /// above the deck one that climbs; with it PX4 returns from its failsafe to the mode that the pilot chose.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
@@ -229,8 +229,8 @@ impl AutopilotLink {
         if decision == DisarmDecision::Command {
             self.command_disarm(self.disarm.alone.sent(), out);
         }
-        // A holding autopilot ignores the set-point; one that follows it is no longer pressed down when the evidence
-        // stays away.
+        // An autopilot that holds ignores the set-point. A drone that follows it is no longer pressed down if the
+        // evidence does not appear.
         let follows = self.control_authority().commands();
         let carried_by_rotors = decision == DisarmDecision::InAir(DisarmInhibit::NotSupported);
         if follows && carried_by_rotors {
@@ -259,7 +259,7 @@ impl AutopilotLink {
                     ..SetPoint::default()
                 })
             }
-            // Missing inputs will arrive.
+            // The missing inputs are expected to arrive.
             Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
             None
             | Some(
@@ -421,8 +421,8 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        // The mission counts a low charge after some time. Until then it has chosen nothing, and the last reserve must
-        // not act first.
+        // The mission acts on a low charge only after some time. Until then it has not chosen a place, and the last
+        // reserve must not act first.
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
         // The mission may have chosen by the voltage alone.
@@ -457,8 +457,8 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// Whether the drone stands away from the deck, by the forecast and its odometry. An order to land implies no
-    /// clearance of a deck by the crew, and a drone whose vessel is unknown may stand on the deck.
+    /// Whether the drone stands away from the deck, by the forecast and its odometry. An order to land does not imply
+    /// that the crew has cleared the deck, and a drone whose vessel is unknown may stand on the deck.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
         let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));
@@ -472,7 +472,7 @@ impl AutopilotLink {
             self.commands.arm_tries = 0;
         }
         if peer.armed {
-            // A later disarm is the pilot's, or ours on the deck.
+            // No further attempts: a later disarm is the pilot's, or our own on the deck.
             self.commands.arm_tries = ARM_TRIES;
         }
         let mission = self.inputs.fresh_mission(now);

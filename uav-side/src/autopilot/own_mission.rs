@@ -5,8 +5,8 @@
 //! AUTO. A Hold during the mission is the pilot's choice, and the mission is not complete. Any other mode is a takeover
 //! by the pilot, at every state of the mission.
 //!
-//! PX4 reports the previous flight's mission as complete until it is started again: completion counts only after the
-//! mission was reported active.
+//! PX4 reports the previous flight's mission as complete until it is started again: completion is accepted only after
+//! the mission was reported active.
 //!
 //! When a sortie has to end (low battery, mission complete or an order), Alight takes over with the command that
 //! chooses the mode of a take-off; it does not take over from a pilot. This happens once in a flight for each reason:
@@ -42,10 +42,10 @@ pub(super) struct OwnMissionMonitor {
     /// `MISSION_STATE`; 0: not reported by the firmware.
     state: u8,
     last: Option<u16>,
-    /// The last item was reached since the mission began.
+    /// Whether the last item was reached since the mission began.
     reached_last: bool,
     began: bool,
-    /// Since then the mode was the mission's or the Hold after it.
+    /// Whether the mode has since been the mission's or the Hold after it.
     own: bool,
     now: OwnMission,
 }
@@ -54,7 +54,7 @@ pub(super) struct OwnMissionMonitor {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
     sent: u32,
-    /// The autopilot has been in our mode since the first command.
+    /// Whether the autopilot has been in our mode since the first command.
     done: bool,
 }
 
@@ -66,7 +66,7 @@ impl MissionEnd {
 }
 
 impl OwnMissionMonitor {
-    /// Takes `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first item is home, which `total` does not
+    /// Processes `MISSION_CURRENT`. PX4 numbers items from 0; ArduPilot's first item is home, which `total` does not
     /// include.
     pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
         self.state = state;
@@ -76,7 +76,7 @@ impl OwnMissionMonitor {
             Firmware::ArduCopter => total,
         });
     }
-    /// Takes `MISSION_ITEM_REACHED`.
+    /// Processes `MISSION_ITEM_REACHED`.
     pub(super) fn reached(&mut self, item: u16) {
         self.reached_last = self.began && self.last.is_some_and(|last| item >= last);
     }
@@ -89,7 +89,7 @@ impl OwnMissionMonitor {
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }
-    /// Updates with the newest mode; a disarm ends the flight.
+    /// Updates the state of the mission with the newest mode; a disarm ends the flight.
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);
@@ -113,7 +113,7 @@ impl OwnMissionMonitor {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
-    /// Ends in this flight: by the battery, by completion, by an order.
+    /// Ends of the mission in this flight: by the battery, by completion, by an order.
     pub(super) ends: [MissionEnd; 3],
     starts: u32,
     timer: Periodic<DroneClock>,
@@ -125,7 +125,7 @@ impl OwnMissionSequence {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
-        // The mission was active and no other mode was chosen since, so that the Hold after it counts.
+        // The mission was active and no other mode was chosen since, so a Hold after it means that it is complete.
         if m.own_mission {
             (self.monitor.began, self.monitor.own) = (true, true);
         }
@@ -216,7 +216,7 @@ mod tests {
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        // The pilot pauses and resumes it.
+        // The pilot pauses and resumes the mission.
         m.current(Firmware::Px4, 4, PAUSED);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         m.current(Firmware::Px4, 4, ACTIVE);
@@ -227,7 +227,7 @@ mod tests {
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
-        // In the next flight it is reported complete until it starts again.
+        // In the next flight the mission is reported complete until it starts again.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
@@ -246,7 +246,7 @@ mod tests {
             m.reached(last);
             assert_eq!(armed(&mut m, None), OwnMission::Done, "{firmware:?}");
         }
-        // Without a number of items no item is the last.
+        // If the number of items is unknown, no item is the last one.
         let mut m = OwnMissionMonitor::default();
         m.current(Firmware::ArduCopter, 0, 0);
         armed(&mut m, None);

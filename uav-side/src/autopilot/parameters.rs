@@ -29,14 +29,14 @@ struct Item {
     value: Option<f64>,
     requests: u32,
     next: DroneTime,
-    /// The autopilot restarted since the value was read.
+    /// Whether the autopilot has restarted since the value was read.
     old: bool,
-    /// The finding is not reported yet.
+    /// Whether the finding still has to be reported.
     new: bool,
 }
 
 impl Item {
-    /// Reason against the parameter's value; None: suitable.
+    /// Reason why the parameter's value is not suitable; None if it is.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {
@@ -55,7 +55,7 @@ pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
-    /// Thrust was read as thrust before the restart of the autopilot or this link.
+    /// Whether thrust was read as thrust before the restart of the autopilot or this link.
     thrust_was_thrust: bool,
 }
 
@@ -86,7 +86,7 @@ impl Parameters {
             thrust_was_thrust: false,
         }
     }
-    /// Assumes until the option is reported that thrust is read as thrust, as before.
+    /// Until the option is reported, assumes that thrust is read as thrust, as before.
     pub(super) fn trust_thrust(&mut self) {
         self.thrust_was_thrust = true;
     }
@@ -100,11 +100,11 @@ impl Parameters {
             item.old = false;
         }
     }
-    /// Reads all again after a restart of the autopilot; until then they keep their values.
+    /// Requests all parameters again after a restart of the autopilot; until they arrive, the old values stay in use.
     pub fn read_again(&mut self) {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
-    /// Next request, when one is due: for unreported parameters, and at intervals for unsuitable ones.
+    /// Next request, if one is due: for an unreported parameter or, at intervals, for an unsuitable one.
     pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
@@ -138,7 +138,8 @@ impl Parameters {
             .iter()
             .all(|i| i.value.is_some() || i.requests >= REQUESTS)
     }
-    /// Reason that forbids a landing; without a code: none. Unsuitable parameters come before unreported ones.
+    /// Reason that forbids a landing, with an empty code if a landing is permitted. Unsuitable parameters come before
+    /// unreported ones.
     pub fn rejection(&self) -> Reason {
         let forbids = |i: &&Item| i.parameter.severity == Severity::Refuse;
         let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
@@ -159,7 +160,7 @@ impl Parameters {
             .filter_map(Item::reason);
         reasons.next().unwrap_or_default()
     }
-    /// Whether a set-point's thrust is read as thrust; None: unknown.
+    /// Whether a set-point's thrust is read as thrust; None if unknown.
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
         let Some(why) = self.items.iter().find(of_option).and_then(Item::reason) else {
@@ -251,7 +252,7 @@ mod tests {
         report(&mut p, "COM_OF_LOSS_T", 0.25);
         report(&mut p, "COM_OBL_RC_ACT", 5.0);
         p.received("MPC_ACC_UP_MAX", Firmware::Px4.parameter_value(8.0, false));
-        // A warning only.
+        // The finding is only a warning.
         assert!(!p.complete());
         assert_eq!(p.rejection(), Reason::default());
         report(&mut p, "MC_AIRMODE", 1.0);

@@ -35,7 +35,7 @@ pub(crate) struct MavlinkPeer {
     pub(crate) streams: MessageStreams,
     /// Charge (0 to 1), voltage (V) and current (A) of each battery.
     batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
-    /// The silent gauge was reported.
+    /// Whether it was reported that a battery gauge has fallen silent.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
     /// Destination of the return mode.

@@ -8,9 +8,9 @@ pub struct PlaceReport {
     pub latitude_deg: f64,
     /// Deg, east positive.
     pub longitude_deg: f64,
-    /// Towards north and east, m/s; None: not reported.
+    /// Velocity north and east, m/s; None if not reported.
     pub velocity: Option<[f64; 2]>,
-    /// Horizontal error, m; None: not stated.
+    /// Horizontal error, m; None if not stated.
     pub error_m: Option<f64>,
 }
 

@@ -14,7 +14,7 @@ use super::orders::{self, SentCommand};
 /// Time without a channel after which the remote control is lost.
 const LOST: Span = Span::from_millis(600);
 const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
-/// Pulses of each position, us; values between them are no position.
+/// Limits of the pulses of each position, us; values in between belong to no position.
 const LOW_US: u16 = 1300;
 const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
 const HIGH_US: u16 = 1700;
@@ -58,20 +58,21 @@ struct Candidate {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RcSwitch {
-    /// Accepted position; None: none was held since the start or since the remote control was lost.
+    /// Accepted position; None if no position has been held since the start or since the remote control was lost.
     position: Option<Position>,
     candidate: Option<Candidate>,
     received_at: Option<DroneTime>,
-    /// Time of the autopilot's last report that its receiver works; None: never, as with some firmware.
+    /// Time of the autopilot's last report that its receiver works; None if it has never reported that, as with some
+    /// firmware.
     healthy_at: Option<DroneTime>,
-    /// The autopilot reports now that its receiver does not work.
+    /// Whether the autopilot reports that its receiver does not work.
     lost: bool,
     given: Option<SentCommand>,
 }
 
 impl RcSwitch {
-    /// Takes the autopilot's sensor status. PX4 reports its receiver as present while it works, ArduCopter as healthy
-    /// or not.
+    /// Processes the autopilot's sensor status. PX4 reports its receiver as present while it works, ArduCopter as
+    /// healthy or not.
     pub(super) fn on_status(&mut self, now: DroneTime, present: u32, healthy: u32) {
         if present & healthy & RC_RECEIVER != 0 {
             (self.healthy_at, self.lost) = (Some(now), false);
@@ -80,8 +81,8 @@ impl RcSwitch {
             self.forget();
         }
     }
-    /// Takes the channels of the remote control, with the switch on number `channel` from 1. Returns the command of a
-    /// change.
+    /// Processes the channels of the remote control, with the switch on number `channel`, counted from 1. Returns the
+    /// command that a change gives.
     pub(super) fn on_channels(
         &mut self,
         now: DroneTime,
@@ -132,7 +133,7 @@ impl RcSwitch {
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }
-    /// Whether the switch aborts or stays in the abort position: no landing is accepted from any source.
+    /// Whether the switch aborts or stays in the abort position, so that a landing is accepted from no source.
     pub(super) fn bars(&self) -> bool {
         let aborts = |o: SentCommand| o.message.kind == CommandKind::Abort;
         self.position == Some(Position::Low) || self.given.is_some_and(aborts)
@@ -189,8 +190,8 @@ mod tests {
         c
     }
 
-    /// Commands of a switch that takes each pulse (us; 0: the remote control sends nothing) for a time, s, at 10 Hz,
-    /// with the receiver's health at 5 Hz if `reports_health`.
+    /// Commands of a switch that outputs each pulse (us; 0: the remote control sends nothing) for its time, s, at 10
+    /// Hz; with `reports_health`, the receiver's health is reported at 5 Hz.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
         let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
         for &(pulse_us, for_s) in course {
@@ -228,7 +229,7 @@ mod tests {
                     &[(MIDDLE, 3.0), (HIGH, 3.0), (LOW, 3.0), (HIGH, 3.0)],
                     &[Land, Abort, Land],
                 ),
-                // Not held long enough, and between two positions.
+                // The position is not held for long enough, or lies between two positions.
                 (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
@@ -236,7 +237,7 @@ mod tests {
                 (&[(MIDDLE, 3.0), (0, 2.0), (HIGH, 9.0)], &[]),
                 (&[(MIDDLE, 3.0), (0, 2.0), (LOW, 9.0)], &[]),
                 (&[(HIGH, 3.0), (0, 2.0), (MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
-                // Invalid pulses.
+                // These pulses are invalid.
                 (&[(MIDDLE, 3.0), (500, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (65535, 3.0)], &[]),
             ] {
@@ -304,7 +305,7 @@ mod tests {
                 (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
-        // Every 0.25 s for 5 s, while the mission does not show the order.
+        // The order is published every 0.25 s for 5 s, while the mission's state does not show it.
         assert_eq!(published(Abort, &before), 21);
         assert_eq!(published(Abort, &other), 21);
         assert_eq!(published(Abort, &own), 0);

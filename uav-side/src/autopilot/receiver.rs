@@ -2,7 +2,8 @@
 //! or later.
 //!
 //! Each message needs its checksum. Reports carry the receiver's time of week; the moving base dates them. NAV-PVT does
-//! not wait for the base and arrives soonest after its time, so it dates a NAV-RELPOSNED that waited for the radio.
+//! not wait for the base and therefore arrives with the smallest delay, so it is used to date a NAV-RELPOSNED that was
+//! delayed by the radio.
 
 use std::collections::VecDeque;
 
@@ -17,16 +18,17 @@ const PART: usize = 512;
 /// Queue length: more than a receiver sends in a second.
 const MAX_REPORTS: usize = 32;
 pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Maximum standard deviation, m: stands for an unknown place.
+/// Maximum standard deviation, m; it marks an unknown place.
 pub const MAX_SD_M: f64 = 9_999.0;
 
-/// A relative place of the receiver, or its time alone.
+/// Report of the receiver: its place relative to the base, or only its time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
     pub of_week_ns: i64,
-    /// From the base's antenna to the drone's, NED, m, and the standard deviation of each component, m; None: invalid.
+    /// Position of the drone's antenna relative to the base's, NED, m, and the standard deviation of each component, m;
+    /// None if invalid.
     pub place: Option<[[f64; 3]; 2]>,
-    /// Solution of the carrier ambiguities; None: this report is the receiver's time alone.
+    /// Solution of the carrier ambiguities; None if the report contains only the receiver's time.
     pub solution: Option<CarrierSolution>,
 }
 
@@ -81,8 +83,8 @@ const fn min_sd_m(solution: CarrierSolution) -> f64 {
 fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// gnssFixOK, relPosValid.
     const VALID: u32 = 1 | 1 << 2;
-    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, which errs by decimetres for a
-    /// rocking base.
+    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, with an error of decimetres if the
+    /// base rocks.
     const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
     let (of_week_ms, place, solution) = match packet {
         PacketRef::NavPvt(p) => (p.itow(), None, None),
@@ -131,9 +133,9 @@ mod tests {
         put(8, &1234_i32.to_le_bytes());
         put(12, &(-50_i32).to_le_bytes());
         put(16, &300_i32.to_le_bytes());
-        // 5.7 mm, -1.0 mm, 0.
+        // High-precision parts of the position: 5.7 mm, -1.0 mm, 0.
         put(32, &[57, (-10_i8) as u8, 0]);
-        // 12.3 mm, 5 mm, 400 mm.
+        // Standard deviations: 12.3 mm, 5 mm, 400 mm.
         put(36, &123_u32.to_le_bytes());
         put(40, &50_u32.to_le_bytes());
         put(44, &4000_u32.to_le_bytes());
@@ -177,14 +179,14 @@ mod tests {
                 "{r:?}"
             );
         }
-        // No fix, or no relative place: only the state counts.
+        // Without a fix or a relative place only the state is used.
         for flags in [valid(2) & !1, valid(2) & !4] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
             };
             assert_eq!((r.place, r.solution), (None, Some(CarrierSolution::None)));
         }
-        // An extrapolated base: only the time counts.
+        // With an extrapolated base only the time is used.
         for flags in [valid(2) | 1 << 6, valid(2) | 1 << 7] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
@@ -198,7 +200,8 @@ mod tests {
         let sound = message(200, valid(2));
         let mut damaged = sound.clone();
         damaged[20] ^= 1;
-        // RTCM's preamble, a sentence, a damaged message, and one with a time of week out of range.
+        // The bytes contain an RTCM preamble, an NMEA sentence, a damaged message, and one with a time of week out of
+        // range.
         let bytes = [
             &b"\xd3\x00\x13$GNGGA,1*00\r\n"[..],
             &damaged,
@@ -210,7 +213,7 @@ mod tests {
             let times: Vec<_> = decoded(&bytes, cut).iter().map(|r| r.of_week_ns).collect();
             assert_eq!(times, [200_000_000], "{cut}");
         }
-        // The queue is bounded and keeps the newest.
+        // The queue is bounded and keeps the newest reports.
         let many: Vec<u8> = (0..100).flat_map(|k| message(k, valid(2))).collect();
         let all = decoded(&many, 512);
         assert_eq!((all.len(), all[0].of_week_ns), (MAX_REPORTS, 68_000_000));

@@ -3,8 +3,8 @@
 //! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for MOT_SPOOL_TIME,
 //! independently of the commanded thrust; PX4's rotors follow at once. Outputs are compared with their values while the
 //! autopilot was disarmed, and with those a moment ago, so that neither their protocol nor their order matters. The
-//! heartbeat that reports armed arrives up to a second late, when rotors already turn: values at rest are taken some
-//! heartbeats before.
+//! heartbeat that reports the arming may arrive a second late, after the rotors have started; values at rest are
+//! therefore taken from a time some heartbeats earlier.
 
 use alight_shared::time::Span;
 
@@ -16,14 +16,14 @@ const PORTS: usize = 2;
 const ROTORS: usize = 3;
 /// Smallest significant rise of an output, us or steps of a digital protocol.
 const RISEN: f64 = 5.0;
-/// Maximum factor of the rise of the outputs within [`SPUN_UP`] at which the spin-up is over: ArduCopter's ramp from rest
-/// doubles them.
+/// Factor between the outputs' rises [`SPUN_UP`] apart up to which the spin-up is over: ArduCopter's ramp from rest
+/// doubles the rise.
 const GROWS: f64 = 1.5;
 const SPUN_UP: Span = Span::from_millis(200);
 const STALE: Span = Span::from_millis(500);
 /// Time before a disarmed report from which outputs at rest are taken: two heartbeats.
 const REPORTED_WITHIN: Span = Span::from_millis(2000);
-/// Time after arming after which outputs that have not risen are not those of motors.
+/// Time after arming after which outputs that have not risen are taken for outputs other than motors.
 const OTHERS: Span = Span::from_millis(5000);
 
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,6 @@ impl AtRest {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RotorOutputs {
-    /// Values before arming.
     at_rest: [Option<AtRest>; PORTS],
     armed_at: Option<DroneTime>,
     newest: Option<DroneTime>,
@@ -74,13 +73,13 @@ impl RotorOutputs {
             (self.armed_at, self.before, self.follow) = (None, None, false);
             return;
         }
-        // A link that starts with an armed autopilot does not know the values at rest.
+        // A link that starts while the autopilot is armed does not know the values at rest.
         let Some(at_rest) = at_rest else { return };
         (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
         let mut rises = [0.0; OUTPUTS];
         for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {
-                // No pulses before arming.
+                // The output had no pulses before arming.
                 *rest = *pulse;
             }
             *rise = f64::from(*pulse) - f64::from(*rest);

@@ -1,13 +1,13 @@
 //! Set-point loss: distinguishes PX4's own hold after a loss of our set-points from a hold that the pilot chose.
 //!
-//! Both look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point it received, and ends
-//! with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
+//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point it received, and
+//! ends with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
 //! pauses, when the whole computer is suspended (the link itself does not step then), and when the autopilot or the
 //! serial line stalls, which its silence shows. A computer that was suspended with its clock sees no gap; the
-//! autopilot's clock, which continued, shows it. The time before this link's first set-point counts as a gap: the
+//! autopilot's clock, which continued, shows it. The time before this link's first set-point is treated as a gap: the
 //! reason for a hold is unknown then, and a previous link may have died. A hold that may have begun in a gap is
-//! attributed to PX4, and to the pilot as soon as set-points do not end it. ArduCopter never holds by itself: its Brake
-//! is a pilot's choice.
+//! attributed to PX4 at first, and to the pilot if set-points do not end it. ArduCopter never holds by itself: its
+//! Brake is a pilot's choice.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -16,7 +16,7 @@ use super::clock::RemoteClock;
 use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 
-/// Time without a set-point that counts as a gap, s: five periods.
+/// Time without a set-point above which it is a gap, s: five periods.
 const GAP_S: f64 = 0.1;
 /// Maximum time after COM_OF_LOSS_T until PX4 leaves OFFBOARD and reports it, s: its commander's period, its failsafe,
 /// and half of a heartbeat's period.
@@ -43,7 +43,7 @@ struct Gaps {
     newest: Option<(DroneTime, f64)>,
 }
 
-/// Whether a gap may have caused a hold of PX4, with the set-point timeout `loss_s`, that is reported by `now`.
+/// Whether a gap may have caused a hold of PX4 that was reported by `now`; `loss_s` is PX4's set-point timeout.
 fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bool {
     gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
 }
@@ -64,13 +64,13 @@ impl Gaps {
 /// Origin of a hold, decided when the mode changes and kept until it changes again.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPointLossMonitor {
-    /// None: not reported yet.
+    /// Newest mode; None before the first report.
     mode: Option<AutopilotMode>,
     lost: bool,
     /// Time since which set-points have been sent into the hold.
     streams: Option<DroneTime>,
     stepped: Option<DroneTime>,
-    /// Gaps of our set-points and of the autopilot's messages.
+    /// Gaps in our set-points and in the autopilot's messages.
     sent: Gaps,
     received: Gaps,
 }
@@ -162,7 +162,7 @@ mod tests {
         (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
     }
 
-    /// Whether a hold `after_s` after the last set-point counts as a set-point loss.
+    /// Whether a hold `after_s` after the last set-point is classified as a set-point loss.
     fn lost(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
         let mut m = SetPointLossMonitor::default();
         for t in steps(-1.0, after_s) {
@@ -178,7 +178,7 @@ mod tests {
         for (from, to, after_s, loss_s, expected) in [
             (Offboard, Hold, 0.35, Some(0.25), true),
             (Offboard, Hold, 0.7, Some(0.25), true),
-            // Set-points were sent: the pilot chose it.
+            // Set-points were sent, so the pilot chose the hold.
             (Offboard, Hold, 0.02, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.5), true),
@@ -201,11 +201,11 @@ mod tests {
             (true, 0.5, 0.0, true),
             (true, 0.8, 0.0, true),
             (true, 1.5, 0.0, true),
-            // Of the queued frames, those that report the hold come later.
+            // The frames that report the hold are late in the queue.
             (true, 1.5, 0.4, true),
             (false, 0.76, 0.0, true),
             (false, 0.76, 0.4, true),
-            // The pilot's hold, a second after the gap, or after a short delay.
+            // The pilot's hold: a second after the gap, or after a delay too short for a set-point loss.
             (true, 1.5, 1.0, false),
             (false, 0.76, 1.0, false),
             (true, 0.12, 0.2, false),
@@ -257,7 +257,7 @@ mod tests {
         }
     }
 
-    /// A link without its predecessor's checkpoint, before its first set-point or just after it.
+    /// Link without its predecessor's checkpoint, before its first set-point or just after it.
     #[test]
     fn hold_found_at_the_start() {
         use AutopilotMode::{Hold, Offboard, Other};
@@ -280,7 +280,7 @@ mod tests {
             (&[][..], true, None, px4, true),
             (&[Offboard], true, None, px4, true),
             (&[Offboard], true, Some(0.01), px4, true),
-            // A pilot flew it; it is disarmed; ArduCopter.
+            // A pilot flew the drone; the drone is disarmed; the firmware is ArduCopter.
             (&[Other], true, None, px4, false),
             (&[], false, None, px4, false),
             (&[], true, None, None, false),

@@ -33,7 +33,7 @@ pub(super) struct StationCommand {
 }
 
 impl StationCommand {
-    /// Kind of the order; otherwise the answer to the station.
+    /// Kind of the order; Err: the answer to the station.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
             command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
@@ -46,9 +46,9 @@ impl StationCommand {
     }
 }
 
-/// Station from the parameters height, m; ahead and to starboard, m; min. NaN selects the default, as does 0 for
-/// height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to starboard select the
-/// default place, never a place straight above the deck. DENIED outside a station's bounds.
+/// Station from the parameters: height, m; distances ahead and to starboard, m; duration, min. NaN selects the default,
+/// as does 0 for height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to starboard
+/// select the default place, never a place straight above the deck. DENIED outside a station's bounds.
 fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
     let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
@@ -115,7 +115,7 @@ impl Repetition {
 pub(super) struct StationOrders {
     given: Option<StationOrder>,
     decided: Option<(Answer, DroneTime)>,
-    /// Time at which a landing was stopped last, by an abort or by a pilot's takeover.
+    /// Time at which an abort or a pilot's takeover last stopped a landing.
     stopped: Option<DroneTime>,
 }
 
@@ -136,8 +136,8 @@ impl StationOrders {
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// Takes a command to the companion. `barred`: the remote control's switch blocks orders; `counts`: orders of this
-    /// link are accepted.
+    /// Processes a command to the companion. `barred`: whether the remote control's switch blocks orders; `counts`:
+    /// whether orders of this link are accepted.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
@@ -162,11 +162,11 @@ impl StationOrders {
             return CommandOutcome::Answered(CommandResult::InProgress);
         }
         if kind == CommandKind::Abort {
-            // Without reuse of an old answer: a landing may have been ordered since, and a second abort does no harm.
+            // An old answer is not reused: a landing may have been ordered since, and a second abort does no harm.
             return CommandOutcome::Order(kind);
         }
         let recent = |at: DroneTime, within| now - at < within;
-        // Checked before the former answer, because the former order is no longer in force.
+        // This is checked before the former answer is reused, because the former order is no longer in force.
         let unaware = match repetition {
             Repetition::No => UNAWARE_OF_ABORT,
             Repetition::Yes | Repetition::Perhaps => REPEATED,

@@ -28,7 +28,7 @@ const MODES: [(LandingMode, &str); 3] = [
     (LandingMode::Land, "land"),
 ];
 
-/// A parameter; its index is its position.
+/// Parameter of the companion; its MAVLink index is its position in this list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StationParameter {
     Mode,
@@ -129,7 +129,7 @@ impl StationParameter {
 #[derive(Clone, Debug)]
 struct UnderWay {
     order: Retransmission<DroneClock, SettingsOrder>,
-    /// Changed parameters, and the station that asked last.
+    /// Changed parameters, and the station that sent the last change.
     changes: Vec<StationParameter>,
     station: u8,
 }
@@ -182,7 +182,7 @@ impl StationParameters {
             polled.texts = polled.values.iter().map(again).collect();
             return polled;
         };
-        // A state older than the order may still change by the order before it.
+        // A state older than the order may still change because of the previous order.
         let ordered = under_way.order.message;
         let is_taken = mission.header.at > ordered.header.at && ordered.settings == *settings;
         if !is_taken && !under_way.order.is_over(now) {
@@ -224,7 +224,7 @@ impl AutopilotLink {
         out.messages
             .extend(parameter.zip(known).map(|(p, s)| p.message(&s)));
     }
-    /// Takes a PARAM_SET of a station.
+    /// Processes a PARAM_SET of a station.
     pub(super) fn set_parameter(
         &mut self,
         now: DroneTime,
@@ -356,7 +356,7 @@ mod tests {
         ] {
             assert_eq!(p.changed(&settings, value), Err(expected.into()), "{p:?}");
         }
-        // With the rounding of single precision.
+        // The value has the rounding of single precision.
         let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
         assert_eq!(height.approach_height_m, 12.3);
     }
@@ -382,7 +382,7 @@ mod tests {
             "ground station 255 sets ALIGHT_MODE to 1 (match)"
         );
         assert_eq!(poll(&mut parameters, 10.4, &both), Polled::default());
-        // The mission's successor has lost them.
+        // The mission's successor has lost the settings.
         let lost = poll(&mut parameters, 20.0, &before);
         assert_eq!(lost.values, done.values);
         assert_eq!(lost.texts[0].1, "ALIGHT_MODE is 2 (land) now: mission restarted");
@@ -416,7 +416,8 @@ mod tests {
         let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
         parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());
-        // Reverted while the mission may apply the former order: the old value is ordered, not taken as confirmed.
+        // The change is reverted while the mission may still apply the former order: the old value is ordered again,
+        // not assumed to be confirmed.
         parameters.begin(order(10.02, before), 255, StationParameter::ApproachHeight);
         let old = shown(10.01, &before);
         let ordered = parameters.poll(at(10.02), &old);
@@ -451,7 +452,7 @@ mod tests {
     }
 
     proptest! {
-        /// For arbitrary values the mission keeps a configuration that its file could have.
+        /// Whatever value is set, the mission's configuration remains one that would be valid in its file.
         #[test]
         fn settings_by_arbitrary_values(values in prop::collection::vec((0..4_usize, any::<f32>()), 1..20)) {
             let mut settings = configured();

@@ -17,7 +17,7 @@ const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
 const OUTPUTS_HZ: f64 = 20.0;
 const ESTIMATOR_HZ: f64 = 5.0;
-/// Fraction of its rate below which a stream is requested again.
+/// Fraction of the requested rate below which a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
 const DENIED_PAUSE_S: f64 = 60.0;
 const MAX_DENIALS: u32 = 3;
@@ -59,7 +59,7 @@ impl MessageStreams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
-                // Shows the spin-up of the rotors; PX4's follow at once.
+                // Shows the spin-up of the rotors; with PX4 they start at once.
                 (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
@@ -125,7 +125,7 @@ impl MessageStreams {
         }
         for s in &mut self.list {
             if now >= s.review_at {
-                // The first check finds nothing received, and so requests the stream.
+                // Nothing was received before the first check, so it requests the stream.
                 s.wanted = f64::from(s.received) < s.min_hz * REVIEW_S;
                 if !s.wanted {
                     s.denials = 0;

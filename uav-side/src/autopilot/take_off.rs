@@ -7,8 +7,8 @@
 //!
 //! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed by force,
 //! because no land detector works on a moving deck: as soon as two witnesses show that it stands ([`crate::standing`]).
-//! If set-points stopped meanwhile, the autopilot may have lifted the drone; until two witnesses show that it stands, a
-//! thrust too low to carry it is replaced by a small climb and a hold.
+//! If set-points stopped in the meantime, the autopilot may have lifted the drone; until two witnesses show that it
+//! stands, a thrust too low to carry it is replaced by a small climb and a hold.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geometry::GRAVITY;
@@ -39,14 +39,14 @@ pub(super) struct TakeOffSequence {
     since: Option<DroneTime>,
     modes: u32,
     arms: u32,
-    /// The autopilot has been in our mode since the start.
+    /// Whether the autopilot has been in our mode since the start.
     was_ours: bool,
-    /// An arming command was sent, and no disarmed state outside of the take-off observed since.
+    /// Whether an arming command was sent and no disarmed state outside of a take-off was observed since.
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// Set-points stopped, and no verdict since shows that the drone stands.
+    /// Whether set-points stopped and no later verdict shows that the drone stands.
     may_fly: bool,
     next: Periodic<DroneClock>,
     /// Newest text of the autopilot on a denial.
@@ -57,7 +57,7 @@ impl TakeOffSequence {
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// Takes a text of the autopilot that may explain a denial to arm.
+    /// Stores a text of the autopilot that may explain why it denies arming.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));
@@ -118,12 +118,13 @@ impl AutopilotLink {
         }
         let evidence = self.contact(now);
         let applied = self.thrust_of_hover(now);
-        // In OFFBOARD without a thrust report, the commanded thrust applies.
+        // In OFFBOARD without a thrust report, the commanded thrust is used.
         let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
-        // The norm, since the drone may rest in any attitude.
+        // The norm is used because the drone may rest in any attitude.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
-        // With receivers alone the deck may be metres off: their height can only support the verdict.
+        // With GNSS receivers alone the forecast deck may be wrong by metres, so its height can only support the
+        // verdict.
         let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
         let heights = [
             by_height(evidence.range_height),
@@ -156,7 +157,7 @@ impl AutopilotLink {
 
     /// Chooses the mode and arms, or disarms, according to the mission's state.
     pub(super) fn take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // A silent mission may return.
+        // A mission that is silent now may return.
         let Some(state) = self.inputs.fresh_state(now) else {
             return;
         };
@@ -179,7 +180,7 @@ impl AutopilotLink {
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
-            // A later disarm is the pilot's, or the autopilot's own.
+            // No further attempts: a later disarm is the pilot's or the autopilot's.
             d.arms = ARM_TRIES;
         }
         if peer.armed || succeeds {
@@ -194,7 +195,7 @@ impl AutopilotLink {
             }
             return;
         }
-        // PX4 needs the stream for arming in that mode, too.
+        // PX4 needs the stream for arming in that mode as well.
         let streamed = now - since >= STREAMS;
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
         if may && d.next.is_due_spaced(now, PAUSE) {
@@ -216,7 +217,7 @@ impl AutopilotLink {
             }
             return;
         }
-        // Not while another authority flies the drone.
+        // The drone is not disarmed while another authority flies it.
         let may = armed && ours && (self.commands.departure.armed || stands_down);
         let low = self.stream.thrust.is_low(now);
         let d = &mut self.commands.departure;

@@ -49,7 +49,7 @@ impl HoverThrust {
         *self = HoverThrust::new(value);
         self.learned_s = learned_s;
     }
-    /// Whether it was learned for long enough to be reported.
+    /// Whether the hover thrust was learned for long enough to be reported.
     pub(crate) fn is_learned(&self, time_s: f64) -> bool {
         self.learned_s >= time_s
     }
@@ -62,7 +62,8 @@ impl HoverThrust {
         if !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
             return;
         }
-        // First the mean, then an exponential window, so that a wrong initial value is soon forgotten.
+        // The estimate is first the mean and then an exponentially weighted one, so that a wrong initial value is soon
+        // forgotten.
         self.learned_s += dt;
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (sample - self.value);
@@ -72,10 +73,11 @@ impl HoverThrust {
 
 /// Maximum time between set-points of a stream, s.
 const STREAM_S: f64 = 0.1;
-/// Delay until a commanded thrust acts, s: serial line, the autopilot's period and the rotors' lag.
+/// Delay until a commanded thrust takes effect, s: serial line, the autopilot's period and the rotors' lag.
 const REACHES_S: f64 = 0.2;
 
-/// Whether the commanded thrust has been low for long enough to act; replaces a report that has stopped.
+/// Whether the commanded thrust has been low for long enough to take effect; this replaces the autopilot's report if it
+/// has stopped.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SentThrust {
     at: Option<DroneTime>,
@@ -88,7 +90,7 @@ impl SentThrust {
         let since = self.low_since.filter(|_| streams).unwrap_or(now);
         (self.at, self.low_since) = (Some(now), low.then_some(since));
     }
-    /// Whether set-points are streamed, with a low thrust for long enough to act.
+    /// Whether set-points are streamed whose thrust has been low for long enough to take effect.
     pub(crate) fn is_low(&self, now: DroneTime) -> bool {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
         let acts = self

@@ -8,10 +8,10 @@
 //! ```
 //!
 //! `b` is the difference of the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly varying
-//! in both cases. This separates it from `r`: the vessel's rocking within [`SLOW_S`] changes both sides without `b`
-//! ([`regression::regress`]), while the mean over time contains all of it. Both are weighted by their information. A
-//! tag that the camera detects from the deck gives the drone's position on the deck, and the camera's rotation relative
-//! to the feet.
+//! in both cases. `b` is separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but not
+//! `b` ([`regression::regress`]), while the mean over time contains all of `b`. Both are weighted by their information.
+//! A tag that the camera detects from the deck gives the drone's position on the deck, and the camera's rotation
+//! relative to the feet.
 
 pub mod regression;
 #[cfg(test)]
@@ -31,41 +31,42 @@ use crate::predictor::track::DroneTrack;
 use crate::predictor::{PredictorConfig, PredictorIn};
 use regression::{Information, mean, regress};
 
-/// Period above which changes are attributed to the receivers, s (ours: two periods of a 5 s sea; the receivers' errors
-/// have correlation times of minutes).
+/// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea; the receivers'
+/// errors have correlation times of minutes.
 const SLOW_S: f64 = 10.0;
-/// Correlation time of the vessel estimate's errors, s (ours: a wave period).
+/// Correlation time of the vessel estimate's errors, s. Chosen: a wave period.
 const SHARED_S: f64 = 5.0;
-/// Minimum rocking with information, rad, root mean square (ours: 0.3 deg moves a deck at 1.3 m by 7 mm).
+/// Minimum rocking that carries information, rad, root mean square. Chosen: 0.3 deg moves a deck at 1.3 m by 7 mm.
 const MIN_ROCKING_RAD: f64 = 0.005;
-/// Error of the vessel's estimated sway in phase with its rocking, m. Ours: in slight sea, one minute, seeds 1 to 8,
-/// the rocking alone errs by 0.08, 0.06, 0.09 m; with 0.006 the stated errors are 0.3, 0.14, 0.1 m.
+/// Error of the vessel's estimated sway in phase with its rocking, m. Chosen: in one minute of slight sea (seeds 1 to
+/// 8) an estimate from the rocking alone is wrong by 0.08, 0.06, 0.09 m; with 0.006 the stated errors are 0.3, 0.14,
+/// 0.1 m.
 const RHYTHM_M: f64 = 0.006;
-/// Error of the estimated sway as a fraction of the stated error (ours: receivers without corrections err by 0.3 m, and
-/// the rocking alone by 0.3 to 1 m then).
+/// Error of the estimated sway as a fraction of the stated error. Chosen: receivers without corrections are wrong by
+/// 0.3 m, and an estimate from the rocking alone is then wrong by 0.3 to 1 m.
 const RHYTHM_FRACTION: f64 = 0.05;
-/// Drift of the drone's odometry and the vessel's estimate beyond the length of a recording, each axis, m (ours: with
-/// receivers of 1 cm and the same seeds the mean alone errs by 0.11, 0.16, 0.12 m).
+/// Drift of the drone's odometry and the vessel's estimate beyond the length of a recording, each axis, m. Chosen: with
+/// receivers of 1 cm and the same seeds the mean alone is wrong by 0.11, 0.16, 0.12 m.
 const WANDER_M: f64 = 0.13;
-/// Minimum time on the deck, s, and number of vessel estimates (ours: four periods of a 5 s sea).
+/// Minimum time on the deck, s, and number of vessel estimates. Chosen: four periods of a 5 s sea.
 const MIN_DURATION_S: f64 = 20.0;
 const MIN_ESTIMATES: usize = 200;
 /// Maximum number of samples; more are thinned (an hour at 2 Hz).
 const MAX_SAMPLES: usize = 8192;
 const MIN_TAGS: usize = 30;
-/// Limits of a drone at rest, for 95 of 100 samples: rotation relative to the deck, rad (ours: 3 deg; the errors of
-/// both attitudes are below 1 deg), and displacement, m (without corrections receivers make a standing drone appear to
-/// move by 0.3 m).
+/// Limits of a drone at rest, for 95 of 100 samples: rotation relative to the deck, rad, and displacement, m. Chosen: 3
+/// deg, because the errors of both attitudes are below 1 deg; 0.5 m, because without corrections the receivers make a
+/// standing drone appear to move by 0.3 m.
 const STILL_RAD: f64 = 0.052;
 const STILL_M: f64 = 0.5;
 /// Limit of the displacement in the tag's frame, m.
 const STILL_TAG_M: f64 = 0.05;
-/// Error of the vessel's reference point relative to its sensors, m (ours: lever arms measured by tape).
+/// Error of the vessel's reference point relative to its sensors, m. Chosen: lever arms measured by tape.
 const LEVER_SD_M: f64 = 0.01;
-/// Height differences between the feet, m (ours).
+/// Assumed height differences between the feet, m.
 const FOOT_SD_M: f64 = 0.002;
-/// Largest error of a calibration that can reveal a wrongly measured deck, m (ours: a fifth of the receivers'
-/// difference and of a deck's half width).
+/// Largest error of a calibration that can reveal a wrongly measured deck, m. Chosen: a fifth of the receivers'
+/// difference and of a deck's half width.
 pub const USABLE_M: f64 = 0.2;
 /// Number of standard errors within which a configured value agrees with the result.
 const AGREEMENT_SDS: f64 = 2.0;
@@ -79,7 +80,7 @@ pub struct DronePlacement {
 }
 
 impl DronePlacement {
-    /// On the deck's centre to 2 cm, with the receivers' errors of the predictor's configuration.
+    /// Placement on the deck's centre to within 2 cm, with the receivers' errors of the predictor's configuration.
     pub fn centred(config: &PredictorConfig) -> DronePlacement {
         let [radio, vision] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
         DronePlacement {
@@ -172,7 +173,7 @@ pub struct DeckCalibration {
     stand: DronePlacement,
     track: DroneTrack,
     samples: Vec<Sample>,
-    /// Every `every`-th estimate is kept.
+    /// One of `every` estimates is kept.
     every: usize,
     count: usize,
     newest: Option<Time<DroneClock>>,
@@ -255,7 +256,7 @@ impl DeckCalibration {
             camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
         ));
     }
-    /// Takes the predictor's input of one step; `stands`: the drone stands disarmed.
+    /// Processes the predictor's input of one step; `stands`: whether the drone stands disarmed.
     pub fn take(&mut self, input: &PredictorIn, stands: bool) {
         input.drone.iter().for_each(|s| self.drone(s));
         if stands {
@@ -434,7 +435,7 @@ impl DeckCalibration {
                 Vector3::new(down.y, -down.x, yaw)
             })
             .collect();
-        // Number of images after which errors are independent.
+        // Number of images after which the tag's errors are independent.
         let lags = 30;
         let (Some((place, place_cov)), Some((rotation, rotation_cov))) =
             (mean(&places, lags), mean(&rotations, lags))

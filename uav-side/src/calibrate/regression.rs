@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn mean_covariance_of_correlated_samples() {
-        // With each value repeated ten times, the error of the mean is that of the distinct values.
+        // If each value is repeated ten times, the error of the mean equals that of the distinct values.
         let distinct: Vec<f64> = (0..100)
             .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
             .collect();

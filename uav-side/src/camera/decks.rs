@@ -72,7 +72,7 @@ mod tests {
     use alight_shared::geometry::DeckGeometry;
     use nalgebra::UnitQuaternion;
 
-    /// Two decks at a distance of 3 m, viewed from 9 m above, each with its own tilt, their tags in any order.
+    /// Two decks 3 m apart with different tilts are viewed from 9 m above, with their tags in any order.
     #[test]
     fn tags_of_two_boats_in_one_image() {
         let tags = DeckGeometry::default().tags();
@@ -106,7 +106,7 @@ mod tests {
             (places[0] + 1.0).abs() < 0.01 && (places[1] - 2.0).abs() < 0.01,
             "{places:?}"
         );
-        // One boat alone, and one with half of another in the image.
+        // The image shows one boat alone, or one boat with half of another.
         assert_eq!(apart(a.clone()).len(), 1);
         let half: Vec<_> = a.iter().chain(b.iter().take(3)).copied().collect();
         let sizes: Vec<_> = apart(half).iter().map(Vec::len).collect();

@@ -84,7 +84,7 @@ pub struct TagCounts {
     pub misshapen: u64,
     /// Detections whose corners fit no pose.
     pub misfit: u64,
-    /// Images of a size other than the lens's.
+    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 
@@ -100,7 +100,7 @@ impl TagDetector {
     pub fn new(settings: &TagSettings, tags: &Tags) -> TagDetector {
         let builder =
             DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
-        // It fails only without memory; then no image is searched.
+        // This fails only if memory runs out; images are then not searched.
         let mut library = builder.build().ok();
         if let Some(library) = &mut library {
             library.set_thread_number(1);

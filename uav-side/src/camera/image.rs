@@ -14,7 +14,7 @@ pub const MAX_PIXELS: usize = 12 * 1024 * 1024;
 
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ImageError {
-    /// Size out of bounds, or not the number of pixels that it implies.
+    /// The size is out of bounds, or the number of pixels does not match it.
     #[error(
         "an image of {width} x {height} px with {pixels} bytes is rejected: allowed are 32 to 8192 px a side, \
          12.6 million in all, one byte for each"
@@ -108,7 +108,7 @@ impl GreyImage {
             return Err(ImageError::Pgm("its maximum value is not 255"));
         }
         let rows = rest.get(1..).ok_or(ImageError::Pgm("no pixels"))?;
-        // Bytes beyond the first image are another image.
+        // Bytes beyond the first image belong to another image.
         let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
         if !GreyImage::accepts(width, height) {
@@ -157,7 +157,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
         }
     }
     let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
-    // Six digits exceed every valid size.
+    // A number of more than six digits exceeds every valid size.
     if digits == 0 || digits > 6 {
         return Err(ImageError::Pgm("its size is not a number"));
     }

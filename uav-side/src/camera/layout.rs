@@ -29,7 +29,7 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
     }))
 }
 
-/// Maximum height of the feet above the deck at which a tag must be visible, m.
+/// Height of the feet above the deck up to which a tag must be visible, m.
 const MAX_HEIGHT_M: f64 = 10.0;
 /// Maximum offset from the deck's centre, m, and maximum tilt relative to the deck, rad, at which a drone must still
 /// see a tag.
@@ -110,12 +110,12 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
     gaps
 }
 
-/// Fraction of a tag's range used as the search height, and factor on its width there, for an uncertain position of the
-/// deck and an oblique view.
+/// Fraction of a tag's detection range used as the search height, and factor on the view's width there. They allow for
+/// an uncertain position of the deck and an oblique view.
 const SEARCH_RANGE: f64 = 0.8;
 
-/// Height over the deck from which a search detects its largest tag, and radius around the point below within which it
-/// does so at any heading, m, for a drone that tilts by [`TILT_RAD`].
+/// Height over the deck from which a search detects the largest tag, and radius around the point below the drone within
+/// which it is detected at any heading, m; the drone may tilt by [`TILT_RAD`].
 pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     let lens = &camera.lens;
     let side_m = tags.iter().fold(0.0, |max: f64, tag| tag.side_m.max(max));

@@ -19,7 +19,7 @@ const FOLDED: f64 = 1e-3;
 const MAX_RADIUS: f64 = 6.5;
 
 config! {
-    /// A lens with its image size.
+    /// Pinhole lens with its image size.
     ///
     /// Defaults: 640 x 480 over 90 deg, the camera of the simulated drone.
     #[derive(Copy)]

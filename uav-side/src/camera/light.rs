@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::image::GreyImage;
 use alight_shared::msg::MIN_GLARE;
 
-/// Samples along each side of the tag's square: four per cell.
+/// Number of samples along each side of the tag's square: four per cell.
 const SAMPLES: usize = 32;
 /// Fraction of the samples below the black level and above the white level. At least the tag's edge is black, 28 of 64
 /// cells; a code of 36h11 leaves a quarter of the square white or more.
@@ -89,7 +89,7 @@ impl ImageLight {
             saturated: saturated as f64 / tiles.max(1) as f64,
         }
     }
-    /// Saturated fraction of the image, 0 to 1, if it exceeds that of glints.
+    /// Saturated fraction of the image, 0 to 1; None if it is small enough to be due to glints.
     pub fn glare(&self) -> Option<f64> {
         Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }
@@ -118,7 +118,7 @@ mod tests {
         Vector2::new(89.5, 89.5),
     ];
 
-    /// Image of a square of 60 px, white in its left quarter, on a background of 100.
+    /// Image of a square of 60 px whose left quarter is white, on a background of grey level 100.
     fn square(black: u8, white: u8) -> GreyImage {
         let pixels = (0..120 * 120).map(|k| match (k % 120, k / 120) {
             (30..45, 30..90) => white,
@@ -147,14 +147,14 @@ mod tests {
 
     #[test]
     fn mean_level_of_all_pixels() {
-        // 900 pixels of 200, 2700 of 20, 10 800 of 100.
+        // The image has 900 pixels of level 200, 2700 of 20 and 10 800 of 100.
         let mean = mean_level(&square(20, 200));
         assert!((mean - 91.25).abs() < 2.0, "{mean}");
     }
 
     #[test]
     fn brightest_square_of_an_image() {
-        // A tag of 12 px, half white, at any place in a dark image: a margin of 20 needs a white of 32.
+        // A half-white tag of 12 px anywhere in a dark image: a decision margin of 20 needs a white level of 32.
         let at = |white: u8, place: usize| {
             let pixels = (0..120 * 90).map(|k| {
                 let (x, y) = (
@@ -174,7 +174,7 @@ mod tests {
             assert!(at(28, place).is_dark(20.0), "{place}: {:?}", at(28, place));
         }
         assert!(at(255, 40).mean < 3.0);
-        // A lamp: two of 300 squares saturated.
+        // A lamp saturates two of 300 squares.
         let lamp = |level: u8| {
             let lit = |k: usize| (42..54).contains(&(k % 120)) && (42..48).contains(&(k / 120));
             let pixels = (0..120 * 90).map(|k| if lit(k) { level } else { 0 });

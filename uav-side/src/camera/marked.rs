@@ -1,4 +1,4 @@
-//! The camera's image for people: reduced, with the detected tags and the deck's outline.
+//! The camera's image for display: reduced, with the detected tags and the deck's outline.
 
 use alight_shared::geometry::DeckGeometry;
 use nalgebra::{Vector2, Vector3};
@@ -7,11 +7,11 @@ use super::image::GreyImage;
 
 /// Maximum side of a marked image, px: the width of a phone's screen, small enough for a slow link.
 const MAX_SIDE_PX: usize = 320;
-/// Maximum size of the pixels, bytes.
+/// Maximum size of the pixel data, bytes.
 pub const MAX_BYTES: usize = 3 * MAX_SIDE_PX * MAX_SIDE_PX;
 /// Number of straight parts of an outline's edge, which follow the lens's distortion.
 const EDGE_PARTS: usize = 8;
-/// Maximum distance of a line outside the image to be drawn, in image sides.
+/// Distance outside the image up to which a line is drawn, in image sides.
 const MAX_OUTSIDE: f64 = 4.0;
 const LINE_PX: usize = 2;
 /// Red, green and blue of the tags' edges and of the deck's outline; both differ from grey in every kind of colour
@@ -153,7 +153,7 @@ mod tests {
             width_m: 1.0,
             ..DeckGeometry::default()
         };
-        // 200 px per metre, bow up.
+        // The projection has 200 px per metre, with the bow up.
         marked.draw_outline(&deck, |p| {
             Some(Vector2::new(320.0 + 200.0 * p.y, 240.0 - 200.0 * p.x))
         });

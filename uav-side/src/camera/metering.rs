@@ -5,8 +5,8 @@
 //! the longest exposure is too dark, down while the exposure is far from its longest, because gain adds noise.
 //!
 //! Without a detected tag the image's mean is metered. A dark image with clipped parts has two explanations: lit tags
-//! at night that are overexposed, or a lamp or glint next to a dark deck. Both are tried in turns, each from the
-//! setting in which its last turn ended.
+//! at night that are overexposed, or a lamp or glint next to a dark deck. Metering alternates between the two in turns;
+//! each turn starts from the setting with which its last one ended.
 
 use serde::Serialize;
 
@@ -16,7 +16,8 @@ use super::light::{ImageLight, TagLight};
 const WHITE: f64 = 180.0;
 /// Tolerated deviation from the goal, stops: 150 to 216 grey levels.
 const WHITE_BAND: f64 = 0.26;
-/// White level from which the true light is unknown and counts as twice too bright, grey levels.
+/// White level above which the true brightness is unknown and is assumed to be too high by a factor of two, grey
+/// levels.
 const CLIPPED: f64 = 250.0;
 /// Goal of the mean of an image without a tag, grey levels. A deck that fills the image then has its white at 60 or
 /// above; on water with a thirtieth of the light of white, the tag's black stays below 120.
@@ -25,8 +26,8 @@ const MEAN: f64 = 60.0;
 const MEAN_BAND: f64 = 0.5;
 /// Number of images without the tag after which the image's mean is metered: single detections can fail.
 const UNDETECTED: u32 = 5;
-/// Number of images in a turn while the mean and the brightest part of an image call for opposite changes: some ten
-/// changes of the setting.
+/// Length of a turn, images, when the mean and the brightest part of an image call for opposite changes: enough for
+/// about ten changes of the setting.
 const TURN: u32 = 60;
 /// Maximum number of images until a change takes effect.
 const SETTLING: u64 = 3;
@@ -74,7 +75,7 @@ pub enum Light {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Exposed {
     pub setting: Setting,
-    /// Exposure and gain are at their maximum.
+    /// Whether exposure and gain are at their maximum.
     pub at_limit: bool,
 }
 
@@ -86,17 +87,17 @@ pub struct Metering {
     /// Number of the newest image when the setting was changed.
     set_at: u64,
     undetected: u32,
-    /// At the last metering of the mean, the image was too dark and a part of it clipped.
+    /// Whether the image was too dark and partly clipped when its mean was last metered.
     contradicted: bool,
-    /// The brightest part of the image is metered instead of its mean.
+    /// Whether the brightest part of the image is metered instead of its mean.
     by_brightest: bool,
     /// Setting of the other turn: the last one in which the tag, or the brightest part, was metered.
     other: Setting,
 }
 
 impl Metering {
-    /// Control of a device with these ranges, where the exposure's ends at the longest permitted; it starts at the
-    /// value nearest to `setting`.
+    /// Controller of a device with these ranges; the exposure's range ends at the longest permitted exposure. It starts
+    /// at the values nearest to `setting`.
     pub fn new(exposure_s: SettingRange, gain: SettingRange, setting: Setting) -> Metering {
         let setting = Setting {
             exposure_s: exposure_s.nearest(setting.exposure_s),
@@ -120,8 +121,8 @@ impl Metering {
         let most = |range: &SettingRange| range.nearest(range.most);
         self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
     }
-    /// Next setting, if it changes, given the light of image number `image`, while the device's newest is number
-    /// `newest`. Images that may have the former setting are not metered.
+    /// Next setting, if it changes, given the light of image number `image`; the device's newest image is number
+    /// `newest`. Images that may have been taken with the former setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
         let next = if self.takes_turn(light) {
             core::mem::replace(&mut self.other, self.setting)
@@ -220,7 +221,7 @@ mod tests {
         TenthDecibel,
     }
 
-    /// A linear 8-bit sensor whose settings take effect after `latency` images and whose images are metered `queue`
+    /// Linear 8-bit sensor whose settings take effect after `latency` images and whose images are metered `queue`
     /// images late.
     struct Sensor {
         metering: Metering,
@@ -318,8 +319,8 @@ mod tests {
             }
             white
         }
-        /// Takes many images with constant light. Returns the last white, and the number of changes during the last of
-        /// them.
+        /// Takes many images with constant light. Returns the last white level, and the number of changes during the
+        /// last images.
         fn converge(&mut self, light: f64) -> (f64, u64) {
             for _ in 0..CONVERGED {
                 self.take(light);
@@ -345,14 +346,15 @@ mod tests {
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
         ) {
-            // From the light for the longest exposure with maximum gain to that for 0.2 us.
+            // The light ranges from that for the longest exposure with maximum gain to that for 0.2 us.
             let light = 3.0 * 10_f64.powf(decades);
             let start = Setting { exposure_s, gain };
             let mut sensor = Sensor::new(scale, latency, queue, 2e-8, start);
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // The gain may decrease further, by halves for small numbers; a tag is usable up to a stop below 225.
+            // The gain may decrease further, in steps of a half if its values are small; a tag is usable up to a stop
+            // below 225.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
@@ -384,7 +386,7 @@ mod tests {
                 // Two seconds at 30 Hz.
                 let whites: Vec<f64> = (0..60).map(|_| sensor.take(1000.0 * factor)).collect();
                 assert!((140.0..225.0).contains(&whites[59]), "{factor}: {whites:?}");
-                // Never a larger deviation than at the start.
+                // The deviation is never larger than at the start.
                 let off = 1.5 * factor.max(1.0 / factor);
                 let within = 180.0 / off..180.0 * off;
                 assert!(whites.iter().all(|w| within.contains(w)), "{factor}: {whites:?}");
@@ -416,7 +418,7 @@ mod tests {
         let mut at_limit = 0;
         let detected = (1..=8 * u64::from(TURN)).map(|number| {
             let white = sensor.white(light, sensor.metering.setting());
-            // At four times the white that clips, the lens scatters enough light to fill the black.
+            // At four times the white level that clips, the lens scatters enough light to brighten the black cells.
             let decoded = (40.0..1020.0).contains(&white);
             let level = white.min(255.0);
             let detected = if decoded {
@@ -454,7 +456,8 @@ mod tests {
 
     #[test]
     fn metering_at_its_limit_in_the_dark() {
-        // Without bright parts it stays at the limit; with a lamp it searches for tags hidden by it, and returns.
+        // Without bright parts the setting stays at the limit; with a lamp the control searches for tags that the lamp
+        // hides, and returns.
         let (detected, at_limit) = night(Scale::Linear, 0.01, false);
         assert!(
             !detected.contains(&true) && at_limit > detected.len() * 2 / 3,

@@ -2,7 +2,7 @@
 //!
 //! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags), [`detector`] (their
 //! corners), [`motion_blur`], [`square_pose`] (the deck's pose and covariance), [`node`]; [`light`] and [`metering`]
-//! (exposure and gain); [`marked`] (image for people), [`strangers`] (tags of other decks); then [`uvdar`], the second
+//! (exposure and gain); [`marked`] (image for display), [`strangers`] (tags of other decks); then [`uvdar`], the second
 //! camera.
 
 mod decks;
@@ -31,7 +31,7 @@ pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
 
 config! {
-    /// The camera and its detectors.
+    /// Settings of the camera and its detectors.
     pub struct CameraSettings {
         /// Rotation of the camera's mount relative to the design (optical axis down, upper edge of the image forward):
         /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.

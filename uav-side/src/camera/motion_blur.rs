@@ -27,10 +27,10 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs() / longest
 }
 
-/// Longest exposure, s, with which a tag of `side_m` is decoded in half of the images from `height_m` above it while
-/// the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px. The blur `b` is that at which a tag of
-/// width `w = f side / height` is just decoded, `w = 13.3 px + 0.27 b² / px`, and at least 3 px: a tag too narrow for
-/// the detector does not limit the exposure.
+/// Longest exposure, s, with which half of the images of a tag of `side_m` are decoded, from `height_m` above it and
+/// while the camera turns at `rate_rps`: `t = b / (f ω)` for a focal length `f`, px. `b` is the blur with which a tag
+/// of width `w = f side / height` is just decoded, `w = 13.3 px + 0.27 b² / px`, but at least 3 px: a tag too narrow
+/// for the detector does not limit the exposure.
 ///
 /// Source: rendered images (`alight study camera` at commit 2bb52893).
 pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
@@ -146,10 +146,11 @@ mod tests {
 
     #[test]
     fn longest_exposure_by_height() {
-        // 320 px, 1 m from 7 m: 45.7 px wide, decoded with 11 px of blur, which 2 rad/s cause in 17 ms.
+        // With 320 px of focal length a tag of 1 m at 7 m is 45.7 px wide and is decoded with 11 px of blur, which 2
+        // rad/s cause in 17 ms.
         let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
         assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
-        // Too narrow to be detected: 3 px.
+        // A tag too narrow to be detected permits 3 px of blur.
         assert!((longest_exposure_s(320.0, 0.1, 7.0, 2.0) - 3.0 / 640.0).abs() < 1e-9);
         assert!(longest_exposure_s(320.0, 1.0, 7.0, 4.0) < 0.6 * longest_s);
     }

@@ -159,11 +159,11 @@ impl CameraNode {
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// Pose of the deck in an image; of several decks that with the largest tag.
+    /// Pose of the deck in an image; if there are several decks, of the one with the largest tag.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         self.decks(image).first().copied()
     }
-    /// Poses of all decks with these tags in an image, that with the largest tag first.
+    /// Poses of all decks with these tags in an image; the deck with the largest tag comes first.
     pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
         self.newest = Newest {
             image: ImageLight::of(image),
@@ -212,7 +212,7 @@ impl CameraNode {
                 return Some(pose);
             }
             self.detector.counts.misfit += 1;
-            // Leave out the tag without which the others fit best.
+            // Leaves out the tag without which the others fit best.
             let without = |k: usize| {
                 let others: Vec<SeenTag> = (detected.iter().enumerate())
                     .filter_map(|(i, s)| (i != k).then_some(*s))
@@ -348,7 +348,7 @@ mod tests {
         let pose = node.common_pose(placed.clone()).unwrap();
         assert!((Vector3::from(pose.position) - at).norm() < 1e-4, "{pose:?}");
         assert_eq!((node.counts().detected, node.counts().misfit), (1, 1));
-        // More accurate than the best tag alone.
+        // The pose from all tags is more accurate than that from the best tag alone.
         let alone = node.common_pose(placed[..1].to_vec()).unwrap();
         assert!(pose.variance[5] < 0.5 * alone.variance[5]);
     }
@@ -377,14 +377,14 @@ mod tests {
             };
             node.step(at, &input).light
         };
-        // Dark, with exposure and gain at their limits.
+        // The image is dark, with exposure and gain at their limits.
         let first = look(1000, 3, Some(true)).unwrap();
         assert!(
             first.dark && (first.mean, first.exposure_s) == (3.0, Some(0.004)),
             "{first:?}"
         );
         assert_eq!(look(1033, 3, Some(true)), None);
-        // The exposure may still increase; the drone does not control it; the image is bright enough.
+        // Cases: the exposure may still increase; the drone does not control it; the image is bright enough.
         for (k, level, at_limit, dark) in [
             (3, 3, Some(false), false),
             (4, 3, None, true),

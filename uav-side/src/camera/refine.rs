@@ -35,11 +35,11 @@ pub(super) struct RefinementLimits {
     pub steps: usize,
     pub damping: f64,
     pub min_damping: f64,
-    /// Gain of the cost at which it has converged, as a fraction of the cost.
+    /// Reduction of the cost below which the refinement has converged, as a fraction of the cost.
     pub relative_gain: f64,
-    /// Added to that gain.
+    /// Absolute reduction, which is added to that threshold.
     pub absolute_gain: f64,
-    /// Norm of a step at which it has converged.
+    /// Norm of a step below which the refinement has converged.
     pub step: f64,
 }
 

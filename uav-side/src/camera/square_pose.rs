@@ -1,10 +1,10 @@
 //! Pose of a deck from the image corners of its square tags, one or several as one rigid body.
 //!
-//! The start comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate tag, and is
-//! refined by Levenberg-Marquardt on the reprojection error of all corners, each in units of its noise. A small distant
-//! square has a second minimum, tilted the other way about the viewing direction (Collins and Bartoli 2014,
-//! "Infinitesimal plane-based pose estimation", section 3). Both are refined and the better one is reported, so that
-//! noise selects the wrong one as often as in reality.
+//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate tag, and
+//! is refined by Levenberg-Marquardt on the reprojection error of all corners, each in units of its noise. A small
+//! distant square has a second minimum, tilted the other way about the viewing direction (Collins and Bartoli 2014,
+//! "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with the smaller error is
+//! reported; noise sometimes makes that the wrong one.
 //!
 //! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at 1.5 m, 3
 //! deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly always more tilted than the truth, and
@@ -82,7 +82,7 @@ pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
                 .map(|(x, z)| (x, z, 1.0 / (s.sd * s.sd)))
         })
         .collect();
-    // Tilt is observed about the middle of the tags, where the two minima lie.
+    // Both minima are tilted about the middle of the tags, so tilt is estimated there.
     let middle = on_deck.iter().map(|c| c.0).sum::<Vector3<f64>>() / on_deck.len() as f64;
     let body: Vec<Corner> = on_deck.iter().map(|(x, z, w)| (x - middle, *z, *w)).collect();
     let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &body));
@@ -115,8 +115,8 @@ pub fn solve(tags: &[SeenTag]) -> Option<DeckPose> {
     })
 }
 
-/// Pose with the same image under parallel projection along the viewing direction `v`: depths mirrored, `R2 = (I - 2 v
-/// v') R diag(1, 1, -1)`.
+/// Pose with the same image under parallel projection along the viewing direction `v`, with mirrored depths: `R2 = (I -
+/// 2 v v') R diag(1, 1, -1)`.
 fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     let v = pose.position.try_normalize(1e-9)?;
     let mirror = Matrix3::identity() - v * v.transpose() * 2.0;

@@ -1,5 +1,5 @@
-//! Tags in an image without a tag of the deck: of another number, mirrored, or of another family. They explain to
-//! people why nothing is detected; a flight does not search for them.
+//! Tags in an image without a tag of the deck: tags with another number, mirrored ones, and tags of another family.
+//! They explain to the operator why the deck is not detected; a flight does not search for them.
 
 use alight_shared::tags::Tags;
 use apriltag::{Detector, DetectorBuilder, Family, Image};
@@ -24,7 +24,7 @@ pub struct Strangers {
 }
 
 impl Strangers {
-    /// Search for tags other than `tags`; only tags without a wrong bit count.
+    /// Search for tags other than `tags`; a tag with a wrong bit is ignored.
     pub fn new(settings: &TagSettings, tags: &Tags) -> Strangers {
         let detector = |family: Family| {
             let mut detector = DetectorBuilder::new().add_family_bits(family, 0).build().ok()?;
@@ -32,7 +32,7 @@ impl Strangers {
             detector.set_decimation(settings.decimate as f32);
             Some(detector)
         };
-        // In a family of fewer bits (16h5) every window would be a tag.
+        // A family with fewer bits (16h5) is left out: every window would be detected as a tag.
         let others = [
             ("25h9", Family::tag_25h9()),
             ("standard 41h12", Family::tag_standard_41h12()),
@@ -72,7 +72,7 @@ impl Strangers {
     }
 }
 
-/// Image for the library; None without memory.
+/// Image in the library's format; None if memory runs out.
 fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     let mut image = Image::zeros_with_stride(width, height, width).ok()?;
     if image.as_mut().len() != pixels.len() {

@@ -15,7 +15,7 @@ pub(crate) enum ContingencyAction {
     /// Stand on the ground.
     RemainOnDeck,
     Hold,
-    /// Hold the position, and keep away from a near deck.
+    /// Hold the position, and keep away from the deck if it is near.
     Leave,
     Follow,
     Complete,
@@ -32,18 +32,18 @@ pub(crate) struct ContingencyInput<'a> {
     /// State of the autopilot, if armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
     pub(crate) mission: Option<&'a MissionState>,
-    /// The mission is silent, and its last state is used.
+    /// Whether the mission is silent, so that its last state is used.
     pub(crate) silent: bool,
-    /// A plan is available that suits the mission.
+    /// Whether a plan that suits the mission is available.
     pub(crate) planned: bool,
     pub(crate) below: Option<&'a DeckBelow>,
-    /// The drone already holds, or leaves the deck.
+    /// Whether the drone already holds, or leaves the deck.
     pub(crate) holds: bool,
-    /// The pilot node commands attitudes, with which the drone can stand and press.
+    /// Whether the pilot node commands attitudes, with which the drone can stand and press.
     pub(crate) attitudes: bool,
     pub(crate) touches: bool,
-    /// The drone is as low as where it was disarmed, or its feet are at the ground by the rangefinder: second witness
-    /// besides the autopilot's ground report.
+    /// Whether the drone is as low as where it was disarmed, or the rangefinder shows its feet on the ground: a second
+    /// witness besides the autopilot's ground report.
     pub(crate) low: bool,
 }
 
@@ -51,7 +51,7 @@ impl ContingencyInput<'_> {
     pub(crate) fn commands(&self) -> bool {
         self.autopilot.is_some_and(|a| a.mode == AutopilotMode::Offboard)
     }
-    /// The mission is idle, on the ground or in the air.
+    /// Whether the mission is idle, on the ground or in the air.
     pub(crate) fn waits(&self) -> bool {
         self.mission.is_some_and(|m| m.state == State::Idle)
     }
@@ -66,7 +66,7 @@ impl ContingencyInput<'_> {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)
         {
-            // It stays there when the mission falls silent: without set-points the autopilot may lift it.
+            // The drone stays on the deck if the mission falls silent: without set-points the autopilot may lift it.
             let stands = matches!(state, State::SpinUp | State::StandDown);
             let jumps = state == State::TakeOff && self.autopilot.is_some();
             return if stands && self.attitudes {
@@ -165,17 +165,17 @@ mod tests {
         use State::{Descent, Flare, Tracking};
         for (state, planned, silent, clearance, softer, expected) in [
             (Descent, true, false, 5.0, false, Follow),
-            // No plan: a flare continues, a descent only if that is softer.
+            // Without a plan a flare continues; a descent continues only if that is softer.
             (Flare, false, false, 0.4, false, Complete),
             (Flare, false, false, 5.0, false, Leave),
             (Descent, false, false, 0.4, false, Leave),
             (Descent, false, false, 0.4, true, Complete),
             (Tracking, false, false, 0.4, true, Leave),
-            // No mission: low in a landing the plan or the softer action is flown.
+            // Without a mission, low in a landing, the drone follows the plan or takes the softer action.
             (Descent, true, true, 0.4, false, Follow),
             (Descent, true, true, 5.0, true, Leave),
             (Tracking, true, true, 0.4, true, Leave),
-            // Neither plan nor mission.
+            // Neither plan nor mission is available.
             (Descent, false, true, 0.4, false, Leave),
             (Descent, false, true, 0.4, true, Complete),
             (Flare, false, true, 0.4, false, Leave),
@@ -184,7 +184,7 @@ mod tests {
             let what = format!("{state:?}, plan {planned}, silent {silent}, {clearance} m, softer {softer}");
             assert_eq!(found, expected, "{what}");
         }
-        // A climbing drone is not committed by a deck that comes near.
+        // A deck that comes near does not commit a climbing drone to land.
         assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
     }
 

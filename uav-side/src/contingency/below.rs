@@ -33,8 +33,8 @@ impl Body {
     }
 }
 
-/// Height over the deck below which a drone is within the deck's reach, at any requested height, m: more than a deck
-/// rises while the drone climbs there.
+/// Height over the deck below which the deck can reach the drone, whatever height is requested, m: a deck rises by less
+/// while the drone climbs to this height.
 pub(crate) const NEAR_DECK_M: f64 = 3.0;
 /// Clearance that a holding drone keeps above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
@@ -48,7 +48,7 @@ pub(crate) struct DeckBelow {
     pub(crate) clearance: f64,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: f64,
-    /// Predicted rise of the deck within the forecast's horizon, m.
+    /// Predicted rise of the deck until the forecast's horizon, m.
     rises: f64,
 }
 
@@ -71,14 +71,14 @@ impl DeckBelow {
         })
     }
 
-    /// Replaces the clearance by that of another witness, m.
+    /// Replaces the clearance by one from another witness, m.
     pub(crate) fn with_clearance(self, clearance: f64) -> DeckBelow {
         DeckBelow { clearance, ..self }
     }
 
     /// Whether a drone without mission or plan has to climb with the deck: the deck or an obstacle on the vessel can
-    /// reach it, now or after the predicted rise, and it is below the height over the deck that the mission requested
-    /// (`height_m`).
+    /// reach the drone, now or after the predicted rise, and the drone is below the height over the deck that the
+    /// mission requested (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {
         let aside = (body.position - Vector3::from(self.stage.position)).xy().norm();
         let asked = height_m - BELOW_M - drone.feet_below_m;

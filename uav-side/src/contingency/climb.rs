@@ -8,7 +8,8 @@
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 
-/// Distance below the requested height within which the drone is clear of the vessel and has finished its climb, m.
+/// Distance from the requested height, below it, at which the climb is finished and the drone is clear of the vessel,
+/// m.
 pub(crate) const BELOW_M: f64 = 1.0;
 /// Climb rate relative to a rising or resting deck, m/s: the planner's for any climb.
 const CLIMB_MPS: f64 = 3.0;
@@ -29,7 +30,7 @@ pub(crate) struct Climb {
 }
 
 impl Climb {
-    /// Climb of this drone that begins at the height `z` with this velocity.
+    /// Climb of this drone from the height `z` with this initial velocity.
     pub(crate) fn new(z: f64, velocity: f64, drone: &DroneGeometry) -> Climb {
         let surplus = drone.max_thrust_n / drone.mass_kg - GRAVITY;
         Climb {
@@ -43,17 +44,17 @@ impl Climb {
         self.acceleration
     }
 
-    /// Advances by `dt` (s) over a deck that moves down at `deck` (m/s).
+    /// Advances the climb by `dt` (s) over a deck that moves down at `deck` (m/s).
     pub(crate) fn advance(&mut self, dt: f64, deck: f64) {
         self.towards((deck.min(0.0) - CLIMB_MPS).max(-MAX_CLIMB_MPS), dt);
     }
 
-    /// Advances by `dt` (s), sinking at `sink` (m/s) relative to a deck that moves down at `deck`.
+    /// Advances by `dt` (s) while sinking at `sink` (m/s) relative to a deck that moves down at `deck`.
     pub(crate) fn sink(&mut self, dt: f64, deck: f64, sink: f64) {
         self.towards(deck + sink, dt);
     }
 
-    /// Advances by `dt` (s) towards rest.
+    /// Advances by `dt` (s) while slowing down to rest.
     pub(crate) fn rest(&mut self, dt: f64) {
         self.towards(0.0, dt);
     }
@@ -88,7 +89,7 @@ mod tests {
         }
         assert!((v - 0.5).abs() < 0.03, "{v}");
         assert_eq!(climb.braking(0.4, 0.8, 0.5), 0.0);
-        // At most its bound, at any height.
+        // The deceleration never exceeds its bound, at any height.
         assert_eq!(climb.braking(9.0, -1.0, 0.5), climb.acceleration);
     }
 }

@@ -16,10 +16,11 @@ const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
 /// Speed to which a faster drone is braked, m/s.
 const BRAKED_MPS: f64 = 0.25;
-/// Time in which a drone rotates, s, and tilt, as a fraction of its thrust, below which it stays in place.
+/// Time in which a drone rotates to the deck's attitude, s, and horizontal fraction of its thrust below which it stays
+/// in place.
 const TURN_S: f64 = 0.15;
 const MIN_TILT: f64 = 0.02;
-/// Time before the contact at which a landing without a plan has finished braking, as one with a plan, s.
+/// Time before the contact at which a landing without a plan has finished braking, s; it is the same with a plan.
 const SOFT_S: f64 = 0.2;
 
 /// Landing that is completed by the newest forecast of the deck.
@@ -33,8 +34,8 @@ pub(crate) struct Completion<'a> {
 }
 
 impl Completion<'_> {
-    /// Stage of a landing without a plan: braked at a constant rate to the speed of a soft contact, level, and aligned
-    /// with the deck at the end.
+    /// Stage of a landing without a plan: the drone brakes at a constant rate to the speed of a soft contact, level at
+    /// first and aligned with the deck at the end.
     pub(crate) fn stage(&self) -> PlanStage {
         let (body, below) = (self.body, self.below);
         let (up, sinks) = (below.stage.normal(), -below.normal_speed);
@@ -51,9 +52,9 @@ impl Completion<'_> {
         stage
     }
 
-    /// Vertical acceleration (NED, m/s²) that brakes a drone too fast for a soft contact; None while there is height
-    /// left to brake. With the speed `v` towards the deck and the height `h` when the thrust acts, which lags by
-    /// `lag_s`, it applies when
+    /// Vertical acceleration (NED, m/s²) that brakes a drone too fast for a soft contact; None while the height is
+    /// still sufficient to brake later. With the speed `v` towards the deck and the height `h` when the thrust acts,
+    /// which lags by `lag_s`, it applies when
     ///
     /// `v² > v_t² + 2 a (h - v lag)`, with `a` at most the rotors' margin over a deck that accelerates upwards.
     pub(crate) fn reflex(&self, lag_s: f64) -> Option<f64> {
@@ -72,10 +73,10 @@ impl Completion<'_> {
         Some(deck + below.stage.normal().z * braking)
     }
 
-    /// Braking `b`, m/s², from `sinks` for `until_s` at which the drone meets the deck as fast along it as towards it.
-    /// A tilted drone, which rotates within `T` and whose thrust has the horizontal fraction `t` of the vertical one,
-    /// accelerates along the deck. With the speed `v` in that direction and the deck's accelerations down, `d`, and
-    /// along, `e`:
+    /// Braking `b`, m/s², from the speed `sinks` over `until_s`, with which the drone meets the deck at equal speeds
+    /// along it and towards it. A tilted drone, which rotates within `T` and whose thrust has the horizontal fraction
+    /// `t` of the vertical one, accelerates along the deck. With the speed `v` in that direction and the deck's
+    /// accelerations down, `d`, and along, `e`:
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
     fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {
@@ -93,7 +94,7 @@ impl Completion<'_> {
         (sinks - speed - drives * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
-    /// Tilts the attitude of `stage` towards the deck's, increasingly with proximity.
+    /// Tilts the attitude of `stage` towards the deck's, the more the nearer the deck is.
     fn align(&self, stage: &mut PlanStage) {
         let near = 1.0 - (self.below.clearance / self.aligns_below_m).clamp(0.0, 1.0);
         let [roll, pitch, yaw] = stage.euler;
@@ -105,7 +106,7 @@ impl Completion<'_> {
         ];
     }
 
-    /// `stage` of an outdated plan, braked and aligned; None when it sinks no faster than a soft contact.
+    /// `stage` of an outdated plan with braking and alignment added; None if it sinks no faster than in a soft contact.
     pub(crate) fn renewed(&self, stage: &PlanStage) -> Option<PlanStage> {
         let relative = Vector3::from(stage.velocity) - Vector3::from(self.below.stage.velocity);
         if -relative.dot(&self.below.stage.normal()) <= SINK_MPS {

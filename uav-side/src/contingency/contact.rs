@@ -5,7 +5,7 @@
 //! at most [`Climb`]'s acceleration. It moves along with the deck, and the gap is `n . (p(t) - c(t)) - feet - half_span
 //! |sin(tilt)|`, where a climb is level and a landing ends aligned with the deck (`tilt = 0`). The first contact is
 //! where the gap closes. The forecast's error is neglected: it makes both contacts harder, and only their difference
-//! counts.
+//! matters.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
@@ -16,15 +16,15 @@ use nalgebra::Vector3;
 use super::climb::Climb;
 use super::completion::SINK_MPS;
 
-/// Speed along the deck's normal above which a contact is hard, m/s: the limit of a good contact plus the error of the
+/// Speed along the deck's normal above which a contact is hard, m/s: the limit for a good contact plus the error of the
 /// measured speed.
 pub(crate) const HARD_MPS: f64 = 1.5;
 /// Distance from the deck below which the feet rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
-/// Time from the decision to climb to the acceleration, s: a period of the planner and one of the link, the thrust's
-/// lag of 0.05 s, and half of the 0.23 s of the rotors' slew. A landing already brakes.
+/// Time from the decision to climb until the drone accelerates, s: one period of the planner, one of the link, the
+/// thrust's lag of 0.05 s, and half of the 0.23 s of the rotors' slew. A landing already brakes.
 const REACTION_S: f64 = 0.2;
-/// Difference of two contact speeds below which they are equal, and the drone climbs, m/s.
+/// Difference of two contact speeds below which they are considered equal and the drone climbs, m/s.
 const ALIKE_MPS: f64 = 0.01;
 /// Time after which a climb no longer touches the deck, s: it has gained three metres.
 const HORIZON_S: f64 = 1.5;
@@ -49,7 +49,7 @@ impl PredictedContact {
 pub struct ContactOutcomes {
     pub rests: bool,
     pub landing: PredictedContact,
-    /// Contact of a climb; None: it clears the deck.
+    /// Contact of a climb; None if the climb clears the deck.
     pub climb: Option<PredictedContact>,
 }
 
@@ -90,14 +90,14 @@ impl ContactOutcomes {
         })
     }
 
-    /// Whether completing the landing is softer than climbing: the feet are on the deck, or the climb would hit it
-    /// harder.
+    /// Whether completing the landing is softer than climbing: either the feet are on the deck, or a climb would hit
+    /// the deck harder.
     pub fn landing_is_softer(&self) -> bool {
         let limit = self.landing.speed_mps + ALIKE_MPS;
         self.rests || self.climb.is_some_and(|c| c.speed_mps > limit)
     }
-    /// Whether a climb would be harmful, for a deck on which a landed drone would not stay: the drone accepts a harder
-    /// contact, but not a harmful one.
+    /// Whether a climb would end in a harmful contact. This decides on a deck where a landed drone would not stay:
+    /// there the drone accepts a harder contact, but not a harmful one.
     pub fn climb_is_harmful(&self) -> bool {
         self.rests || self.landing_is_softer() && self.climb.is_some_and(|c| c.is_harmful())
     }
@@ -112,7 +112,7 @@ enum ContactOutcome {
 struct Prediction<'a> {
     start: Time<DroneClock>,
     forecast: &'a DeckForecast,
-    /// Relative to the deck's centre, NED, m.
+    /// Position relative to the deck's centre, NED, m.
     aside: Vector3<f64>,
     climb: Climb,
     feet_m: f64,
@@ -195,17 +195,17 @@ mod tests {
 
     #[test]
     fn climb_from_a_resting_deck() {
-        // 0.2 s at 0.5 m/s, then v² / 2a: 0.11 m.
+        // The drone sinks for 0.2 s at 0.5 m/s, then by v² / 2a: 0.11 m in total.
         assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
         assert!(touch.is_some_and(|v| (0.05..=0.5).contains(&v)), "{touch:?}");
-        // Away from a deck that carries it: no impact.
+        // A drone that climbs from a deck that carries it has no impact.
         assert_eq!(climb_mps(0.0, 0.0, |_| (-1.3, 0.0)), None);
     }
 
     #[test]
     fn climb_from_a_rising_deck() {
-        // Up at 4 m/s² from now on, to 2 m/s.
+        // The deck accelerates upwards at 4 m/s² from now on, to 2 m/s.
         let rising = |t: f64| {
             let v = (4.0 * t).min(2.0);
             let way = 0.5 * v * v / 4.0 + 2.0 * (t - 0.5).max(0.0);
@@ -253,7 +253,7 @@ mod tests {
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
             let ends = ContactOutcomes::predict(f.header.at, &f, &p, &v, &drone).unwrap();
             prop_assert!(ends.landing.speed_mps >= SINK_MPS);
-            // No harder than without braking.
+            // The contact is no harder than without braking.
             prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
             if !ends.landing_is_softer() {
                 prop_assert!(ends.climb.is_none_or(|c| c.speed_mps <= ends.landing.speed_mps + ALIKE_MPS));

@@ -26,7 +26,7 @@ impl Hold {
         }
     }
 
-    /// Stage `dt` later (s): at rest; from a deck that is `near`, moving up with it, away from it, and along the
+    /// Stage `dt` (s) later: at rest, or, over a deck that is `near`, rising with it, away from it, and along the
     /// vessel's escape direction.
     pub(crate) fn advance(
         &mut self,

@@ -1,7 +1,8 @@
 //! Contingency near the deck: actions of a drone when plan, mission, forecast or autopilot is missing.
 //!
 //! [`action`] decides by the missing inputs; [`contact`] predicts the softer outcome. [`climb`], [`hold`] and
-//! [`escape`] lead up and away, [`completion`] leads down, and [`below`] is the drone's state relative to the deck.
+//! [`escape`] take the drone up and away, [`completion`] takes it down, and [`below`] is its state relative to the
+//! deck.
 
 mod action;
 mod below;

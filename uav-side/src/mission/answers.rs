@@ -5,8 +5,8 @@ use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 use super::phase::{Decision, MissionPhase, MissionProgress};
 use super::situation::{ControlState, Situation};
 
-/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if it does, or
-/// if the order is already fulfilled.
+/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if the order
+/// is carried out or already fulfilled.
 pub(super) fn not_done(
     order: CommandKind,
     phase: MissionPhase,

@@ -1,4 +1,4 @@
-//! The situation of a step from the newest inputs, and the odds of a landing.
+//! Derives the situation of a step from the newest inputs, and the odds of a landing.
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::landing::{Slopes, Stand, Staying, WindPush};
@@ -18,8 +18,8 @@ use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
 
 impl MissionNode {
-    /// Updates, with each forecast, the odds of a landing from here and the probability above which waiting does not
-    /// pay.
+    /// Updates the odds of a landing from here, and the probability above which waiting does not pay, with each new
+    /// forecast.
     pub(super) fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
         let forecast_at = self.forecast.get().map(|f| f.header.at);
         match self.judged {
@@ -73,7 +73,7 @@ impl MissionNode {
         self.drone.get().map(WindPush::of).unwrap_or_default()
     }
 
-    /// Other drones in the waiting places, and the heights of their stations, m.
+    /// Ids of the other drones in the waiting places, and the heights of their stations, m.
     fn others(&self) -> [(u32, u8); PLACES] {
         let grant = self.grant.get();
         core::array::from_fn(|k| {

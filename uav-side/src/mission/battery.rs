@@ -1,8 +1,8 @@
 //! Battery: filtered charge, rate of discharge, and charge needed to reach the deck.
 //!
-//! In the air the charge can only fall, so the minima of the gauge count: from the last minimum on the charge is
-//! extrapolated with the power, and no later reading counts for more than that. A gauge that is silent, stuck, toggling
-//! or rising does not keep a drone in the air, and after the endurance of a full battery no charge is left.
+//! In the air the charge can only fall, so only the minima of the gauge are used: the charge is extrapolated from the
+//! last minimum with the power, and a higher later reading is ignored. A gauge that is silent, stuck, toggling or
+//! rising does not keep a drone in the air, and after the endurance of a full battery no charge is left.
 
 use std::collections::VecDeque;
 
@@ -18,11 +18,12 @@ use crate::mission_config::MissionConfig;
 const MAX_READINGS: usize = 1024;
 /// Fall of the gauge between two measurements of its rate: two of its steps.
 const FALL: f64 = 0.02;
-/// Fall of the gauge that counts as a correction or another battery if it is faster than [`MIN_FLIGHT_S`] allows.
+/// Fall of the gauge above which it is taken for a correction or another battery, if it is faster than [`MIN_FLIGHT_S`]
+/// allows.
 const JUMP: f64 = 0.05;
 /// Shortest endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
-/// Longest endurance of a full battery, s: a measurement of a lower power is ignored.
+/// Longest endurance of a full battery, s: a measured power below this one is ignored.
 const MAX_FLIGHT_S: f64 = 7200.0;
 /// Weight of a new measurement of the power.
 const NEW: f64 = 0.3;
@@ -34,7 +35,7 @@ const CURRENT_TIME_S: f64 = 10.0;
 const CLOSING_TIME_S: f64 = 10.0;
 /// Distance to the deck below which the closing speed is not measured, m.
 const ARRIVED_M: f64 = 30.0;
-/// Endurance of a full battery if neither gauge, current nor installer gives one, s: few drones land sooner.
+/// Endurance of a full battery, s, if neither gauge, current nor installer gives one: few drones land sooner.
 const ASSUMED_S: f64 = 300.0;
 /// Charge at the start of a flight without any report of a gauge: a drone observed on the ground took off with a full
 /// battery, a drone found in the air has used half.
@@ -42,14 +43,15 @@ const TAKEN_OFF: f64 = 1.0;
 const FOUND_IN_AIR: f64 = 0.5;
 /// Largest excess of a reading over the charge extrapolated from the last minimum: three steps.
 const ABOVE: f64 = 0.03;
-/// Rise above a minimum that proves it wrong, if the discharge over the flight leaves that much charge.
+/// Rise of the gauge above a minimum that shows the minimum to be wrong, if the discharge over the flight leaves that
+/// much charge.
 const WRONG: f64 = 0.1;
 /// Lower bound of the closing speed, m/s, which keeps the cost finite.
 const MIN_MPS: f64 = 0.5;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct BatteryMonitor {
-    /// Monotone queue of readings, falling: the first is the maximum of `battery_lasts_s`.
+    /// Queue of decreasing readings: the first one is the maximum over `battery_lasts_s`.
     readings: VecDeque<(DroneTime, f64)>,
     /// Start of the gauge's reports.
     began: Option<DroneTime>,
@@ -62,7 +64,8 @@ pub(super) struct BatteryMonitor {
     last: Option<DroneTime>,
     /// Time and charge of the gauge's last fall.
     anchor: Option<(DroneTime, f64)>,
-    /// The anchor lies at a step of the gauge; from the middle of a step the rate would appear up to twice as high.
+    /// Whether the anchor lies at a step of the gauge; measured from the middle of a step, the rate would appear up to
+    /// twice as high.
     at_step: bool,
     /// Charge per second, measured by the gauge.
     by_gauge: Option<f64>,
@@ -72,7 +75,7 @@ pub(super) struct BatteryMonitor {
     closing_mps: Option<f64>,
 }
 
-/// Power of a full battery with this endurance, 1/s; 0 if unknown.
+/// Power that empties a full battery in this time, 1/s; 0 if the endurance is unknown.
 fn per_s(endurance_s: f64) -> f64 {
     if endurance_s > 0.0 { 1.0 / endurance_s } else { 0.0 }
 }
@@ -113,7 +116,7 @@ impl BatteryMonitor {
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
-            // On the ground nothing is used, but nothing is forgotten, because the report may be wrong.
+            // On the ground no charge is used, but the state is kept, because the report of the ground may be wrong.
             let both = self.minimum.iter_mut().chain(&mut self.start);
             both.for_each(|(at, _)| *at += since);
         }
@@ -158,7 +161,7 @@ impl BatteryMonitor {
             (self.minimum, self.start) = (Some((now, charge)), Some((now, charge)));
             return;
         };
-        // After wrong low readings a rise counts up to the charge that the discharge over the whole flight leaves.
+        // After wrong low readings a rise is accepted up to the charge that the discharge over the whole flight leaves.
         let back = self.by_gauge.map(|p| charge.min(left(start, now, p)));
         let back = back.filter(|b| *b > minimum.1 + WRONG);
         if let Some(lower) = back.or(Some(charge).filter(|b| *b < minimum.1)) {
@@ -191,9 +194,9 @@ impl BatteryMonitor {
 
     /// Charge for decisions, 0 to 1: the smallest of three values. First, the maximum of the readings over
     /// `battery_lasts_s`, which a single reading or a voltage drop under thrust does not affect; it is 0 if the voltage
-    /// was below its minimum for that time. Second, the charge extrapolated from the last minimum. Third, the charge
-    /// left of the flight's start by the configured endurance. None on the ground without a report for
-    /// `battery_lasts_s`.
+    /// was below its minimum for that time. Second, the charge extrapolated from the last minimum. Third, the charge at
+    /// the start of the flight less the discharge that the configured endurance implies. None on the ground without a
+    /// report for `battery_lasts_s`.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
         let (now, minimum) = (self.last?, self.minimum?);
         let extrapolated = left(minimum, now, self.usual_power(c));
@@ -207,8 +210,8 @@ impl BatteryMonitor {
         Some(by_gauge.min(by_time).max(0.0))
     }
 
-    /// Updates the closing speed to a deck at `distance_m` while the drone flies there; its initial value is
-    /// `assumed_mps`. It includes wind and the vessel's speed.
+    /// Updates the closing speed to a deck at `distance_m` while the drone flies there. It includes wind and the
+    /// vessel's speed, and starts at `assumed_mps`.
     pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
         let before = self.closing_mps.unwrap_or(assumed_mps);
@@ -246,8 +249,8 @@ impl BatteryMonitor {
         })
     }
 
-    /// Reserve for the distance `distance_m` to the deck at the speed made good and one attempt, with the measured
-    /// power, `P (d / v + t)`; at least the configured reserve.
+    /// Reserve for the way to the deck over `distance_m` and one attempt, `P (d / v + t)` with the measured power and
+    /// the speed made good; at least the configured reserve.
     pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
         let speed = self.closing_mps.unwrap_or(assumed_mps).max(MIN_MPS);
         let way_s = if distance_m.is_finite() {
@@ -338,8 +341,8 @@ mod tests {
         }
     }
 
-    /// A gauge that never reports: nothing is known on the ground; in the air a full battery discharges from the
-    /// take-off on, or half of one in a drone found in the air. The first report counts.
+    /// A gauge that never reports: on the ground the charge is unknown. In the air a full battery discharges from the
+    /// take-off on, or half of one if the drone was found in the air. The first report replaces the assumption.
     #[test]
     fn battery_gauge_that_is_silent_from_the_start() {
         let c = with_endurance(400.0);
@@ -365,7 +368,7 @@ mod tests {
 
     /// A drone that flies for 400 s from 90 % on, with a correct gauge down to 57 % that is then wrong, as are voltage
     /// and current: the charge continues to fall at the power measured before or by an installer, and across a
-    /// successor. A new minimum counts again.
+    /// successor. A new minimum is used again.
     #[test]
     fn battery_gauge_that_lies() {
         let truth = |t: f64| 0.9 - (t - 10.0).max(0.0) / 400.0;
@@ -455,7 +458,7 @@ mod tests {
                 });
                 let Some(charge) = m.charge(&c) else { continue };
                 let expected = if step > 1.0 { 1.0 } else { truth(from_s + 10.0) };
-                // The second step gives the power.
+                // The power is known from the second step on.
                 let off = if from_s > 350.0 { off.min(0.12) } else { off };
                 assert!(
                     (charge - expected).abs() < off,
@@ -465,7 +468,7 @@ mod tests {
         }
     }
 
-    /// Ten seconds of wrong low readings: the later rise counts, because it is consistent with the flight.
+    /// After ten seconds of wrong low readings the rise is accepted, because it is consistent with the flight.
     #[test]
     fn battery_gauge_that_was_low_for_a_while() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -485,7 +488,7 @@ mod tests {
         run(&mut m, &c, 20.0, 20.0, |t| state(t, Some(0.19)));
         assert!((m.charge(&c).unwrap() - 0.19).abs() < 0.03);
         assert_eq!(m.reserve(0.0, 5.0, &c), c.battery_reserve);
-        // If it then sticks, the previous charge does not raise the result.
+        // If the gauge then sticks, the charge before the correction does not raise the result.
         let mut m = BatteryMonitor::default();
         let honest = |t: f64| (90.0 - t / 4.0).round() / 100.0;
         run(&mut m, &c, 0.0, 160.0, |t| {
@@ -538,14 +541,14 @@ mod tests {
         let found = m.reserve(d, v, &c);
         assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
         assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
-        // Against the wind, after a vessel that moves away: 4 m/s made good.
+        // Against the wind, towards a vessel that moves away, the speed made good is 4 m/s.
         for _ in 0..600 {
             m.approach(0.1, d, Some(4.0), v);
         }
         let against = m.reserve(d, v, &c);
         let needed = 1e-3 * (d / 4.0 + c.battery_attempt_s);
         assert!((against / needed - 1.0).abs() < 0.1, "{against} of {needed}");
-        // By the current: 20 A empty 10 Ah in 1800 s.
+        // The power by the current: 20 A empty 10 Ah in 1800 s.
         let c = MissionConfig {
             battery_capacity_ah: 10.0,
             ..c

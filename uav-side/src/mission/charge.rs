@@ -2,9 +2,10 @@
 //!
 //! To reach a place and land there takes the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T`
 //! in the wind, the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays
-//! with the first place of `battery_order` and leaves it for the next one at `b <= n`, the last moment at which it can
-//! reach that. Until then it waits for a deck that is closed, reserved by another drone or unknown, and gives it up
-//! only after it has been missing for [`MISSING_S`]. If no other place is in reach, it stays with the deck.
+//! with the first place of `battery_order` and leaves it for the next one when its charge `b` falls to `n`, the last
+//! moment at which it can reach the next place. Until then it waits for a deck that is closed, reserved by another
+//! drone or unknown, and gives it up only after the deck has been unavailable for [`MISSING_S`]. If no other place is
+//! in reach, it stays with the deck.
 
 use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -31,7 +32,7 @@ const LAST_ATTEMPT_S: f64 = 30.0;
 /// Fraction of the configured reserve that is kept for a home at an unknown place.
 const UNKNOWN_HOME: f64 = 0.5;
 
-/// Time without the deck after which it is given up, s.
+/// Time for which the deck is unavailable before it is given up, s.
 /// Chosen: longer than the crew needs to cross it, another drone to finish its landing, or a process to restart.
 const MISSING_S: f64 = 20.0;
 
@@ -90,9 +91,10 @@ fn without_margin(n: f64) -> f64 {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DeckAccess {
-    /// Declined by the operator, or not touched in this mode.
+    /// The operator has declined the deck, or the mode permits no landing.
     Declined,
-    /// Closed, reserved by another drone, unknown, not detected, or too rough for any landing; this may change.
+    /// The deck is closed, reserved by another drone, unknown, not detected, or moves too much for any landing; this
+    /// may change.
     Awaited,
     Open,
 }
@@ -144,8 +146,8 @@ fn place(
     }
 }
 
-/// Relaxation of the landing's limits on a low battery, 0 to 1: 0 in the first half of the reserve, in which the drone
-/// waits for the best moment; 1 at the charge for one attempt or, if that is more, for home.
+/// Relaxation of the landing's limits on a low battery, 0 to 1. It is 0 in the first half of the reserve, while the
+/// drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
 pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
     let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {
         return 0.0;
@@ -168,7 +170,7 @@ fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the mission controls an airborne drone without an order; no other state would land it.
+/// Whether the mission controls an airborne drone without an order, which no other transition would land.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();
@@ -229,7 +231,7 @@ pub(super) fn charge(
         }
         Some((BatteryPlace::Home, needs)) => (gave_up(s, c), Reason::new(ReasonCode::BatteryHome, b, needs)),
         Some((BatteryPlace::Here, _)) => (gave_up(s, c), low(ReasonCode::BatteryHere)),
-        // It already holds.
+        // The drone already holds.
         None if ended => return None,
         None => (gave_up(s, c), low(ReasonCode::BatteryLow)),
     };

@@ -32,8 +32,8 @@ fn without_deck(battery: f64, missing: fn(&mut Situation)) -> Situation {
     s
 }
 
-/// For each charge, cause and phase: the drone waits while another place or charge for the deck is left, and takes the
-/// deck once it is back.
+/// For each charge, cause and phase, the drone waits while it can still reach another place or has charge left for the
+/// deck, and lands on the deck once that is available again.
 #[test]
 fn deck_that_is_missing_for_a_moment() {
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -70,8 +70,8 @@ fn deck_that_is_missing_for_a_moment() {
     }
 }
 
-/// The drone leaves for the next place at the last moment at which it can reach it, after the deck has been missing for
-/// long.
+/// The drone leaves for the next place at the last moment at which it can reach it, after the deck has been unavailable
+/// for a long time.
 #[test]
 fn last_moment_for_the_next_place() {
     for missing in MISSING {
@@ -88,7 +88,7 @@ fn last_moment_for_the_next_place() {
         goes(&d, State::GaveUp, BatteryHome);
         let text = d.entered.unwrap().to_string();
         assert_eq!(text, "battery at 6 % (needs 6 %): the autopilot returns home");
-        // Home is out of reach: the drone waits for the deck while it can still come down in place.
+        // If home is out of reach, the drone waits for the deck while it can still land in place.
         let d = after(&first, 21.0, 0.039);
         assert!(waits(&d));
         assert!(
@@ -256,7 +256,7 @@ fn low_battery_of_a_drone_that_waits() {
         let d = run(&d, &charged(low), 5.0);
         goes(&run(&d, &charged(low), 5.0), State::Descent, Permitted);
     }
-    // A pilot flies the drone, or holds it back.
+    // A pilot flies the drone or blocks orders by remote control.
     let unordered = (MissionPhase::Idle, MissionProgress::default());
     for change in [
         (|s| s.flight = ControlState::OtherControl(AutopilotMode::Other)) as fn(&mut Situation),

@@ -1,8 +1,8 @@
 //! Checkpoint of the mission: published with every state, validated by a successor before use.
 //!
-//! A mission that starts while the drone flies continues the mission of its predecessor, or makes the drone safe from
-//! its own inputs. Until this is decided it publishes nothing, and the pilot continues with the last state for its
-//! validity.
+//! A mission that starts while the drone flies continues the mission of its predecessor, or, without a usable
+//! checkpoint, makes the drone safe using its own inputs. Until this is decided it publishes no state, and the pilot
+//! continues with the last one while that is valid.
 
 use alight_shared::admission::command::keep;
 use alight_shared::msg::{
@@ -35,7 +35,7 @@ pub(super) struct MissionStartUp {
 
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
-    /// Checkpoint that is too old to continue from, but whose purpose of the flight is kept.
+    /// Checkpoint that is too old to continue from; only the purpose of the flight is kept from it.
     pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
@@ -91,9 +91,9 @@ pub(super) fn restored(
     }
 }
 
-/// Continuation of a mission in `state` that was last `published`. If that is too long ago, the pilot has left the plan
-/// and climbs, and a landing starts again. Exceptions: the landing is over; a climb would hit the deck harder than the
-/// flare, so that the pilot completes the landing; or the operator `stopped` it.
+/// Continuation of a mission in `state` that was last `published`. If the last state is too old, the pilot has left the
+/// plan and climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it, because a
+/// climb would hit the deck harder; or the operator has `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -113,7 +113,7 @@ pub(super) fn interrupted(
     })
 }
 
-/// Whether the feet are on the deck, by the forecast, and stay there.
+/// Whether the forecast shows that the feet are on the deck and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
@@ -121,9 +121,9 @@ fn rests(s: &Situation) -> bool {
 /// Speed away from the deck above which the drone has left it, m/s: several times the error of odometry and forecast.
 const RISES_MPS: f64 = 0.5;
 
-/// Whether a drone that was taking off stands on the deck and does not rise: by its autopilot, or by a camera that
-/// detects the deck. By the GNSS receivers alone the deck's height may err by metres, and the autopilot's report alone
-/// may be old or wrong.
+/// Whether a drone that was taking off stands on the deck and does not rise, according to its autopilot or to a camera
+/// that detects the deck. With GNSS receivers alone the deck's height may be wrong by metres, and the autopilot's
+/// report alone may be old or wrong.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let Some(deck) = s.fresh_deck() else {
         return false;
@@ -132,7 +132,7 @@ fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let detected = deck.vision_age_s <= c.vision_fresh_s && deck.clearance_m < LEFT_M;
     !rises && (s.on_ground || detected)
 }
-/// Whether completing the landing is softer than climbing, with the deck beneath.
+/// Whether the deck is beneath the drone and completing the landing is softer than climbing.
 pub(super) fn ends_softer(d: &Deck, s: &Situation) -> bool {
     s.outside_m <= LOST_OUTSIDE_M && d.ends.is_some_and(|e| e.landing_is_softer())
 }
@@ -158,7 +158,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             airborne: None,
         },
         State::Hold => {
-            // After a take-off the hold waits for an order, too.
+            // The hold after a take-off waits for an order as well.
             let cause = match m.state.station {
                 Some(kept) => HoldCause::Station(kept),
                 None if m.stopped || m.sortie && !m.landing => HoldCause::Operator,
@@ -201,7 +201,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         lapsed: false,
         station: None,
         sortie: m.sortie,
-        // The way is measured again from the present place.
+        // The distance is measured again from the present place.
         led_from: None,
         cycles: Cycles {
             on: m.cycling,
@@ -217,7 +217,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     }
 }
 
-/// Duration of a computer's boot, s.
+/// Time that a computer needs to boot, s.
 const BOOT_S: f64 = 30.0;
 
 /// Whether a checkpoint was written before the computer's last boot, which restarted its clock.
@@ -275,7 +275,7 @@ pub(super) fn is_away(s: &Situation) -> bool {
     s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
 
-/// Evasion of a drone that hovers without an order lower than the deck heaves, when the vessel comes near.
+/// Evasive climb of a drone without an order, if it hovers within the heave of the deck and the vessel comes near.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
     let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
@@ -287,9 +287,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// Start of an idle mission without a checkpoint, if the drone flies, or rests with its motors on, near a deck: it was
-/// landing or leaving, and at a fixed place the rising deck could hit it. A drone that is still `landing` climbs and
-/// starts again. `code`: reason for the missing checkpoint. `Err`: not decided yet.
+/// Start of an idle mission without a checkpoint, if the drone flies near a deck or rests there with running motors: it
+/// was landing or taking off, and the rising deck could hit it if it held its position. A drone that is still `landing`
+/// climbs and starts again. `code` is the reason for the missing checkpoint. Returns `Err` while this is not decided.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,
@@ -297,7 +297,7 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // The drone may return to our control at any time, low over the deck.
+        // The drone may come under our control at any time, low over the deck.
         ControlState::Unknown | ControlState::Lapsed | ControlState::OtherControl(_) => return Err(()),
         ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}
@@ -308,7 +308,7 @@ pub(super) fn safe_start(
     let Some(deck) = s.fresh_deck() else {
         return Err(());
     };
-    // At the tracking height it may stay, with or without a deck.
+    // The drone may stay where it is at the tracking height, even without a deck.
     let low = deck.clearance_m < c.tracking_height_m - STEADY_HEIGHT_M;
     if !(low && deck.distance_m < RESUME_DISTANCE_M) {
         return Ok(None);

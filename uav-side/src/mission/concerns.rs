@@ -111,7 +111,7 @@ pub(super) fn interrupt(
     })
 }
 
-/// On the way to a landing, before its descent.
+/// Whether the drone is on its way to a landing, before the descent.
 fn is_under_way(phase: MissionPhase) -> bool {
     let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
     phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
@@ -158,7 +158,7 @@ fn control(
         }
         // Low over the deck the drone climbs as soon as it follows set-points again.
         ControlState::Lapsed if phase.takes_off() => take_off::lapsed(phase, s, c),
-        // It resumes its hold, or its climb to it, once it follows set-points again.
+        // The drone resumes its hold, or its climb to the hold, once it follows set-points again.
         ControlState::Lapsed if phase.rests() => None,
         ControlState::Lapsed => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
@@ -208,8 +208,8 @@ fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) ->
     }
 }
 
-/// Time for which a drone without an order has to hover low over deck or waves before it climbs, s: longer than a pilot
-/// needs to hand it over there and order a landing.
+/// Time for which a drone without an order hovers low over deck or waves before it climbs, s: longer than a pilot needs
+/// to hand it over there and order a landing.
 const RESTS_LOW_S: f64 = 3.0;
 
 /// Transition of a drone that hovers without an order within reach of waves: it holds at a safe height. A drone whose
@@ -233,7 +233,8 @@ fn rest(
     (lasted > RESTS_LOW_S).then(|| holding(HoldCause::Operator, s, c).enter(why))
 }
 
-/// Transition of a drone that a beacon alone has led too far from its start: a moving beacon could lead it anywhere.
+/// Transition of a drone that has followed a beacon alone too far from where that began: a moving beacon could lead it
+/// anywhere.
 fn way(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -250,7 +251,7 @@ fn way(
     let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
     let way_m = (here.x - x).hypot(here.y - y);
     let why = exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)?;
-    // A low battery does not lead it on either.
+    // A low battery does not make the drone follow the beacon any further.
     progress.deck_declined = true;
     Some(gave_up(s, c).enter(why))
 }

@@ -163,11 +163,11 @@ fn rows_in_every_state() {
             }
         }
     }
-    // The way led by a beacon has its own test.
+    // The row for the way behind a beacon has its own test.
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 
-/// Rows that neither pilot nor operator has caused restore the state when they clear.
+/// When a condition clears that neither pilot nor operator has caused, the state resumes.
 #[test]
 fn rows_that_are_over() {
     for (name, counts, _, _) in rows() {
@@ -175,7 +175,7 @@ fn rows_that_are_over() {
             "report" | "data" | "charge" => true,
             "touchdown" | "control" | "time" => false,
             "rest" => continue,
-            // It ends no landing.
+            // This row does not end a landing.
             "return" => continue,
             _ => panic!("{name}: is the state restored?"),
         };

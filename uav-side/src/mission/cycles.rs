@@ -2,11 +2,11 @@
 //! drone is ready.
 //!
 //! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission takes
-//! over, from its beginning. The drone returns at the end of that mission, when the battery requires it or by an order,
+//! over, from its beginning. The drone returns at the end of that mission, when the battery requires it or on an order,
 //! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its charge to
 //! the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck without a finding;
-//! otherwise the cycles end, and the mission shows the reason from then on. Only another order to take off starts them
-//! again.
+//! otherwise the cycles end, and the mission reports the reason from then on. Only another order to take off starts
+//! them again.
 //!
 //! This module holds the cycles' state; `turnaround` holds the transitions.
 
@@ -17,20 +17,20 @@ use alight_shared::time::{DroneClock, Time};
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Maximum number of take-offs in a row that end without a moment.
+/// Maximum number of consecutive take-offs that end because no suitable lift-off time was found.
 const MOMENTS: u32 = 3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycles {
     pub(super) on: bool,
-    /// Sorties since the process started, by any order.
+    /// Sorties since the process started, over all orders.
     pub(super) sorties: u32,
     pub(super) ended: Option<Reason>,
-    /// An operator has confirmed that the drone is ready for the next sortie.
+    /// Whether an operator has confirmed that the drone is ready for the next sortie.
     pub(super) ready: bool,
-    /// Start of a sufficient charge.
+    /// Time since which the charge has been sufficient.
     pub(super) charged: Option<Time<DroneClock>>,
-    /// Take-offs without a moment since the last landing.
+    /// Take-offs without a suitable lift-off time since the last landing.
     pub(super) tries: u32,
 }
 
@@ -46,7 +46,7 @@ impl Cycles {
             ..Cycles::default()
         }
     }
-    /// Number of sorties begun, and number planned, which is 0 without cycles.
+    /// Number of sorties begun, and number planned; the latter is 0 without cycles.
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
     }
@@ -69,7 +69,7 @@ impl Cycles {
     }
     /// Processes a change of state, whose reason may end the cycles.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
-        // Another pilot or program has the drone now.
+        // A pilot or another program controls the drone now.
         let is_anothers = before == State::StandDown && why.code != Disarmed;
         let ends = after == State::GaveUp
             || after == State::Landed && why.code == HardContact

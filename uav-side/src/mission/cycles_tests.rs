@@ -48,7 +48,7 @@ fn hold() -> MissionPhase {
 
 #[test]
 fn next_sortie_by_charge_or_by_order() {
-    // Charged for 30 s.
+    // The charge has been sufficient for 30 s.
     let d = step(LANDED, cycling(), None, &standing(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (LANDED, NotReady));
     let later = standing(|s| s.now = at(39.0));
@@ -60,7 +60,7 @@ fn next_sortie_by_charge_or_by_order() {
         (MissionPhase::Preparing, SortieBegins)
     );
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
-    // By the order, once the crew has cleared the deck.
+    // The drone is ready by the order, once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
     let d = step(LANDED, cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
@@ -94,7 +94,7 @@ fn preparation_of_the_next_sortie() {
     // The crew withdraws its clearance.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
-    // The mission waits for the sea at any length, but not for conditions that stay.
+    // The mission waits for calmer waves for any length of time, but not for conditions that do not pass.
     let steep = |s: &mut Situation| {
         s.now = at(500.0);
         s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
@@ -185,7 +185,7 @@ fn endings_of_unattended_cycles() {
     assert_eq!(step(hold(), handed, None, &soon).waiting.code, HandsOver);
 }
 
-/// Take-offs without a moment are tried three times.
+/// A take-off without a suitable lift-off time is tried three times.
 #[test]
 fn unattended_cycles_without_a_moment() {
     let spins = MissionPhase::SpinUp {
@@ -293,10 +293,10 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
     assert_eq!(d.waiting.code, MissionDone);
-    // The pilot has the drone meanwhile, so it is not requested any more.
+    // A pilot controls the drone now, so Alight no longer requests control.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
-    // Without a sortie no return is due.
+    // Without a sortie the drone does not return.
     let d = step(
         MissionPhase::Idle,
         MissionProgress::default(),
@@ -353,11 +353,12 @@ fn way_to_a_vessel_that_is_not_received() {
             (MissionPhase::Seek, SeeksVessel)
         );
     }
-    // At the approach height, heading for the place.
+    // It flies at the approach height and heads for the place.
     let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Without reception until the last moment for home; with reception the landing proceeds as usual.
+    // Without reception it seeks the vessel until the last moment at which it can reach home; with reception the
+    // landing proceeds as usual.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(

@@ -7,7 +7,7 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// An order to land waits a minute for a flight, and no longer.
+/// An order to land waits for a flight for a minute at most.
 #[test]
 fn order_that_waits_for_a_flight() {
     let given = at(10.0);
@@ -31,7 +31,7 @@ fn order_that_waits_for_a_flight() {
         let d = step(&d, &waiting(61.0));
         goes(&d, State::Idle, OrderExpired);
         assert!(!d.progress.landing);
-        // The pilot selects our mode an hour later.
+        // A pilot selects our mode an hour later.
         let later = Situation {
             now: given + Span::from_secs(3600.0),
             ..fair()

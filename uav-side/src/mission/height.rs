@@ -2,8 +2,8 @@
 //! than it has flown.
 //!
 //! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers' heights, and a
-//! receiver that ignores the geoid errs by up to 100 m. So a second source has to agree within its error (deck level,
-//! NED z, against the forecast's):
+//! receiver that ignores the geoid is wrong by up to 100 m. Therefore a second source has to agree within its error
+//! (deck level, NED z, against the forecast's):
 //!
 //! | witness | deck level | error |
 //! |---|---|---|
@@ -12,7 +12,7 @@
 //! | camera | forecast during and since a detection | drift, as for a take-off |
 //! | rangefinder | surface below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
-//! A relative place that the tags have confirmed counts as the camera.
+//! A relative place that the tags have confirmed has the role of the camera.
 //!
 //! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error: the drone then
 //! stays high enough for both levels. Without a witness it stays no lower than a pilot has flown it. Mean sea level is
@@ -34,8 +34,8 @@ use crate::mission_config::MissionConfig;
 /// The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, from an estimator that had lost
 /// the tilt) must not lower it. A permanent jump of the frame is reported by the count of origin resets.
 const LEVEL_MPS: f64 = 0.2;
-/// Standard deviation of the deck's height above which it counts as not detected, m: two receivers are worse; a camera
-/// that detects the tag from the tracking height is ten times better.
+/// Standard deviation of the deck's height above which the deck is not considered detected, m: that of two receivers is
+/// larger; that of a camera that detects the tag from the tracking height is ten times smaller.
 const VISION_SD_M: f64 = 0.5;
 
 /// Error of the levels by a take-off and by the last detection, m: a barometer drifts by 1 to 4 m in ten minutes, and
@@ -47,11 +47,12 @@ const SEA_LEVEL_M: f64 = 8.0;
 /// receivers.
 const ON_DECK_M: f64 = 4.0;
 
-/// Time for which readings of a surface have to continue before they count, s, and time for which they count after the
-/// last.
+/// Time for which readings of a surface have to continue before they are used, s, and time after the last one for which
+/// they stay in use.
 const SURFACE_LASTS_S: f64 = 0.5;
 const SURFACE_STALE: Span = Span::from_millis(500);
-/// Difference of two readings above which they are of different surfaces, m: waves and a deck's edge.
+/// Difference of two readings above which they belong to different surfaces, m: it allows for waves; a deck's edge
+/// exceeds it.
 const SURFACE_JUMP_M: f64 = 3.0;
 const SURFACE_TIME_S: f64 = 0.5;
 
@@ -85,7 +86,7 @@ impl Surface {
 pub(super) struct HeightInput {
     /// Deck's mean level in the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
-    /// The camera detects the deck, or a relative place that the tags have confirmed shows it.
+    /// Whether the camera detects the deck, or a relative place that the tags have confirmed gives its position.
     pub(super) observed: bool,
     /// Drone's centre of mass, NED z, m; None without fresh odometry.
     pub(super) own_z: Option<f64>,
@@ -97,11 +98,11 @@ pub(super) struct HeightInput {
     pub(super) armed: bool,
     /// Height of the origin above mean sea level, m.
     pub(super) origin_sea_m: Option<f64>,
-    /// The mission commands the drone's height.
+    /// Whether the mission commands the drone's height.
     pub(super) flies: bool,
 }
 
-/// Levels by each witness, in the drone's present NED.
+/// Level according to each witness, in the drone's present NED.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct HeightWitnesses {
     /// Mean sea level, NED z, m.
@@ -110,7 +111,7 @@ pub(super) struct HeightWitnesses {
     take_off_z: Option<f64>,
     /// Level of the deck while the camera detected it, NED z, m.
     vision_z: Option<f64>,
-    /// Lowest place at which the drone has been without the mission, NED z, m.
+    /// Lowest height to which someone other than the mission has flown the drone, NED z, m.
     proven_z: Option<f64>,
 }
 
@@ -127,8 +128,8 @@ pub(super) struct Heights {
 }
 
 impl Heights {
-    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. The drone does not climb for it,
-    /// because a range that is too short would follow it upwards.
+    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. This limit does not make the
+    /// drone climb, because a range that is wrongly short would follow the drone upwards.
     pub(super) fn above_surface(self, surface_z: f64, own_z: f64, above_m: f64, clear_m: f64) -> Heights {
         let lowest = (surface_z - clear_m).max(own_z);
         let aims_z = self.deck_z.map(|deck| deck - above_m);
@@ -194,7 +195,7 @@ impl HeightWitnesses {
         let [take_off, sea, observed] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, observed])
     }
-    /// Confirmation by the witnesses that do not depend on the forecast.
+    /// Whether the witnesses that do not depend on the forecast confirm the level.
     pub(super) fn confirm_aside(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, _] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, None])
@@ -227,7 +228,7 @@ impl HeightWitnesses {
         let Some(mean) = mean_z else {
             return Heights::default();
         };
-        // The lower of both is the more dangerous.
+        // The lower of both levels is the more dangerous one.
         let lowest = forecast_z.map_or(mean, |z| z.max(mean));
         let sea_z = self.sea_z().filter(|_| self.vision_z.is_none());
         let water_z = sea_z.map_or(mean + deck_m, |sea| sea.min(mean + deck_m));
@@ -330,7 +331,7 @@ mod tests {
     const DECK_M: f64 = 1.3;
     const ABOVE_M: f64 = 15.0;
 
-    /// In the air, flown by a pilot at this height above its origin.
+    /// Input of a drone that a pilot flies at the height `own_z`.
     fn airborne(own_z: f64) -> HeightInput {
         HeightInput {
             forecast_z: None,
@@ -372,11 +373,11 @@ mod tests {
             assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
             assert!((h.lowest_z.unwrap() - (true_z - ABOVE_M)).abs() < 1e-9, "{h:?}");
             assert!((h.water_z.unwrap() - 10.0).abs() < 1e-9, "{h:?}");
-            // If it is too high, the drone misses the deck at a safe height.
+            // If the deck's level is too high, the drone stays too far above the deck, at a safe height.
             let h = judged(&w, true_z - wrong_m);
             assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         }
-        // A wrong level of the newest forecast counts before the mean has followed.
+        // A wrong level in the newest forecast is noticed before the mean has followed it.
         let h = w.judge(Some(true_z), Some(true_z + 30.0), DECK_M, ABOVE_M);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
     }
@@ -397,7 +398,7 @@ mod tests {
         assert_eq!(judged(&w, 5.0).lowest_z, Some(-20.0));
         w.update(&airborne(-8.0), &MissionConfig::default());
         assert_eq!(judged(&w, 5.0).lowest_z, Some(-8.0));
-        // Until a camera detects the deck.
+        // The limit applies until a camera detects the deck.
         let sees = HeightInput {
             forecast_z: Some(6.0),
             observed: true,
@@ -442,7 +443,7 @@ mod tests {
             (h.lowest_z, code(&h)),
             (Some(-3.0), Some(ReasonCode::HeightsDisagree))
         );
-        // Already too low, or a beam that ends at the drone's own feet: the limit is the present height.
+        // The drone is already too low, or the beam ends at its own feet: the limit is the present height.
         assert_eq!(observed(0.0, -1.0).lowest_z, Some(-1.0));
         assert_eq!(observed(-50.0, -50.5).lowest_z, Some(-50.5));
 
@@ -472,7 +473,7 @@ mod tests {
             ..airborne(-0.3)
         };
         let w = after(&[on_deck, airborne(-20.0)]);
-        // Local tide: mean sea level would be 13 m below the deck.
+        // At this tide mean sea level would be 13 m below the deck.
         assert_eq!(code(&judged(&w, 0.5)), None);
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));

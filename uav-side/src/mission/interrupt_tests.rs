@@ -138,7 +138,7 @@ fn abort_with_a_completed_landing_broken_off() {
     let gone = step(&d, &stale);
     goes(&gone, State::GaveUp, ForecastStale);
     waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);
-    // A later order to land counts.
+    // A later order to land is carried out.
     let again = commanded(&d, CommandKind::Land, &low(0.8));
     goes(&step(&again, &missed), State::Tracking, Deviated);
 }
@@ -164,7 +164,7 @@ fn hold_position_with_the_deck() {
             phase => panic!("{phase:?}"),
         };
         assert_eq!(place(&d, &at_height(-5.0, 1.0)), (30.0, true));
-        // High enough; vessel far away; deck unknown.
+        // Cases: high enough; vessel far away; deck unknown.
         assert_eq!(place(&d, &at_height(-17.0, 1.0)), (0.0, false));
         assert_eq!(place(&d, &at_height(-5.0, 11.0)), (0.0, false));
         let mut stale = at_height(-5.0, 1.0);
@@ -210,7 +210,7 @@ fn abort_after_a_touchdown() {
     };
     let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &in_air(true));
     goes(&d, State::GaveUp, Operator);
-    // A false stop of the pilot is ignored until it is withdrawn; the next one counts again.
+    // A false stop of the pilot is ignored until it is withdrawn; the next stop is accepted again.
     let d = step(&d, &in_air(true));
     assert_eq!(d.phase.state(), State::GaveUp);
     let d = step(&d, &in_air(false));
@@ -224,7 +224,8 @@ fn abort_after_a_touchdown() {
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
     }
-    // Without the thrust the height above the deck shows that the drone flies, and without that the pilot's mode does.
+    // If the thrust is unknown, the height above the deck shows that the drone flies; if that is unknown, too, the
+    // pilot's mode shows it.
     let silent = |mut s: Situation| {
         s.rotors_carry = None;
         s
@@ -273,7 +274,7 @@ fn last_attempt() {
             goes(&d, State::GaveUp, OutOfRetries);
         }
     }
-    // No further descent begins, however the drone came back above the deck.
+    // A further descent does not begin, regardless of how the drone came back above the deck.
     let d = step((MissionPhase::TrackingStable, progress), &fair());
     goes(&d, State::GaveUp, OutOfRetries);
 }
@@ -285,7 +286,7 @@ fn completion_of_a_landing_without_data() {
         ContactOutcomes::of_speeds(0.5, None),
         ContactOutcomes::of_speeds(0.5, Some(harder)),
     );
-    // Without odometry nothing is commanded, and whether the drone leaves is decided afterwards.
+    // Without odometry no set-point is sent; whether the drone leaves is decided afterwards.
     for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
         (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),

@@ -1,5 +1,5 @@
-//! Evidence for a take-off: its probability, the rotors' thrust, the rise since they could first lift the drone, and
-//! whether it stands.
+//! Evidence for a take-off: its probability, the rotors' thrust, the rise since the rotors could first lift the drone,
+//! and whether the drone stands.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{RangeSample, State};
@@ -15,8 +15,8 @@ use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
 
 /// Fraction of hover's thrust, by the autopilot's report, above which rotors turn: a third of idle.
 const TURN_OF_HOVER: f64 = 0.1;
-/// Thrust, as a fraction of hover's, up to which rotors lift nothing, and thrust that lifts a drone whose feet do not
-/// stick.
+/// Thrust below which the rotors cannot lift the drone, and thrust that lifts it if its feet do not stick, as fractions
+/// of hover's.
 const IDLE_OF_HOVER: f64 = 0.7;
 const LIFTS_OF_HOVER: f64 = 1.05;
 /// Maximum age of odometry and rotor reports as evidence that nothing has moved, s.

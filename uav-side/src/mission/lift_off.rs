@@ -8,9 +8,9 @@
 //! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
 //!
 //! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a` are the
-//! horizontal accelerations by the wind and of the deck; `t_l` is the time until the drone has levelled. The gap has to
-//! stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen, because
-//! it then falls away below the drone.
+//! horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has levelled. The gap
+//! has to stay open at every time `s` of the forecast. Both limits are met best from a level deck that has just risen,
+//! because it then falls away below the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::normal::{below, inside, norm, smaller};
@@ -25,16 +25,17 @@ use crate::mission_config::MissionConfig;
 /// Time from the decision until the rotors carry the drone, s: two periods, the link, the rotors' lag and the first
 /// part of the pilot's ramp.
 const LAG_S: f64 = 0.25;
-/// Time from then until the drone has levelled, s: 0.2 s until the feet are clear, and half of the attitude's 0.2 s.
+/// Time from the lift-off until the drone has levelled, s: 0.2 s until the feet are clear, and half of the attitude's
+/// 0.2 s.
 const LEVELS_S: f64 = 0.3;
 /// Times after lift-off at which the gap is checked, s: first, step and last.
 const GAP_FROM_S: f64 = 0.3;
 const STEP_S: f64 = 1.0 / 16.0;
 const GAP_UNTIL_S: f64 = 1.5;
-/// Errors of pilot and feet in the gap, m, and in the speed along the deck, m/s.
+/// Standard deviations that pilot and feet add to the gap, m, and to the speed along the deck, m/s.
 const GAP_SD_M: f64 = 0.03;
 const ALONG_SD_MPS: f64 = 0.1;
-/// Spacing and range of the later moments, s.
+/// Spacing of the later lift-off times, and the latest one, s.
 const GRID_S: f64 = 0.25;
 const AHEAD_S: f64 = 2.0;
 /// Upper bound of the probability, as for landings, for effects outside the model.
@@ -42,17 +43,17 @@ const MAX: f64 = 0.99;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiftOff {
-    /// Probability for the speed along the deck.
+    /// Probability that the speed along the deck stays within its limit.
     pub along: f64,
-    /// Probability for the gap.
+    /// Probability that the gap stays open.
     pub clear: f64,
 }
 
-/// A take-off now, and the best later one.
+/// Probabilities of a take-off now and at the best later time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
     pub now: LiftOff,
-    /// The best later moment, with the time until then, s.
+    /// Time until the best later lift-off, s, and its probabilities.
     pub later: Option<(f64, LiftOff)>,
 }
 
@@ -74,8 +75,8 @@ impl LiftOff {
 }
 
 impl Moments {
-    /// Reason against a take-off now: its probability is too low, or a later moment is better by more than the cost of
-    /// waiting.
+    /// Reason against a take-off now: its probability is too low, or a later lift-off is better by more than the cost
+    /// of waiting.
     pub fn not_now(&self, c: &MissionConfig) -> Option<Reason> {
         let p = self.now.whole();
         self.now.below(c.min_probability).or_else(|| {
@@ -85,7 +86,7 @@ impl Moments {
             Some(Reason::new(ReasonCode::BetterMoment, p, later.whole()))
         })
     }
-    /// Reason if no predicted moment has a sufficient probability.
+    /// Reason if no lift-off time in the forecast has a sufficient probability.
     pub fn none_soon(&self, c: &MissionConfig) -> Option<Reason> {
         let later = self.later.map(|(_, later)| later);
         let best = later.filter(|l| l.whole() > self.now.whole()).unwrap_or(self.now);
@@ -101,7 +102,7 @@ pub(super) struct LiftOffConditions<'a> {
 }
 
 impl LiftOffConditions<'_> {
-    /// Moments now and later; None if the forecast ends too early.
+    /// Probabilities of a take-off now and later; None if the forecast ends too early.
     pub(super) fn moments(&self, now: Time<DroneClock>) -> Option<Moments> {
         let start = now.max(self.forecast.header.at);
         let grid = 1..=(AHEAD_S / GRID_S) as usize;
@@ -128,7 +129,7 @@ impl LiftOffConditions<'_> {
             clear: self.clear(leaves, &deck)?,
         })
     }
-    /// Probability of no harmful speed along the deck once the drone has levelled.
+    /// Probability that the speed along the deck is harmless once the drone has levelled.
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);
@@ -235,7 +236,7 @@ mod tests {
         assert_eq!(hit.not_now(&c).map(|r| r.code), Some(ReasonCode::TakeOffHit));
     }
 
-    /// A rolling deck: the moment at which it is level.
+    /// On a rolling deck the best lift-off is when the deck is level.
     #[test]
     fn moment_of_a_level_deck() {
         let c = MissionConfig::default();

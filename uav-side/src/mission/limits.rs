@@ -4,7 +4,7 @@ use alight_shared::msg::{Reason, ReasonCode};
 
 /// Distance from the approach height at which Get altitude ends, m.
 pub(super) const HEIGHT_TOLERANCE_M: f64 = 1.0;
-/// Duration of detection that confirms visual contact, s.
+/// Time for which the deck has to be detected to confirm visual contact, s.
 pub(super) const CONTACT_CONFIRM_S: f64 = 0.3;
 /// Maximum horizontal distance of a steady drone above the deck, m.
 pub(super) const STEADY_DISTANCE_M: f64 = 1.5;
@@ -19,21 +19,22 @@ pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
 /// arm, take off and select the mode. For a drone under our control that waits for something else, the order lasts as
 /// long as a landing may.
 pub(super) const ORDER_WAITS_S: f64 = 60.0;
-/// Time with unmet conditions of the flare at the decision clearance after which the drone returns to Tracking, s.
+/// Time at the decision clearance without the conditions for the flare after which the drone returns to Tracking, s.
 pub(super) const DECISION_TIMEOUT_S: f64 = 8.0;
-/// Duration of fresh data that ends a Hold, s.
+/// Time for which data have to be fresh before a Hold ends, s.
 pub(super) const RECOVER_S: f64 = 0.5;
 /// Factor on the limits of a drone that was steady, or of a deck that was feasible.
 pub(super) const HYSTERESIS: f64 = 1.5;
-/// Fraction of the reserve that is left for the decision of an operator who has stopped the landing.
+/// Fraction of the reserve that may be used while an operator who has stopped the landing decides.
 pub(super) const FOR_OPERATOR: f64 = 0.25;
-/// Horizontal distance of a detected deck within which Hold resumes with Tracking, m.
+/// Horizontal distance to a detected deck within which the state after Hold is Tracking, m.
 pub(super) const RESUME_DISTANCE_M: f64 = 10.0;
 /// Duration of a climb out of a vessel's way, s: 6 m at 1.5 m/s.
 pub(super) const CLIMB_S: f64 = 4.0;
 /// Maximum rise of a deck in waves, m.
 pub(super) const HEAVE_M: f64 = 2.0;
-/// Horizontal distance from which a drone without an order is away from the vessel, m: waves alone do not close it.
+/// Horizontal distance above which a drone without an order is away from the vessel, m: wave motion alone does not
+/// cover it.
 pub(super) const AWAY_M: f64 = 1.5 * RESUME_DISTANCE_M;
 
 /// Reason if `value` exceeds `limit` or is NaN.
@@ -50,5 +51,5 @@ pub(super) fn first_beyond<const N: usize>(values: [(ReasonCode, f64, f64); N]) 
 /// Maximum waiting height over a vessel that is known by its tags alone, m: from there a tag's tilt is accurate to a
 /// degree, from 7 m to three or four.
 pub(super) const TAG_HEIGHT_M: f64 = 3.5;
-/// Minimum distance between the start and the lowest plan of a descent that does not land, m.
+/// Minimum height of the start of a descent that does not land above its lowest plan, m.
 pub(super) const MATCHES_FROM_M: f64 = 0.5;

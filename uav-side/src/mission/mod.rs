@@ -180,7 +180,8 @@ pub struct MissionNode {
     waiting: Waiting,
     tilt: TiltMonitor,
     swing: SwingMonitor,
-    /// Assessment of the newest forecast: its time, whether a landed drone stays, and the odds of a landing.
+    /// Assessment of the newest forecast: time of the forecast, whether a landed drone stays, and the odds of a
+    /// landing.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
     /// State of the vessel when its deck was last known.
@@ -189,7 +190,7 @@ pub struct MissionNode {
     meets: [f64; 2],
     leaving: LeavingMonitor,
 
-    /// Delay of a forced descent after the drone is first steady, and its time.
+    /// Delay of a forced descent from the time at which the drone is first steady, and the resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     succession: MissionSuccession,
     phase: MissionPhase,
@@ -224,7 +225,8 @@ impl MissionNode {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// For simulations: starts a descent this long after the drone is first steady above the deck, at any probability.
+    /// For simulations: starts a descent after this delay from the time at which the drone is first steady above the
+    /// deck, at any probability.
     #[must_use]
     pub fn forced_descent(mut self, after: Option<Span>) -> Self {
         self.forced_descent = after.map(|after| (after, None));
@@ -251,7 +253,7 @@ impl MissionNode {
             moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
-            // Forecast, plan and level belong to another frame.
+            // Forecast, plan and level belong to the frame before the jump.
             self.forecast.forget();
             self.plan.forget();
             self.mean_deck_z = None;
@@ -296,7 +298,7 @@ impl MissionNode {
         let forecast = self.forecast.get();
         let lowest_m = forecast.map_or(0.0, |f| f.surroundings.wait_height_m());
         let tracking_m = self.settings.tracking_height_m;
-        // A deck that is no longer detected is found again from higher up.
+        // If the deck is no longer detected, the drone goes higher to find it again.
         let by_tag = forecast.is_some_and(|f| {
             f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
         });
@@ -401,7 +403,7 @@ impl MissionNode {
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
-        // When the drone is returned to our control, it may be near the deck without a task.
+        // When the drone comes back under our control, it may be near the deck without an order.
         let away = matches!(s.flight, ControlState::Lapsed | ControlState::OtherControl(_));
         if changed && away && self.phase == MissionPhase::Idle {
             self.succession
@@ -428,7 +430,7 @@ impl MissionNode {
         } else {
             c.minimum_altitude_m
         };
-        // A landing in progress is broken off if the height is in doubt.
+        // A landing in progress is broken off if the deck's height is in doubt.
         let lands = state.phase() == Phase::Landing;
         let lowest_m = (s.lowest_z.filter(|_| !lands)).map_or(f64::NEG_INFINITY, |z| -z);
         // Fixed before the descent, so that the plan does not move sideways low above the deck.
@@ -448,7 +450,7 @@ impl MissionNode {
             attempts: self.progress.attempts,
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
-            // In the drone's NED, whose zero differs from the water by a GNSS error.
+            // The altitude is in the drone's NED, whose zero differs from the water level by a GNSS error.
             minimum_altitude_m: (altitude - s.water_z).max(lowest_m),
             hold_position: place.at.into(),
             hold_yaw: place.yaw,

@@ -91,7 +91,7 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
         if k >= 500 {
-            // Ever deeper, in steps.
+            // The forecast goes deeper and deeper, in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
             input.forecast = Some(deck(k, t, depth));
         }
@@ -157,14 +157,14 @@ fn waiting_and_leaving_among_volumes() {
     // 14 m, 3 m for waiting, and 0.2 of 9 m.
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
-    // At the same height, in place over the deck.
+    // The drone leaves at the same height, keeping its place over the deck.
     assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
-    // Beyond the volumes' 9 m and a drone with its margin.
+    // This place is beyond the volumes' 9 m plus the drone with its margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
 }
 
-/// A drone that reaches the mission's place at once, and a pilot that stops at the deck.
+/// Drone that reaches the mission's place at once, with a pilot that stops the motors at the deck.
 #[test]
 fn landing_of_an_ideal_drone() {
     let mut m = node();
@@ -259,9 +259,9 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
 fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
         (land(7, 2, 20.0), State::Idle),
-        // From a relay that was restarted.
+        // The order comes from a relay that was restarted.
         (land(8, 1, 20.01), State::Idle),
-        // Under way since before the takeover.
+        // The order was sent before the takeover.
         (land(8, 1, 20.9), State::Idle),
         (land(7, 2, 21.6), State::GetAltitude),
     ] {
@@ -301,7 +301,7 @@ fn order_after_a_hold_by_the_pilot() {
     }
 }
 
-/// A repetition with the next sequence number is no order to use the battery's reserve.
+/// A repetition with the next sequence number is not an order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
@@ -332,7 +332,7 @@ fn repeated_landing_below_the_reserve() {
 fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // Pending since before the abort, and repeated.
+        // The order was pending before the abort, and is repeated.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
         // A later order by the sender of the abort, or by an operator who knows of it.
@@ -346,7 +346,7 @@ fn landing_of_another_operator_about_an_abort() {
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
         assert_eq!(step(21.5, vec![land]), state, "{land:?}");
     }
-    // If both arrive in one step, the abort counts.
+    // If both arrive in one step, the abort is carried out.
     let abort = command(header(1, at(19.99)), CommandKind::Abort);
     let both = vec![abort, land_at(7, 20.0)];
     assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
@@ -358,12 +358,12 @@ fn late_abort_after_a_newer_order() {
     let mut step = |t: f64, commands| state_after(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
-    // Given before that landing, and late.
+    // The abort was given before that landing and arrives late.
     assert_eq!(step(21.0, vec![abort(1, 19.5)]), State::GaveUp);
-    // That landing again, by an operator who cannot know of the abort.
+    // The same landing is ordered again by an operator who cannot know of the abort.
     assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
     assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    // A repetition of the applied abort.
+    // The abort that was carried out is repeated.
     assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }
@@ -411,7 +411,7 @@ fn drone_without_an_order_where_the_vessel_comes() {
         (30.0, 30.0, 1.0, State::Idle),
         (30.0, 9.0, 1.0, State::GaveUp),
         (30.0, 9.0, 3.0, State::Idle),
-        // The drone was handed over there.
+        // The drone was handed over at this place.
         (9.0, 9.0, 1.0, State::Idle),
     ] {
         let mut m = node();

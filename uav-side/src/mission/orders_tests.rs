@@ -111,7 +111,7 @@ fn orders_that_are_rejected_with_their_reason() {
         armed: None,
     };
     let cases: [Case; 7] = [
-        // The autopilot's own mission, or a pilot.
+        // The autopilot's own mission or a pilot flies the drone.
         (MissionPhase::Idle, pilot, CommandKind::Abort, NotInControl),
         (MissionPhase::Idle, pilot, CommandKind::Hold, NotInControl),
         (
@@ -158,7 +158,7 @@ fn orders_that_are_rejected_with_their_reason() {
     assert!(d.progress.rejected.is_none() && !d.progress.landing);
 }
 
-/// A beacon that moves ahead of the drone leads it no further than the configured distance.
+/// The drone follows a beacon that moves ahead of it no further than the configured distance.
 #[test]
 fn beacon_that_leads_away() {
     let c = MissionConfig {
@@ -182,7 +182,7 @@ fn beacon_that_leads_away() {
     }
     d = decide(d.phase, d.progress, None, &led(301.0), &c);
     goes(&d, State::GaveUp, VesselTooFar);
-    // A low battery does not lead it on either.
+    // A low battery does not make the drone follow the beacon any further.
     let low = Situation {
         battery: Some(0.15),
         ..led(301.0)

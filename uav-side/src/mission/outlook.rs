@@ -6,8 +6,8 @@
 //!
 //! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the height `h`.
 //! The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the present speed, plus
-//! that by the deck's acceleration relative to an aligned drone. The unpredicted part is `r sd(a)` with the drone's
-//! reaction time `r` ([`alight_shared::landing`]'s contact).
+//! the speed due to the deck's acceleration relative to an aligned drone. The unpredicted part is `r sd(a)` with the
+//! drone's reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
 //! Errors of predictions older than `r` are not counted, because the feedback corrects them before the contact. The
 //! landing's probability is the product over the limits, whose errors have different causes. While the planner chooses
@@ -28,8 +28,8 @@ use nalgebra::{Rotation2, Vector3};
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
 
-/// Time constant of the attitude that the reaction time covers, s. A slower attitude adds the excess, and the dead time
-/// is added in any case.
+/// Time constant of the attitude that the reaction time already covers, s. A larger time constant adds its excess; the
+/// dead time is always added.
 const FOLLOWS_S: f64 = 0.2;
 /// Maximum deceleration of the sinking, m/s², twice the planned one, and its delay, s.
 const BRAKING_MPS2: f64 = 5.0;
@@ -53,7 +53,7 @@ pub struct Outlook<'a> {
 }
 
 impl Outlook<'_> {
-    /// Odds of a landing that continues from here at `now`; None if the forecast does not reach.
+    /// Odds of a landing that continues from here at `now`; None if the forecast does not extend to the contact.
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
         let left_s = self.time_to_contact_s();
         let start = now.max(self.forecast.header.at);
@@ -108,7 +108,7 @@ impl Outlook<'_> {
         };
         contact.odds(&Margins::on(self.plate, self.drone))
     }
-    /// Speed onto the deck if the drone brakes from now on, m/s; NaN if its speed or height is.
+    /// Speed onto the deck if the drone brakes from now on, m/s; NaN if its speed or height is NaN.
     fn contact_mps(&self) -> f64 {
         let [w, h] = [self.deck.sinking_mps, self.deck.clearance_m].map(|v| larger(v, 0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
@@ -163,9 +163,9 @@ mod tests {
     fn odds_of_a_calm_deck_and_of_each_limit() {
         assert!(of(|_| {}, |_| {}).whole() > 0.98);
         for (odds, why) in [
-            // The deck's speed may change by 0.4 m/s before the drone reacts.
+            // Before the drone reacts, the deck's speed may change by 0.4 m/s.
             (of(|_| {}, |s| s.acceleration_sd[2] = 1.4), ReasonCode::LikelyHard),
-            // 2.3 m/s at half a metre cannot be braked.
+            // A drone at 2.3 m/s cannot brake within half a metre.
             (
                 of(|d| (d.sinking_mps, d.clearance_m) = (2.3, 0.5), |_| {}),
                 ReasonCode::LikelyHard,

@@ -15,22 +15,22 @@ pub(super) type DroneTime = Time<DroneClock>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoldCause {
-    /// An operator ordered it; ends with the next order to land.
+    /// An operator ordered the hold; it ends with the next order to land.
     Operator,
-    /// Data were stale; ends when they are fresh again.
+    /// Data were stale; the hold ends when they are fresh again.
     Data,
     Station(KeptStation),
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Search {
-    /// Start of the search, and its last step.
+    /// Time at which the search started, and time of its last step.
     pub(super) since: DroneTime,
     pub(super) at: DroneTime,
     pub(super) flown_m: f64,
     /// Arrival at the end of the path.
     pub(super) ended: Option<DroneTime>,
-    /// Start of a detection of the tags.
+    /// Time since which the tags have been detected.
     pub(super) detected: Option<DroneTime>,
 }
 
@@ -63,12 +63,12 @@ pub enum MissionPhase {
         paused: Option<DroneTime>,
     },
     Flare {
-        /// Below the commit clearance: only hard reasons break it off.
+        /// Whether the drone is below the commit clearance, so that only hard reasons break the flare off.
         committed: bool,
         violated: Option<DroneTime>,
     },
     Landed {
-        /// The autopilot has been disarmed since the touchdown.
+        /// Whether the autopilot has been disarmed since the touchdown.
         disarmed: bool,
         airborne: Option<DroneTime>,
     },
@@ -102,7 +102,7 @@ pub enum MissionPhase {
         /// Place of the hold at the end.
         at: Vector3<f64>,
         yaw: f64,
-        /// An operator has stopped it: it holds once it is clear of the vessel.
+        /// Whether an operator has stopped the climb-out: the drone then holds once it is clear of the vessel.
         stopped: bool,
     },
     /// Standing on the deck after a take-off was stopped.
@@ -150,7 +150,6 @@ impl MissionPhase {
             MissionPhase::StandDown { .. } => State::StandDown,
         }
     }
-    /// Stays in this phase, with the reason `why`.
     pub(super) fn stay(self, why: impl Into<Reason>) -> PhaseTransition {
         PhaseTransition::Stay(self, why.into())
     }
@@ -231,28 +230,29 @@ pub struct MissionProgress {
     pub attempts: u32,
     /// Start of the landing, of the take-off, or of the hold at its end.
     pub started: DroneTime,
-    /// An operator ordered a landing below the battery's reserve: the deck is the first place until the landing ends.
+    /// Whether an operator ordered a landing below the battery's reserve: the deck is then the first choice until the
+    /// landing ends.
     pub deck_first: bool,
-    /// An operator has stopped a landing that the low battery had started: the deck is not chosen again.
+    /// Whether an operator has stopped a landing that the low battery had started: the deck is then not chosen again.
     pub deck_declined: bool,
-    /// The drone was armed since the order, so the order ends with the flight.
+    /// Whether the drone was armed since the order, so that the order ends with the flight.
     pub armed: bool,
     /// Time since which the deck has been closed, reserved by another drone, unknown or not detected.
     pub missing: Option<DroneTime>,
-    /// Start of a hover without an order within reach of waves.
+    /// Time since which the drone has hovered without an order within reach of waves.
     pub low_since: Option<DroneTime>,
     /// Place of the landing once the battery's reserve is reached.
     pub low_battery: Option<BatteryPlace>,
-    /// An operator has stopped the mission and has not ordered a landing since. In descent or flare too close to the
-    /// deck for a climb, the landing is completed.
+    /// Whether an operator has stopped the mission and has not ordered a landing since. A descent or flare too close to
+    /// the deck for a climb is completed.
     pub stopped: bool,
-    /// The pilot's touchdown was false, and is ignored until it is withdrawn.
+    /// Whether the pilot's touchdown was false, so that it is ignored until it is withdrawn.
     pub overruled: bool,
-    /// Set-points were lost and the autopilot holds: the landing resumes once they are back.
+    /// Whether set-points were lost and the autopilot holds: the landing resumes once they are back.
     pub lapsed: bool,
-    /// Station of the drone before its computer restarted: it continues there once the drone is under our control.
+    /// Station of the drone before its computer restarted; the drone returns to it once it is under our control.
     pub station: Option<KeptStation>,
-    /// The drone has taken off from the deck and not landed since: it returns while its battery lasts.
+    /// Whether the drone has taken off from the deck and not landed since: it then returns while its battery lasts.
     pub sortie: bool,
     pub cycles: Cycles,
     /// Position at which a beacon alone began to lead the drone, drone's NED, north and east, m.
@@ -273,7 +273,7 @@ pub(super) enum PhaseTransition {
     BreakOff(Reason),
 }
 
-/// Maximum distance of a vessel to fly to, m: with a wrong origin it could be anywhere.
+/// Maximum distance of a vessel that the drone flies to, m: with a wrong origin the vessel could appear anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
 /// Reason if the vessel is beyond that distance, or beyond the limit for a beacon alone.
@@ -312,14 +312,14 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
 pub struct Decision {
     pub phase: MissionPhase,
     pub progress: MissionProgress,
-    /// Reason for the change of state; None without one.
+    /// Reason for the change of state; None without a change.
     pub entered: Option<Reason>,
     /// Reason why the next state is not entered yet.
     pub waiting: Reason,
 }
 
-/// Height of a hold over the deck, m: with a waiting place its height, because other drones may be between the deck and
-/// that height.
+/// Height of a hold over the deck, m. A drone with a waiting place holds at that place's height, because other drones
+/// may be below it.
 pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
     s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))
 }
@@ -353,10 +353,10 @@ pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     }
 }
 
-/// Whether the drone moves with the deck on its way to `at`, and its place. Below the height of `at` it keeps its place
-/// over the deck, because structures on a vessel under way would hit a drone that stops. The place becomes fixed at
-/// that height, when the deck is far away, or when the forecast is stale. A drone that `leaves` a vessel with an escape
-/// direction continues until it is away from the vessel.
+/// Whether the drone moves with the deck on its way to `at`, and its place on the way. Below the height of `at` it
+/// keeps its place over the deck, because structures on a vessel under way would hit a drone that stops. The place
+/// becomes fixed at that height, when the deck is far away, or when the forecast is stale. A drone that `leaves` a
+/// vessel with an escape direction continues until it is away from the vessel.
 pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
     let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
     let escapes = leaves && near.is_some_and(|d| d.escapes);
@@ -366,15 +366,16 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     })
 }
 
-/// Waiting place of a drone that has ended its landing and holds at `at` or climbs to it, from the deck's centre (NED,
-/// m): it keeps clear of the deck's owner. None if it stays at `at`.
+/// Waiting place, from the deck's centre (NED, m), of a drone that has ended its landing and holds at `at` or climbs to
+/// it; there it keeps clear of the deck's owner. None if the drone stays at `at`.
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
     s.waiting_offset().filter(|_| here)
 }
 
-/// Present place of a drone that holds at `at`: with the deck during the climb, then clear of other drones.
+/// Present place of a drone that holds at `at`: it moves with the deck during the climb, then keeps clear of other
+/// drones.
 pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vector3<f64> {
     match (stands_aside(at, s, leaves), s.own) {
         (Some(_), Some(own)) => Vector3::new(own.position.x, own.position.y, at.z),

@@ -1,4 +1,5 @@
-//! Place of a drone that does not follow the deck: at its waiting place, with the deck during a climb, or aside.
+//! Place of a drone that does not follow the deck: its waiting place, a place that moves with the deck during a climb,
+//! or a place off the deck.
 
 use nalgebra::Vector3;
 
@@ -17,7 +18,7 @@ pub(super) struct Waypoint {
     pub(super) yaw: f64,
     /// Height over the deck's mean level, m.
     pub(super) height_m: f64,
-    /// The drone keeps its place over the deck and moves with the deck.
+    /// Whether the drone keeps its place over the deck and moves with the deck.
     pub(super) with_deck: bool,
     /// Waiting place off the deck, from its centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,

@@ -14,7 +14,7 @@ pub enum Reservation {
     Ours,
     /// Number of the owner; 0 if free, [`DECK_CLOSED`] if closed.
     Others(u32),
-    /// No fresh grant; age of the newest one, s.
+    /// There is no fresh grant; age of the newest one, s.
     Unknown(f64),
 }
 
@@ -56,7 +56,7 @@ impl Reservation {
             )),
         }
     }
-    /// Reason to break off a descent. Radio silence is no such reason, because the vessel keeps a reservation for longer
+    /// Reason to break off a descent. Radio silence is not a reason, because the vessel keeps a reservation for longer
     /// than a descent takes.
     pub fn lost(self) -> Option<Reason> {
         match self {
@@ -68,8 +68,8 @@ impl Reservation {
     }
 }
 
-/// Course that the helm announces, at `now`. A promise of a steady course is valid for its own duration without
-/// repetition; an announced turn is not.
+/// Course that the helm announces, at `now`. An announced steady course is valid for its stated duration without
+/// repetition; an announced turn has to be repeated.
 pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
     let Some(grant) = grant else {
         return Course::Unknown;

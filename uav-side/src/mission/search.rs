@@ -6,7 +6,8 @@
 //! R = 3.4 sd                            radius that contains the deck with 99.7 % (Rayleigh)
 //! ```
 //!
-//! It ends with a full circle at `R` less half of the camera's view. The radius increases while the beacon is silent.
+//! The path ends with a full circle at `R` minus half of the camera's view. The radius increases while the beacon is
+//! silent.
 
 use core::f64::consts::TAU;
 
@@ -22,22 +23,22 @@ use crate::mission_config::MissionConfig;
 
 /// Radius that contains the deck in 997 of 1000 cases, in standard deviations (each axis) of the beacon's place.
 const WITHIN_SD: f64 = 3.4;
-/// Maximum radius of a search, m: 5 min at its speed with the default camera.
+/// Maximum radius of a search, m: it takes 5 min with the default camera.
 pub(super) const MAX_SEARCH_M: f64 = 50.0;
 /// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds, and the drone hardly tilts.
 const SEARCH_MPS: f64 = 3.0;
-/// Distance of the drone from its place on the spiral within which that place advances, m.
+/// Distance of the drone from its reference place on the spiral up to which that place advances, m.
 const BEHIND_M: f64 = 3.0;
 /// Distance between two turns of the spiral, in widths of the camera's view.
 const PITCH: f64 = 0.75;
 /// Observation time at the end of the path, s.
 const LOOKS_S: f64 = 5.0;
-/// Maximum duration of a search relative to its path without wind and waits.
+/// Maximum duration of a search as a multiple of the time that its path takes without wind and waits.
 const MAX_SLOWER: f64 = 2.0;
 /// Distance from the beacon's place at which the drone has arrived, m.
 const AT_BEACON_M: f64 = 3.0;
 
-/// Radius within which the deck has to be searched for, m.
+/// Radius within which the deck is searched for, m.
 fn reach_m(sd_m: f64) -> f64 {
     WITHIN_SD * sd_m
 }
@@ -101,7 +102,7 @@ pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }
 
-/// Start of a search at the beacon's place, while the deck is not detected. None: the drone is not there yet, the
+/// Start of a search at the beacon's place, while the deck is not detected; None if the drone is not there yet, the
 /// vessel is received, or there is no beacon.
 pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
@@ -120,7 +121,7 @@ pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Ph
     Some(MissionPhase::Search(search).enter(why))
 }
 
-/// Search: until the tags are detected, the vessel is received, or the path ends.
+/// Searches until the tags are detected, the vessel is received, or the path ends.
 pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stays = MissionPhase::Search(search);
     let Some(deck) = s.fresh_deck() else {
@@ -156,7 +157,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseT
     MissionPhase::Search(search).stay(deck.contradicted.or(s.several).unwrap_or(flies))
 }
 
-/// The deck is detected: it is followed after a while, if its height is not in doubt.
+/// Transition while the deck is detected: the drone follows it after a while, if its height is not in doubt.
 fn found(search: Search, s: &Situation) -> PhaseTransition {
     let (detected, lasted) = lasting(true, search.detected, s.now);
     let goes_on = MissionPhase::Search(Search {
@@ -207,7 +208,7 @@ mod tests {
             let reach_m = reach_m(sd_m).min(MAX_SEARCH_M);
             assert!(path.iter().all(|p| p.norm() <= reach_m));
             for k in 0..2000 {
-                // Points of a sunflower.
+                // The points have the pattern of a sunflower's seeds, which covers the circle evenly.
                 let r = reach_m * (f64::from(k) / 2000.0).sqrt();
                 let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
                 let deck = Vector2::new(cos, sin) * r;

@@ -48,7 +48,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // Beyond the configuration's limits, or set in the file only.
+    // These values are beyond the configuration's limits, or may be set in the file only.
     for (t, wrong) in [
         (
             3.0,
@@ -80,7 +80,7 @@ fn settings_of_a_ground_station() {
     m.phase = MissionPhase::Countdown { since: at(5.0) };
     assert!(!m.is_settable(&s));
     m.phase = MissionPhase::Idle;
-    // Too old, and from the future.
+    // These orders are too old, or from the future.
     for given in [4.9, 6.1] {
         let input = MissionIn {
             settings: order(given, before),
@@ -180,7 +180,7 @@ fn approach_height_of_a_crashed_mission() {
     assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
 }
 
-/// A drone that hovers low without an order was away from the vessel, and the vessel comes near.
+/// A drone hovers low without an order, away from the vessel, and the vessel comes near.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {
     let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);

@@ -35,7 +35,8 @@ pub enum ControlState {
 }
 
 impl ControlState {
-    /// From the autopilot's state; None if it is missing or stale. In shadow mode any control counts as ours.
+    /// Control state from the autopilot's state; None if that is missing or stale. In shadow mode any control is
+    /// treated as ours.
     pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
@@ -82,8 +83,8 @@ const MAX_TURN_RADPS: f64 = 0.2;
 /// Time over which the deck's motion is assessed, s.
 const FEASIBLE_S: f64 = 2.0;
 
-/// Lag of the forecast behind a turn, s: the low-pass of the vessel's mean heading rate, and the radio. A vessel at the
-/// speed `U` that turns at `r` accelerates by `U r` across its course, unpredicted for this long.
+/// Lag of the forecast behind a turn, s: low-pass filter of the vessel's mean heading rate, plus radio delay. A vessel
+/// at the speed `U` that turns at `r` accelerates by `U r` across its course, which is unpredicted during this lag.
 const TURN_LAG_S: f64 = 1.2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,7 +95,7 @@ pub struct Deck {
     pub distance_m: f64,
     /// Distance below which the drone is over the vessel or next to it, m.
     pub ring_m: f64,
-    /// The vessel has an escape direction for drones.
+    /// Whether the vessel has an escape direction for drones.
     pub escapes: bool,
     /// Direction to the deck's centre, from north towards east, rad.
     pub bearing_rad: f64,
@@ -125,9 +126,9 @@ pub struct Deck {
     pub tilt_rad: f64,
     /// Magnitude of the vessel's mean heading rate, rad/s, without the waves' yaw.
     pub turn_radps: f64,
-    /// Change of the deck's horizontal velocity by the vessel's turn before the forecast follows, m/s.
+    /// Change of the deck's horizontal velocity due to the vessel's turn before the forecast follows, m/s.
     pub turn_mps: f64,
-    /// The vessel's motion is known: identified by the tags alone, or reported by the vessel.
+    /// Whether the vessel's motion is known: identified by the tags alone, or reported by the vessel.
     pub identified: bool,
     /// Beacon to fly to: standard deviation of its place, each horizontal axis, m, and its age, s; None without one, or
     /// if the mission permits none.
@@ -164,7 +165,7 @@ pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
 }
 
 impl Deck {
-    /// The deck at `now`; None if the forecast does not reach.
+    /// The deck at `now`; None if the forecast does not cover `now`.
     pub fn of(
         forecast: &DeckForecast,
         own: &OwnState,
@@ -225,13 +226,13 @@ impl Deck {
                 .flatten(),
         })
     }
-    /// Age of the deck's position in a landing, s: of the newest vision measurement, or of its replacement while the
-    /// tags are too near, hidden or too dark. A landing begins with the tags.
+    /// Age of the deck's position in a landing, s: that of the newest vision measurement, or of the relative place that
+    /// replaces it while the tags are too near, hidden or too dark. A landing begins only with the tags.
     pub fn located_age_s(&self) -> f64 {
         self.vision_age_s.min(self.relative_age_s)
     }
-    /// Next place on the way to the place at this distance (m) and bearing (rad, from north) from the deck's centre,
-    /// NED, m: around the deck in steps of 22.5 deg.
+    /// Next waypoint to the place at this distance (m) and bearing (rad, from north) from the deck's centre, NED, m.
+    /// The way leads around the deck in steps of 22.5 deg.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
@@ -239,8 +240,8 @@ impl Deck {
         let bearing = from + wrap_angle(bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
         [distance_m * bearing.cos(), distance_m * bearing.sin()]
     }
-    /// Reason if the deck's motion or tilt exceeds what drone and planner can follow; no probability overrules it.
-    /// `slack` widens the limits.
+    /// Reason if the deck's motion or tilt exceeds what drone and planner can follow. It applies at any probability of
+    /// a landing. `slack` widens the limits.
     pub fn infeasible(&self, c: &MissionConfig, slack: f64) -> Option<Reason> {
         first_beyond([
             (ReasonCode::Infeasible, self.speed_mps, c.deck_speed_mps * slack),
@@ -249,7 +250,7 @@ impl Deck {
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
         ])
     }
-    /// Distance of the feet's centre outside the part of the deck on which all feet stand, m; negative inside.
+    /// Distance of the feet's centre outside the area of the deck where all feet stand on it, m; negative inside.
     pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
         let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
@@ -294,7 +295,7 @@ pub struct SilentVessel {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SortieEvidence {
-    /// Expected place of a vessel that was received before.
+    /// Expected place of a vessel that is no longer received.
     pub seeks: Option<SilentVessel>,
     pub turns_back: Option<Reason>,
     /// Time until the drone has to turn back, s; None if unknown.
@@ -304,27 +305,27 @@ pub struct SortieEvidence {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TakeOffEvidence {
-    /// Probability of a take-off now and soon; None if unknown or not needed.
+    /// Probabilities of a take-off now and soon; None if unknown or not needed.
     pub lift_off: Option<Moments>,
-    /// Height that the drone has risen since its take-off began, m.
+    /// Rise of the drone since its take-off began, m.
     pub risen_m: f64,
     pub rise_measured: bool,
     /// Whether the drone stands, in spin-up or stand-down.
     pub(crate) standing: StandingVerdict,
     /// Time since a witness last showed that the drone stands, s.
     pub unwitnessed_s: f64,
-    /// Time for which the rotors have turned by the autopilot's report, s.
+    /// Time for which the autopilot has reported turning rotors, s.
     pub rotors_turn_s: f64,
     /// Time for which the rotors have been able to lift the drone in a take-off, s; None without a recent report of the
     /// thrust.
     pub lifts_s: Option<f64>,
-    /// Angle between the drone and the deck one reaction time from now, rad.
+    /// Predicted angle between the drone and the deck after one reaction time, rad.
     pub tips_rad: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Charges {
-    /// Return by the autopilot and landing there.
+    /// Return by the autopilot and landing at home.
     pub home: f64,
     /// Landing in place.
     pub here: f64,
@@ -352,8 +353,8 @@ pub struct Situation {
     pub odometry_limit_s: f64,
     /// The deck; None without a forecast that reaches `now`.
     pub deck: Option<Deck>,
-    /// Mean level of the deck, NED z, m, or the higher one of a witness that contradicts it; None before the first
-    /// forecast.
+    /// Mean level of the deck, NED z, m, or that of a witness with a higher one that contradicts it; None before the
+    /// first forecast.
     pub mean_deck_z: Option<f64>,
     /// Lower limit of the height, NED z, m, while no second source confirms the deck's height; None without a limit.
     pub lowest_z: Option<f64>,
@@ -368,7 +369,7 @@ pub struct Situation {
     /// Probabilities of a landing from here; None if unknown.
     pub odds: Option<Odds>,
     pub forced_descent: Option<Time<DroneClock>>,
-    /// Probability above which waiting for a better moment does not pay.
+    /// Probability above which waiting for a better time does not pay.
     pub worth_waiting: f64,
     /// Level of the water in the drone's NED, from the deck's mean level, m; 0 if unknown.
     pub water_z: f64,
@@ -388,20 +389,22 @@ pub struct Situation {
     pub dark: Option<Reason>,
     /// Waiting place at the deck; None without one, or without reservations.
     pub place: Option<WaitingPlace>,
-    /// Other drones in the waiting places, from the lowest on; 0: free, or this drone's own.
+    /// Ids of the other drones in the waiting places, from the lowest place up; 0 if a place is free or this drone's
+    /// own.
     pub others: [u32; PLACES],
     /// Heights of those drones' stations, m; 0: none.
     pub other_stations_m: [u8; PLACES],
     pub motors_stopped: bool,
-    /// Whether the rotors carry the drone, by the thrust that the autopilot reports; None without a recent report.
+    /// Whether the rotors carry the drone, according to the thrust that the autopilot reports; None without a recent
+    /// report.
     pub rotors_carry: Option<bool>,
     /// Speed of the hardest hard contact reported by the pilot, m/s.
     pub hard_contact_mps: Option<f64>,
-    /// Another drone has requested the deck on which this one stands.
+    /// Whether another drone has requested the deck on which this one stands.
     pub deck_wanted: bool,
     /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
-    /// The autopilot reports that the drone is on the ground.
+    /// Whether the autopilot reports that the drone is on the ground.
     pub on_ground: bool,
     /// Charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
@@ -413,7 +416,8 @@ pub struct Situation {
 /// rotors.
 const TIPS_ON_S: f64 = 0.15;
 
-/// Angle between drone and deck [`TIPS_ON_S`] from `now` at their present rates, rad; 0 if the forecast does not reach.
+/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their present rates, rad; 0 if the forecast does not cover
+/// that time.
 pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
     let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
@@ -426,20 +430,20 @@ const ABOVE_DECK_M: f64 = 0.5;
 /// Distance of the feet outside the deck's edges above which the drone does not rest on it, m: the forecast's error
 /// without a detection.
 const OFF_DECK_M: f64 = 0.6;
-/// Duration of a slide by a drone that moves relative to the deck, s.
+/// Time for which a drone that moves relative to the deck continues to slide, s.
 const SLIDES_S: f64 = 1.0;
 /// Fraction of hover's thrust above which the rotors carry most of the drone.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
-/// Whether the rotors carry a drone, by the autopilot's reported thrust and hover thrust, or else the geometry's; None
-/// if an armed autopilot has not reported its thrust recently.
+/// Whether the rotors carry a drone, given the autopilot's reported thrust and hover thrust (otherwise the hover thrust
+/// of the geometry); None if an armed autopilot has not reported its thrust recently.
 pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
     if !a.armed {
         return Some(false);
     }
     a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover_thrust(a, drone))
 }
-/// Thrust that hovers, by the autopilot's report, or else by the drone's geometry.
+/// Hover thrust reported by the autopilot; without a report, that of the drone's geometry.
 pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
     if a.hover_thrust > 0.0 {
         a.hover_thrust
@@ -452,8 +456,8 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Reason why a detected touchdown is false: the rotors carry the drone above the deck, if its height is known, or
-    /// off the deck. Without the thrust the height above the deck decides alone.
+    /// Reason why a detected touchdown is false: the rotors carry the drone, and it is above the deck or off it. If the
+    /// thrust is unknown, the height above the deck decides alone.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
@@ -465,7 +469,8 @@ impl Situation {
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Reason if a drone with its feet on the deck is beyond the edge, or will be before it is disarmed and at rest.
+    /// Reason if a drone with its feet on the deck is beyond the edge, or will slide beyond it before it is disarmed
+    /// and at rest.
     pub fn slides(&self) -> Option<Reason> {
         let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
@@ -478,7 +483,7 @@ impl Situation {
     pub fn no_lower(&self, z: f64) -> f64 {
         self.lowest_z.map_or(z, |lowest| z.min(lowest))
     }
-    /// Height of the approach above the deck's mean level: that of the waiting place, m.
+    /// Height of the approach above the deck's mean level, m, including the additional height of the waiting place.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
@@ -491,7 +496,8 @@ impl Situation {
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Place to wait at, from the deck's centre, NED, m ([`Deck::round`]); without a waiting place, the present one.
+    /// Next waypoint to the waiting place, from the deck's centre, NED, m ([`Deck::round`]); the present place if there
+    /// is no waiting place.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         let deck = self.fresh_deck()?;
         Some(match self.place {
@@ -502,7 +508,7 @@ impl Situation {
             }
         })
     }
-    /// Reason against any order to land or to take off: the pilot holds the drone back by remote control.
+    /// Reason to reject any order to land or take off: the pilot blocks orders by remote control.
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }

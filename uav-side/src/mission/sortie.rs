@@ -2,12 +2,12 @@
 //!
 //! A drone at the offset `-r` from a vessel that moves at `u`, in the wind `w`, meets it after the smallest `T >= 0`
 //! with `|r + (u - w) T| = v T` at its air speed `v`: it flies to the vessel's place at that time. It turns back when
-//! its charge `b` is down to the reserve, the return and one missed attempt: after the time `t` with
-//! `b - P t = b_r + P (T(t) + t_a)` for the power `P`, during which the vessel moves on while the drone stays. The
-//! reserve is for the landing itself.
+//! its charge `b` has fallen to the sum of the reserve, the return and one missed attempt: after the time `t` with `b -
+//! P t = b_r + P (T(t) + t_a)` for the power `P`, during which the vessel moves on while the drone stays. The reserve
+//! is for the landing itself.
 //!
 //! Out of radio range the vessel's place is extrapolated with its last velocity; a margin that increases with time is
-//! added to the way.
+//! added to the distance.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -18,17 +18,17 @@ use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
 
-/// Maximum time of a return, s; stands for a vessel that cannot be reached.
+/// Maximum time of a return, s; it is used for a vessel that cannot be reached.
 const MAX_WAY_S: f64 = 3600.0;
 /// Steps of the bisection: from an hour to a tenth of a second.
 const STEPS: u32 = 16;
 
 /// Random walk of the velocity of a vessel that is not received: a constant part after 1 s, m/s, and a fraction of its
-/// speed, as in a turn; the same as for a beacon between its messages.
+/// speed, which covers turns. A beacon between its messages has the same.
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
-/// Time constant of the vessel's velocity, s: three periods of the longest waves that move a small boat; and the age
-/// after which it restarts, s.
+/// Time constant of the vessel's velocity, and age after which the average restarts, s: three periods of the longest
+/// waves that move a small boat.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
 /// Margin in standard deviations of the vessel's place.
@@ -44,8 +44,8 @@ fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     (MARGIN_SD * sd_m).min((2.0 * speed_mps + DRIFT_MPS) * silent_s)
 }
 
-/// The vessel by a forecast: its deck's place as latitude and longitude, because the drone's frame may jump before it
-/// is used, and its mean velocity.
+/// The vessel by a forecast: its deck's place as latitude and longitude, because the drone's frame may jump before the
+/// place is used, and the mean velocity.
 fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     let [north, east, _] = forecast.stages.first()?.position;
     let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
@@ -96,7 +96,7 @@ pub(super) struct ReturnLeg {
     /// Offset of the deck from the drone, m.
     pub(super) offset: Vector2<f64>,
     pub(super) vessel: Vector2<f64>,
-    /// Velocity of the wind, towards, m/s.
+    /// Velocity of the air, north and east, m/s.
     pub(super) wind: Vector2<f64>,
     pub(super) air_mps: f64,
 }
@@ -135,7 +135,7 @@ impl ReturnLeg {
 pub(super) struct Energy {
     pub(super) charge: f64,
     pub(super) power: f64,
-    /// Charge that is kept for the landing, 0 to 1.
+    /// Charge reserved for the landing, 0 to 1.
     pub(super) reserve: f64,
     pub(super) attempt_s: f64,
 }
@@ -145,7 +145,7 @@ impl Energy {
     fn needed(&self, way: &ReturnLeg, stays_s: f64) -> f64 {
         self.reserve + self.power * (way.time_s(stays_s) + self.attempt_s)
     }
-    /// Time until the drone turns back, s; 0 if it has to turn now.
+    /// Time until the drone turns back, s; 0 if it has to turn back now.
     pub(super) fn turns_in_s(&self, way: &ReturnLeg) -> f64 {
         let left = |t: f64| self.charge - self.power * t - self.needed(way, t);
         if !(left(0.0) > 0.0) {
@@ -218,7 +218,7 @@ mod tests {
             (way([800.0, 0.0], [-2.0, 0.0], [0.0, 0.0]), 80.0),
             (way([800.0, 0.0], [0.0, 0.0], [-4.0, 0.0]), 200.0),
             (way([0.0, 0.0], [5.0, 0.0], [0.0, 0.0]), 0.0),
-            // Faster than the drone: away from it, or towards it.
+            // The vessel is faster than the drone, and moves away from it or towards it.
             (way([100.0, 0.0], [9.0, 0.0], [0.0, 0.0]), MAX_WAY_S),
             (way([170.0, 0.0], [-9.0, 0.0], [0.0, 0.0]), 10.0),
         ] {
@@ -241,7 +241,7 @@ mod tests {
             ..DeckStage::default()
         });
         let last = vessel(&forecast, &drone).unwrap();
-        // The drone's frame has jumped meanwhile.
+        // The drone's frame has jumped in the meantime.
         let jumped = DroneState {
             datum_offset: [105.0, -3.0, 0.0],
             position: [100.0, 0.0, 0.0],

@@ -113,7 +113,7 @@ fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
 
-/// Idle: waits for an order, flight and the vessel's state by radio.
+/// Idle: waits for an order, for the drone to fly in our mode, and for the vessel's state by radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
@@ -129,7 +129,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
     let done = (s.sortie.own_mission == OwnMission::Done).then(|| ReasonCode::MissionDone.into());
     let ends = s.sortie.turns_back.or(done).filter(|_| progress.sortie);
-    // Returns to a vessel that is received, or whose place is extrapolated.
+    // The drone can return to a vessel that is received or whose place is extrapolated.
     let may_return = old_data(s).is_none() || seek::due(progress, s).is_some();
     let turns_back = ends.filter(|_| may_return);
     let stays_due = ends.is_some();
@@ -194,7 +194,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
 }
 
-/// Get altitude: until the approach height is reached.
+/// Climbs or descends until the approach height is reached.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
@@ -220,7 +220,7 @@ fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     MissionPhase::GetAltitude { from }.enter(why)
 }
 
-/// Approach: to the waiting place until the deck is reserved, then until visual contact is confirmed.
+/// Flies to the waiting place until the deck is reserved, then to the deck until visual contact is confirmed.
 fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(s.no_deck());
@@ -240,7 +240,8 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
             MissionPhase::APPROACH.stay(why)
         };
     }
-    // Over the vessel at a height that is safe by every witness, until one of them confirms the deck's height.
+    // The drone stays over the vessel at a height that is safe according to every witness until one of them confirms
+    // the deck's height.
     if let Some(why) = s.doubt {
         return MissionPhase::APPROACH.stay(why);
     }
@@ -272,7 +273,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     ])
 }
 
-/// Departure from a deck that is closed or owned by another drone, for a drone with a waiting place.
+/// Transition to the waiting place, if the drone has one and the deck is closed or owned by another drone.
 fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = s
         .waits(c)
@@ -305,8 +306,8 @@ fn widening(urgency: f64) -> f64 {
     if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
 
-/// Reason if the landing's probability is below the required one, or the probability of an unsafe contact above the
-/// permitted one: `(1 - u) needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
+/// Reason if the landing's probability is below the required one, or if the probability of an unsafe contact is above
+/// the permitted one: `(1 - u) needed` and `max_harm^(1 - u)` with the [`urgency`] `u`.
 fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if urgency >= 1.0 || s.forced_descent.is_some() {
         return None;
@@ -318,7 +319,7 @@ fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<R
     s.odds.map_or(Some(unknown), why)
 }
 
-/// Tracking: until steady above the deck.
+/// Follows the deck until the drone is steady above it.
 fn tracking(
     steady: Option<DroneTime>,
     progress: &MissionProgress,
@@ -342,7 +343,7 @@ fn tracking(
     MissionPhase::TrackingStable.enter(Reason::new(Steady, lasted, c.steady_s))
 }
 
-/// Tracking stable: until the conditions of a descent hold.
+/// Stays steady above the deck until the conditions of a descent are met.
 fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stable = MissionPhase::TrackingStable;
     let Some(deck) = s.fresh_deck() else {
@@ -370,7 +371,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
             ])
         })
         .or_else(|| deck.infeasible(c, wide));
-    // Any risk at rest on the deck is smaller than with an empty battery.
+    // Any risk at rest on the deck is smaller than that of an empty battery.
     let rejection = rejection.or_else(|| {
         if urgent {
             return None;
@@ -395,14 +396,14 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     MissionPhase::DESCENT.enter(Permitted)
 }
 
-/// Maximum time from here to the touchdown, s: at the speeds of descent and flare, with the longest pause at the
+/// Longest time from here to the touchdown, s, at the speeds of descent and flare and with the longest pause at the
 /// decision clearance.
 fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Reason against a descent by the course that the helm announces.
+/// Reason not to begin a descent because of the course that the helm announces.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     match s.course {
         Course::Unknown => None,
@@ -419,7 +420,7 @@ const MAX_SWING_RAD: f64 = 0.087;
 /// the radio reports the vessel's position.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
-/// Age of the vessel's position by radio up to which it counts, s.
+/// Maximum age of the vessel's position by radio for it to extend a flare without vision, s.
 const RADIO_FRESH_S: f64 = 1.5;
 
 /// Maximum time of a flare without vision, s: longer while the radio reports the vessel's position.
@@ -431,11 +432,11 @@ pub(super) fn blind_limit(deck: &Deck) -> f64 {
     }
 }
 
-/// Time for which the rotors have to carry a landed drone above the deck before the touchdown counts as false, s.
+/// Time for which the rotors have to carry a landed drone above the deck before the touchdown is considered false, s.
 const AIRBORNE_S: f64 = 1.0;
 
-/// Landed: until the drone was disarmed and is armed again, or until it is shown to be in the air, with the link
-/// keeping its motors running.
+/// Stays landed until the drone was disarmed and is armed again, or until it is shown to be in the air; the link then
+/// keeps its motors running.
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,
@@ -476,7 +477,7 @@ fn above(deck: &Deck, c: &MissionConfig) -> bool {
     deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
 }
 
-/// Hold: until data are fresh again and a landing is ordered. `hold` creates this hold with the start of fresh data.
+/// Holds until data are fresh again and a landing is ordered. `hold` creates this hold with the start of fresh data.
 fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,

@@ -25,7 +25,7 @@ use super::reservation::Reservation;
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Reason against the place by the vessel's surroundings and other drones.
+/// Reason why the vessel's surroundings or other drones do not permit the place.
 fn impossible(station: &Station, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let height_m = f64::from(station.height_m);
     if height_m < c.approach_height_m {
@@ -112,7 +112,7 @@ pub(super) fn commanded(
         until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),
     };
     let mut next = holding(HoldCause::Station(kept), s, c);
-    // From over the vessel the drone first climbs straight up.
+    // A drone over the vessel first climbs straight up.
     if let (MissionPhase::Hold { at, .. }, Some(mean)) = (&mut next, s.mean_deck_z) {
         at.z = at.z.min(mean - f64::from(station.height_m));
     }
@@ -123,7 +123,7 @@ pub(super) fn commanded(
 fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     let left_s = (kept.until - s.now).secs().max(0.0);
     let off_m = s.fresh_deck().map_or(0.0, |deck| {
-        // From the deck's centre.
+        // Position of the drone from the deck's centre.
         let own = Vector3::new(-deck.bearing_rad.cos(), -deck.bearing_rad.sin(), 0.0) * deck.distance_m;
         let bearing = deck.heading_rad + kept.station.bearing_rad();
         let there = Vector3::new(bearing.cos(), bearing.sin(), 0.0) * kept.station.distance_m();
@@ -133,9 +133,9 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     Reason::new(OnStation, left_s, off_m)
 }
 
-/// On station in `phase`: until the time is over or the place is impossible. Without the vessel the drone stays at its
-/// place over ground, and continues to the station once the vessel is back. Orders, a low battery and a change of mode
-/// are handled before.
+/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel the drone
+/// stays at its place over ground, and continues to the station once the vessel is back. Orders, a low battery and a
+/// change of mode are handled before this.
 pub(super) fn keeps(
     phase: MissionPhase,
     kept: &KeptStation,
@@ -167,8 +167,8 @@ pub(super) fn leaves(
     next
 }
 
-/// Place of the station from the deck's centre, NED, m, on the way round the deck. None: low over the vessel the drone
-/// first climbs, and without the vessel it stays.
+/// Next waypoint on the way round the deck to the station, from the deck's centre, NED, m. None if the drone first has
+/// to climb from low over the vessel, or stays because the vessel is missing.
 pub(super) fn offset(
     kept: &KeptStation,
     at: &Vector3<f64>,
@@ -188,7 +188,7 @@ pub(super) fn offset(
     })
 }
 
-/// Place at which the drone would stay without the vessel on its way to the station; `at` is the hold's place.
+/// Place at which the drone stays if the vessel is lost on the way to the station; `at` is the hold's place.
 pub(super) fn held_place(
     kept: &KeptStation,
     at: &Vector3<f64>,

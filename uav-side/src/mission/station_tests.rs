@@ -71,7 +71,7 @@ fn station_is_taken_in_the_air() {
 #[test]
 fn station_in_the_frame_of_the_heading() {
     let d = on_station();
-    // Low over the vessel it climbs first.
+    // Low over the vessel the drone climbs first.
     let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
@@ -165,7 +165,7 @@ fn station_of_another_drone() {
         assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
         assert_eq!(d.phase.station().is_none(), taken);
     }
-    // Both were ordered there before either knew of the other.
+    // Both drones were ordered to the station before either knew of the other.
     let high = |other_m| Situation {
         own: flies(other_m).own.map(|own| OwnState {
             position: Vector3::new(0.0, 20.0, -31.3),
@@ -217,7 +217,7 @@ fn own_deck_may_be_kept_from_above() {
     let above = CommandKind::Station(Station { right_m: 0, ..ABEAM });
     let d = commanded(TRACKING, above, &flying(|_| ()));
     assert!(d.phase.station().is_some());
-    // Without the deck's reservation it leaves.
+    // Without the deck's reservation the drone leaves the station.
     let d = step(&d, &flying(|s| s.reservation = Reservation::Others(2)));
     assert_eq!(d.entered.map(|why| why.code), Some(StationTooNear));
 }
@@ -247,7 +247,7 @@ fn station_ended_by_time_vessel_or_mode() {
     assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
 }
 
-/// Without the vessel it stays at its place over ground, and continues to its station once the vessel is back.
+/// Without the vessel the drone stays at its place over ground, and continues to its station once the vessel is back.
 #[test]
 fn station_after_a_silence() {
     let high = |s: &mut Situation| {
@@ -269,7 +269,7 @@ fn station_after_a_silence() {
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
         let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
-        // The radio is back, and the vessel 490 m further on.
+        // The radio is back, and the vessel is 490 m further away.
         let back = flying(|s| {
             high(s);
             s.deck.as_mut().unwrap().distance_m = 490.0;

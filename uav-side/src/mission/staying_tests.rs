@@ -38,11 +38,11 @@ fn probability_of_staying_by_slope_and_wind() {
     assert!(of(&[], &[], 0.0) > 0.999);
     assert!(likely(of(&waves(10), &[10; 60], 0.5)));
     assert!(!likely(of(&waves(26), &[10; 60], 0.0)));
-    // A steep wave after the drone has come to rest does not count.
+    // A steep wave after the drone has come to rest is ignored.
     let mut late = waves(10);
     late[45] = 60;
     assert!(likely(of(&late, &[10; 60], 0.0)));
-    // Slope and wind together, each of which alone is acceptable.
+    // Slope and wind are each acceptable alone, but not together.
     assert!(!likely(of(&waves(22), &[10; 60], 2.0)));
     assert!(likely(of(&waves(22), &[10; 60], 0.0)) && likely(of(&waves(2), &[2; 60], 2.0)));
     assert!(!likely(of(&[], &[], 7.0)));

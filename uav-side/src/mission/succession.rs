@@ -14,18 +14,18 @@ use super::{MissionIn, MissionNode};
 /// Start of the mission, and safety of the drone that it found.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionSuccession {
-    /// Start-up while it is not known whether a predecessor flew.
+    /// Start-up state while it is unknown whether a predecessor flew the drone.
     pub(super) beginning: Option<MissionStartUp>,
     /// Reason why the drone has to be made safe first: a start without a checkpoint, or a loss of control to the
     /// autopilot's hold.
     pub(super) needs_safe_start: Option<ReasonCode>,
-    /// The drone, under our control without an order, has been away from the deck.
+    /// Whether the drone has been away from the deck while under our control without an order.
     was_away: bool,
     pub(super) published: Option<Time<DroneClock>>,
 }
 
 impl MissionNode {
-    /// Starts at the predecessor's state or from the beginning; returns the command received meanwhile.
+    /// Starts in the predecessor's state or from the beginning; returns the command received during the start.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
         self.succession.needs_safe_start = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
@@ -73,7 +73,7 @@ impl MissionNode {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
-        // For a disarmed drone the pilot knows whether its landing is over.
+        // If the drone is disarmed, the pilot's state shows whether its landing is over.
         let complete = match s.flight {
             ControlState::Disarmed => self.set_point.get().is_some(),
             ControlState::Unknown => false,

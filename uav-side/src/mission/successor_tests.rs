@@ -65,13 +65,13 @@ fn successor_with_a_checkpoint() {
         };
         assert_eq!((s.state, rejected), (wanted, None));
         if matches!(state, State::Hold | State::GaveUp) {
-            // Over the deck it moves with the deck until it is high enough.
+            // Over the deck the drone moves with the deck until it is high enough.
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
     for (at_s, height, state) in [
         (9.8, 0.5, State::Flare),
-        // The pilot has left the plan meanwhile: the mission starts again, but not from the deck.
+        // The pilot has left the plan in the meantime: the landing starts again unless the drone is on the deck.
         (9.0, 0.5, State::Tracking),
         (9.0, 0.05, State::Flare),
     ] {
@@ -126,7 +126,7 @@ fn successor_without_a_sound_checkpoint() {
         assert_eq!(s.entered.code, ReasonCode::Restarted);
         assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
     }
-    // On the deck the pilot's detector decides; away from it nothing happens.
+    // On the deck the pilot's touchdown detector decides; away from the deck the mission stays idle.
     assert_eq!(begun(None, 0.05).0.state, State::Flare);
     assert_eq!(begun(None, 12.0).0.state, State::Idle);
 }
@@ -165,7 +165,7 @@ fn abort_among_many_commands_to_a_successor() {
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};
-    // The clock restarts; the previous one had reached 500 s.
+    // The clock restarts after the reboot; before it, the clock had reached 500 s.
     let written = |change: fn(&mut MissionCheckpoint)| {
         let mut m = MissionCheckpoint {
             armed: true,

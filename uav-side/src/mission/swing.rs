@@ -11,7 +11,7 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
-/// Time constant above which feedback is no oscillation, s: an unstable loop oscillates with a period of about a
+/// Time constant above which feedback is not an oscillation, s: an unstable loop oscillates with a period of about a
 /// second.
 const SLOW_S: f64 = 1.0;
 const AVERAGE_S: f64 = 2.0;
@@ -65,7 +65,7 @@ mod tests {
         for k in 0..1000 {
             let t = 0.01 * f64::from(k);
             let header = Header::new(1, 1, 1, k, Time::from_secs(t));
-            // Roll against the wind.
+            // The drone rolls against the wind.
             let q = UnitQuaternion::from_euler_angles(((2.0 + a(t)) / GRAVITY).atan() + roll(t), 0.0, 1.0);
             let s = SetPoint {
                 header,

@@ -1,7 +1,7 @@
-//! Take-off from the deck: checks, a countdown, arming, the moment, and the climb.
+//! Take-off from the deck: checks, countdown, arming, wait for the best lift-off time, and climb.
 //!
-//! Nothing is commanded before the end of the countdown. From then on the link selects the mode and arms while the
-//! mission is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in
+//! The mission commands nothing before the end of the countdown. From then on the link selects the mode and arms while
+//! the mission is in [`MissionPhase::SpinUp`]; the pilot stands on the deck in that state and jumps in
 //! [`MissionPhase::TakeOff`]. A stop before the feet have left the deck cuts the thrust, and the link disarms
 //! ([`MissionPhase::StandDown`]). Afterwards only climbing is safe: an order to stop leads to the hold at the end of
 //! every take-off.
@@ -33,7 +33,7 @@ const COUNTDOWN_S: f64 = 5.0;
 /// Time within which the autopilot has to arm, s: PX4 needs a second of set-points before OFFBOARD, then three attempts
 /// a second apart, and two heartbeats a second apart report it.
 const ARMING_S: f64 = 10.0;
-/// Time until a command to arm that is under way becomes visible, s: its answer, and two heartbeats a second apart.
+/// Time until the effect of a pending command to arm becomes visible, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
 /// Time until rotors that an armed autopilot reports as turning are at idle speed, s: speed controllers start a motor
 /// within a second, without a report.
@@ -44,7 +44,7 @@ const MOMENT_S: f64 = 8.5;
 /// Rise below which a drone may tip over a foot, m: half of its feet's span times the sine of the angle. Higher up it
 /// no longer touches the deck, and turns in order to level.
 const TIPS_BELOW_M: f64 = 0.1;
-/// Clearance from which the drone is clear of the deck, with and without a detection by the camera, m.
+/// Clearance above which the drone is clear of the deck, with and without a detection by the camera, m.
 const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
 /// Time after which a drone that has left the deck climbs out in any case, s.
@@ -55,8 +55,8 @@ const CLIMB_OUT_S: f64 = 30.0;
 /// half a deck.
 const ON_DECK_M: f64 = 5.0;
 
-/// Reason by the vessel's report against leaving the deck: no fresh grant, another drone's deck, or no clearance by the
-/// crew.
+/// Reason in the vessel's report not to leave the deck: no fresh grant, a deck owned by another drone, or no clearance
+/// by the crew.
 pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: DroneTime) -> Option<Reason> {
     let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
     let stale = exceeds(DeckGrantStale, age_s, topics::DECK.stale_after.secs());
@@ -135,7 +135,8 @@ pub(super) fn stopped(
     }
 }
 
-/// Whether the feet are still on the deck in a take-off, by a gapless measurement of the rise: the thrust may be cut.
+/// Whether a measurement of the rise without a gap shows that the feet are still on the deck in a take-off, so that the
+/// thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.leaving.risen_m < LIES_BELOW_M && is_measured(s)
 }
@@ -158,8 +159,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
         down(s, why)
     }
 }
-/// Ends the take-off after the motors may have been started: cuts the thrust if the drone stands. If that is not
-/// certain, the autopilot may have lifted it after a set-point loss, and it climbs.
+/// Ends the take-off after the motors may have been started. The thrust is cut if the drone stands. If that is
+/// uncertain, the drone climbs, because the autopilot may have lifted it after a set-point loss.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
     if is_armed(s)
         && s.leaving.standing != StandingVerdict::Stands
@@ -182,8 +183,8 @@ fn is_armed(s: &Situation) -> bool {
         ControlState::OnGround | ControlState::Ours | ControlState::Lapsed
     )
 }
-/// Stand-down: on the deck with the thrust cut. The rotors may turn even if the drone is not reported armed, because a
-/// command to arm may be under way.
+/// Stand-down on the deck with the thrust cut. The rotors may turn even if the drone is not reported armed, because a
+/// command to arm may be pending.
 pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     let unarmed = matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
     MissionPhase::StandDown {
@@ -236,7 +237,7 @@ fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     }
 }
 
-/// Preparing: until every check passes and the forecast contains a moment.
+/// Waits until every check passes and the forecast contains a suitable lift-off time.
 pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -256,7 +257,7 @@ pub(super) fn preparing(progress: &mut MissionProgress, s: &Situation, c: &Missi
     }
 }
 
-/// Countdown: any reason against the take-off ends it; the next one starts from the beginning.
+/// Counts down; any reason against the take-off ends the countdown, and the next one starts from the beginning.
 pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if let Some(ended) = taken_over(s) {
         return ended;
@@ -275,7 +276,7 @@ pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> P
     .enter(CountedDown)
 }
 
-/// Spin-up: until the autopilot is armed, reports turning rotors, and the moment has come.
+/// Waits with the motors started until the autopilot is armed, reports turning rotors, and the lift-off time has come.
 pub(super) fn spin_up(
     since: DroneTime,
     armed: Option<DroneTime>,
@@ -284,7 +285,7 @@ pub(super) fn spin_up(
 ) -> PhaseTransition {
     let stays = |armed, why| MissionPhase::SpinUp { since, armed }.stay(why);
     let armed = match (s.flight, armed) {
-        // Disarmed by a pilot, or by the autopilot itself.
+        // A pilot or the autopilot itself has disarmed the drone.
         (ControlState::Disarmed, Some(_)) => return MissionPhase::Idle.enter(Disarmed),
         (ControlState::OtherControl(_), _) => return MissionPhase::Idle.enter(NotFlying),
         (ControlState::Lapsed, _) => return cut(s, c, NotFlying),
@@ -320,7 +321,7 @@ pub(super) fn spin_up(
     };
     match moments.not_now(c) {
         None => rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0)),
-        // The better moment comes too late.
+        // The better lift-off time comes too late.
         Some(why) if turn_s > MOMENT_S && why.code == BetterMoment => {
             rising(s).enter(Reason::new(GoodMoment, moments.now.whole(), 0.0))
         }
@@ -336,8 +337,8 @@ fn rising(s: &Situation) -> MissionPhase {
     }
 }
 
-/// Take-off: until the drone is clear of the deck. Before the feet have left it, the thrust may still be cut if the
-/// rise is measured without a gap.
+/// Lifts off and climbs until the drone is clear of the deck. Before the feet have left it, the thrust may still be cut
+/// if the rise is measured without a gap.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
@@ -345,7 +346,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        // Time without sufficient thrust does not count as being stuck.
+        // Time without sufficient thrust is not attributed to stuck feet.
         let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
@@ -366,9 +367,9 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     leaving
 }
 
-/// Climb-out: away from the vessel to the height of the approach, where the drone holds for the next pilot or program.
-/// Clear of the vessel, an order, a low battery or stale data end it early, and its maximum time ends it in any case;
-/// the hold then completes the climb and responds to each of them.
+/// Climbs away from the vessel to the height of the approach, where the drone holds for the next pilot or program. Once
+/// the drone is clear of the vessel, an order, a low battery or stale data end this state early; its maximum time ends
+/// it in any case. The hold then completes the climb and responds to each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -424,8 +425,8 @@ pub(super) fn climb_out(
     }
 }
 
-/// Stand-down: until the drone is disarmed, or was never armed. If its autopilot holds after a set-point loss, it
-/// returns to the set-points of this state. A drone that is not shown to stand may be in the air, and climbs.
+/// Stands down until the drone is disarmed or has never been armed. If the autopilot holds after a set-point loss, it
+/// returns to the set-points of this state. If the drone is not shown to stand, it may be in the air, and climbs.
 pub(super) fn stand_down(
     since: DroneTime,
     unarmed: Option<Reason>,

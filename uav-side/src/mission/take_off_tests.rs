@@ -41,7 +41,8 @@ pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// Situation with rotors that have turned for `turn_s` (s) by the autopilot's report, on the deck by two witnesses.
+/// Situation of a drone that stands on the deck according to two witnesses, with rotors that the autopilot has reported
+/// turning for `turn_s` (s).
 fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
         since: at(10.0 - turn_s),
@@ -72,7 +73,7 @@ fn order_to_take_off() {
     for phase in [MissionPhase::Idle, MissionPhase::STANDS] {
         let s = standing(|_| {});
         assert_eq!(follows(phase, order, &s), (State::Preparing, TakeOffCommanded));
-        // Off in the shipped configuration, and in shadow mode.
+        // Take-offs are off in the shipped configuration and in shadow mode.
         for c in [
             config(),
             MissionConfig {
@@ -88,7 +89,7 @@ fn order_to_take_off() {
         follows(MissionPhase::Idle, order, &fair()),
         (State::Idle, NotOnDeck)
     );
-    // The pilot holds the drone back: no order waits for the switch.
+    // The pilot blocks orders by remote control: no order waits for the switch.
     let held = standing(|s| s.rejection = Some(SwitchAborts.into()));
     for kind in [CommandKind::TakeOff, CommandKind::Land] {
         let d = decided(MissionPhase::Idle, Some(kind), &held);
@@ -166,7 +167,7 @@ fn countdown_and_arming() {
     };
     assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
     assert_eq!(follows(spins(10.1), None, &s), (State::StandDown, ArmingRejected));
-    // Armed by Alight, then disarmed by somebody else, or in another mode.
+    // Alight armed the drone, and somebody else disarmed it or chose another mode.
     let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
     assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
     let (phase, s) = spun(1.0, |s| {
@@ -261,7 +262,7 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
     assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
 }
 
-/// Low over the deck only climbing is safe, whoever holds the drone after a set-point loss.
+/// Low over the deck only climbing is safe, regardless of who controls the drone after a set-point loss.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
     let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::Lapsed, 0.5));
@@ -317,8 +318,8 @@ fn set_points_that_cease_while_it_stands() {
     }
 }
 
-/// A climb over the deck continues; clear of the vessel an order, a low battery or stale data end it, and the time
-/// limit anywhere.
+/// A climb over the deck continues; clear of the vessel it ends by an order, a low battery or stale data, and anywhere
+/// by the time limit.
 #[test]
 fn climb_that_ends_sooner() {
     let over = with(|_| {});
@@ -404,14 +405,14 @@ fn take_off_stopped_by_an_operator() {
                 (MissionPhase::Idle, Some(Operator))
             );
         }
-        // Armed, or perhaps just commanded to arm.
+        // The drone is armed, or a command to arm may have just been sent.
         let (armed, s) = spun(2.0, |_| {});
         let since = at(8.0);
         let waits = MissionPhase::SpinUp { since, armed: None };
         for (phase, s) in [(armed, s), (waits, on_deck)] {
             assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
         }
-        // Still on the deck: stopped by the order, and by a deck that is closed meanwhile.
+        // The drone is still on the deck: an order stops the take-off, and so does the closing of the deck.
         let s = with(|s| s.leaving.risen_m = 0.1);
         assert_eq!(
             follows(rising(0.2, false), Some(command), &s),
@@ -450,7 +451,7 @@ fn end_of_a_take_off() {
         follows(stands(9.0, None), None, &disarmed),
         (State::Idle, Disarmed)
     );
-    // A command to arm may be under way.
+    // A command to arm may be pending.
     let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
     assert_eq!(stopped(7.1), (State::StandDown, Arming));
     assert_eq!(stopped(6.9), (State::Idle, Operator));
@@ -468,7 +469,7 @@ fn end_of_a_take_off() {
     assert_eq!(follows(climbs, None, &high), (State::Hold, TakenOff));
 }
 
-/// A mission that restarts in a take-off starts nothing that was not ordered.
+/// A mission that restarts in a take-off does not start anything that was not ordered.
 #[test]
 fn successor_of_a_mission_that_takes_off() {
     let restored_in = |state: State, sortie: bool, s: &Situation| {
@@ -498,8 +499,8 @@ fn successor_of_a_mission_that_takes_off() {
     ] {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
-    // On the ground by its autopilot, or by the camera; the receivers alone may err by metres, and a rising drone has
-    // left.
+    // The drone is on the deck according to its autopilot or the camera. The receivers alone may be wrong by metres,
+    // and a rising drone has left the deck.
     let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
         with(|s| {
             s.on_ground = on_ground;
@@ -542,7 +543,7 @@ fn end_of_a_sortie_by_the_battery() {
     let s = with(|s| s.sortie.turns_back = Some(due));
     let d = step(hold, sortie(false), &s);
     assert!(d.progress.landing && d.phase.state() == State::Hold && !d.phase.waits_for_operator());
-    // After an operator's stop the operator decides; a drone that is on no sortie stays.
+    // After a stop the operator decides; a drone that is not on a sortie stays.
     assert_eq!(step(hold, sortie(true), &s).entered, None);
     assert_eq!(step(hold, MissionProgress::default(), &s).entered, None);
     let others = with(|s| {
@@ -557,7 +558,7 @@ fn end_of_a_sortie_by_the_battery() {
         let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
         assert!(!d.progress.stopped, "{phase:?}");
     }
-    // A drone that could not fly back is not handed over, and a reason against a landing does not prevent the return.
+    // A drone that could not fly back is not handed over. A reason against a landing does not prevent the return.
     let with_order = MissionProgress {
         landing: true,
         started: at(9.0),

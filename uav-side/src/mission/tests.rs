@@ -322,7 +322,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
     waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
     goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
-    // Not detected, and off the deck: a tag does not lead to the vessel.
+    // If the tag is not detected, or the drone is off the deck, the tag does not lead it to the vessel.
     for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
         let s = with_deck(|d| {
             d.radio_age_s = f64::INFINITY;
@@ -336,7 +336,7 @@ fn silent_vessel_with_its_tags_in_sight() {
         GetAltitude,
         Commanded,
     );
-    // Its motion has to be known before a descent, unless the battery decides.
+    // The vessel's motion has to be known before a descent, unless the battery is low.
     let unknown = with_deck(|d| (d.radio_age_s, d.identified) = (f64::INFINITY, false));
     let stable = MissionPhase::TrackingStable;
     waits(&step(stable, &unknown, &by_tag), TrackingStable, NotIdentified);
@@ -406,7 +406,7 @@ fn approach_conditions() {
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
         (blinded, 5.0, Stay(Approach, Glare)),
-        // Neither vision nor radio.
+        // Neither vision nor radio is available.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];
     table(MissionPhase::APPROACH, rows);
@@ -455,7 +455,7 @@ fn reasons_not_to_descend() {
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
         (with_odds(|p| p.outside = 0.5), stays(LikelyBeside)),
         (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
-        // Each one is likely enough by itself.
+        // Each limit alone is met with a sufficient probability.
         (each, stays(LikelySlides)),
         (with_odds(|p| p.outside = f64::NAN), stays(LikelyBeside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),

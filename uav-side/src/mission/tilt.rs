@@ -4,8 +4,8 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Time constant with which a commanded tilt decays, s: twice the lag of a typical attitude loop, which follows a
-/// smaller command sooner.
+/// Time constant with which the memory of a commanded tilt decays, s: twice the lag of a typical attitude loop, so that
+/// the loop follows a smaller command sooner.
 const MEMORY_S: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -78,7 +78,7 @@ mod tests {
         m.update(&commanded(0.0, 0.4), None);
         for k in 0..200 {
             let t = 0.01 * f64::from(k);
-            // Reversed at once; the slowest measured loop has 0.32 s.
+            // The command is reversed at once; the slowest measured loop has a lag of 0.32 s.
             m.update(&commanded(t, -0.05), None);
             is += (-0.05 - is) * 0.01 / 0.32;
             assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn tilt_of_an_earlier_manoeuvre() {
-        // A mission that restarts while the drone turns back from 0.22 rad.
+        // The mission restarts while the drone turns back from 0.22 rad.
         let mut m = TiltMonitor::default();
         let mut is = 0.22;
         for k in 0..100 {

@@ -55,7 +55,7 @@ pub fn decide(
     if !phase.flies() {
         progress.low_battery = None;
     }
-    // A later controller of the drone takes over one that has left the deck.
+    // Whoever controls the drone later takes over a drone that has left the deck.
     if phase.has_left() && !progress.sortie {
         progress.sortie = true;
         progress.cycles.leave();
@@ -83,7 +83,7 @@ pub fn decide(
     decision
 }
 
-/// Whether an operator can stop anything: a drone in the air under our control.
+/// Whether there is something for an operator to stop: the drone is in the air under our control.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
     let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
@@ -140,7 +140,7 @@ fn interrupted(
     progress.missing = lasting(!is_open(s, c), progress.missing, s.now).0;
     if s.flight == ControlState::Disarmed && progress.sortie {
         progress.sortie = false;
-        // Disarmed elsewhere than on the deck, as far as this mission has observed.
+        // The drone was disarmed away from the deck, as far as this mission has observed.
         if !matches!(phase, MissionPhase::Landed { .. }) {
             progress.cycles.end(ReasonCode::NotOnDeck.into());
         }
@@ -163,7 +163,7 @@ fn commanded(
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
             let completes = completes(phase, progress, s, c);
-            // There is no landing to stop on a sortie before its landing, nor in a take-off.
+            // There is no landing to stop in a take-off, nor on a sortie before its landing.
             let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
             progress.cycles.end(ReasonCode::Operator.into());
             let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);

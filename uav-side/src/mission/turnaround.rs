@@ -17,7 +17,7 @@ const CHARGED_S: f64 = 30.0;
 /// Time within which the autopilot has to start its own mission, s: three commands a second apart, and their answers.
 const HAND_OVER_S: f64 = 8.0;
 
-/// A drone with cycles stands disarmed on the deck in `phase`: until it is ready and cleared.
+/// Keeps a drone with cycles disarmed on the deck, in `phase`, until it is ready and cleared.
 pub(super) fn stands(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -38,7 +38,7 @@ pub(super) fn stands(
     );
     cycles.charged = charged;
     let is_charged = charged.is_some() && lasted_s >= CHARGED_S;
-    // A drone that waits in the air needs the deck more than this one needs its last per cents.
+    // A drone that waits in the air needs the deck more urgently than this one needs the rest of its charge.
     let gives_way = s.deck_wanted && s.battery.is_some_and(|b| b >= s.battery_for_take_off);
     if !(cycles.ready || is_charged || gives_way) {
         let unknown = BatteryUnknown.into();
@@ -73,8 +73,8 @@ const fn passes(why: ReasonCode) -> bool {
     )
 }
 
-/// Transition of a drone on the deck that has lost its clearance, or is not fit for a sortie, for the reason `why`. The
-/// mission waits for reasons that pass by themselves.
+/// Transition of a drone on the deck that has lost its clearance, or is not fit for a sortie, for the reason `why`. If
+/// the reason passes by itself, the mission waits.
 pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Reason) -> PhaseTransition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);

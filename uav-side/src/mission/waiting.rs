@@ -1,9 +1,9 @@
 //! Value of waiting: optimal stopping of independent draws without recall gives the probability of a landing above
 //! which waiting does not pay.
 //!
-//! Waiting for a second costs the probability `c`, for battery and crew. The next moment is a draw from the
-//! probabilities `P` of the last minute: waiting at `p` pays while `E[(P - p)+] > c`, so a landing begins at the `p*`
-//! with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
+//! Waiting for a second costs the probability `c`, for battery and crew. The probability at a later time is modelled as
+//! a draw from the probabilities `P` of the last minute: waiting at `p` pays while `E[(P - p)+] > c`, so a landing
+//! begins at the `p*` with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
 use alight_shared::time::{DroneClock, Span, Time};
 
@@ -37,7 +37,8 @@ impl Waiting {
         let mut best = self.draws.clone();
         best.sort_by(|a, b| b.total_cmp(a));
         let spent = cost_per_s * DRAW_S * best.len() as f64;
-        // For the k best draws: sum (P_i - p) = n c. The result increases with k until the next draw lies below it.
+        // The solution for the k best draws satisfies sum (P_i - p) = n c. It increases with k until the next draw lies
+        // below it.
         let (mut sum, mut threshold) = (0.0, 0.0_f64);
         for (k, p) in best.iter().enumerate() {
             sum += p;

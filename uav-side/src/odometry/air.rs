@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
 
 /// Prior standard deviation of `ln k`.
 const DRAG_LOG_SD: f64 = 0.5;
-/// Bound of `ln k` about its prior: four standard deviations.
+/// Maximum deviation of `ln k` from its prior: four standard deviations.
 const DRAG_LOG_BOUND: f64 = 4.0 * DRAG_LOG_SD;
 /// Bound of the wind, m/s.
 const MAX_WIND_MPS: f64 = 60.0;
@@ -155,7 +155,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A flight: hover, an approach at 7 m/s to a vessel that moves at `way`, then 25 s above it.
+    /// Flight of three parts: hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
     fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> WindEstimator {
         let mut air = WindEstimator::default();
         for step in 0..4000 {
@@ -195,9 +195,9 @@ mod tests {
         let windy = flown(0.028, -way, Vector2::zeros())
             .gust_sd(&Vector2::zeros())
             .unwrap();
-        // Both have the same disturbance: 0.7 m/s².
+        // Both drones have the same disturbance of 0.7 m/s².
         assert!(calm < 0.5 * windy, "{calm}, {windy}");
-        // 2 k u sigma along the wind and half that across it, averaged over both axes.
+        // Expected is 2 k u sigma along the wind and half of that across it, averaged over both axes.
         let expected = 0.028 * 5.0 * 0.19 * 5.0 * (0.5_f64 * 5.0).sqrt();
         assert!((windy / expected - 1.0).abs() < 0.3, "{windy}, {expected}");
     }

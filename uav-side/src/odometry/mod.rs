@@ -1,9 +1,9 @@
 //! Smooth odometry of the drone, from the autopilot's odometry and inertial sensors.
 //!
-//! An autopilot corrects position and velocity by each GNSS fix separately: its position moves by a centimetre ten
+//! An autopilot corrects position and velocity separately with each GNSS fix: its position moves by a centimetre ten
 //! times a second, and its velocity is not the derivative of its position. A landing needs the opposite: a frame that
-//! may be offset but is consistent with the drone's motion. The inertial sensors are therefore integrated here once
-//! more and coupled to the autopilot's odometry so softly that over a second only the accelerometers' noise matters. A
+//! may be offset but is consistent with the drone's motion. The inertial sensors are therefore integrated here a second
+//! time and coupled to the autopilot's odometry so softly that over a second only the accelerometers' noise matters. A
 //! slowly changing error of velocity remains; the predictor estimates it from the camera (`predictor::axis::DRIFT`) and
 //! removes it.
 //!
@@ -13,14 +13,14 @@
 //! An autopilot's estimate jumps when it aligns its heading, when GNSS returns, or when another sensor takes over the
 //! height; not every jump is counted. This module alone detects such jumps. The smooth frame continues across a jump,
 //! so that plans, hold positions and vision measurements stay valid; the jump is added to [`DroneState::datum_offset`],
-//! with which the predictor places points given by latitude and longitude. A heading jump stays in the attitude,
-//! because the autopilot flies by it, and is summed in [`DroneState::heading_jumps`].
+//! with which the predictor places points given by latitude and longitude. A heading jump is kept in the attitude,
+//! because the autopilot uses that heading, and is summed in [`DroneState::heading_jumps`].
 //!
 //! The module also estimates the lateral disturbance for all nodes: the drag that the accelerometers measure across the
 //! thrust, and the acceleration of the smooth frame that they do not measure, which is their bias and the tilt error;
-//! both averaged over [`DISTURBANCE_S`]. A gust is known within 0.3 s, and a bias of 0.05 m/s² or a tilt error of 0.3
-//! deg, each worth 3 cm, is removed. The true wind, the drone's drag ([`air`]) and the wind over the deck ([`wind`])
-//! follow from it.
+//! both are averaged over [`DISTURBANCE_S`]. A gust is known within 0.3 s, and a bias of 0.05 m/s² or a tilt error of
+//! 0.3 deg, each of which would cause 3 cm of position error, is removed. The true wind, the drone's drag ([`air`]) and
+//! the wind over the deck ([`wind`]) follow from it.
 //!
 //! Error of the position predicted by 0.8 s (simulated sensors, each axis): autopilot 4.7 cm, smooth odometry 1.6 cm.
 
@@ -99,8 +99,8 @@ struct SmoothState {
 }
 
 impl SmoothState {
-    /// Propagates by `dt` (s) with the specific force and gravity; the autopilot's state differs by `ahead` (m) and
-    /// `faster` (m/s).
+    /// Propagates by `dt` (s) with the specific force and gravity; the autopilot's position and velocity differ by
+    /// `ahead` (m) and `faster` (m/s).
     fn advance(
         &mut self,
         reported: &DroneState,
@@ -149,7 +149,7 @@ pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
     jumps: Jumps,
-    /// Initial offsets from the autopilot's position (m) and velocity (m/s), the bias, and the disturbance (m/s²).
+    /// Initial differences from the autopilot's position (m) and velocity (m/s), initial bias and disturbance (m/s²).
     first: [[f64; 3]; 4],
 }
 
@@ -190,9 +190,9 @@ impl Odometry {
     /// `p' = v + drift`, `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump of its estimate since the
     /// last call.
     ///
-    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part,
-    /// `k_p / (k_p + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes'
-    /// noise into every landing (6 mm of position), and without one the frame would jump, even in a flare.
+    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part, `k_p / (k_p
+    /// + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
+    /// every landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
     pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
         let smoothed = self.smoothed(reported, counted);
         let jumps = self.jumps;
@@ -203,7 +203,7 @@ impl Odometry {
                 reported.velocity(),
                 h.disturbance,
             ),
-            // Out of order: the readers reject it.
+            // The sample is out of order; its receivers reject it.
             None => return *reported,
         };
         DroneState {
@@ -256,7 +256,7 @@ impl Odometry {
         self.watch(&h.reported, reported, dt, counted);
         let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if dt > MAX_STEP_S || !force.norm().is_finite() {
-            // The offset between the frames is kept.
+            // The offset between the frames stays the same.
             let begun = SmoothState {
                 at: reported.header.at,
                 position: reported.position() + self.jumps.offset + left,
@@ -287,9 +287,9 @@ impl Odometry {
         self.smoothed
     }
 
-    /// Converts a set-point from the smooth frame to the autopilot's, for a loop that the autopilot closes:
-    /// `p + p_a - p_s`, `v + v_a - v_s`. Without it the drone would stay off its plan by the frames' offset, and a
-    /// plan that restarts at the drone would run away from it.
+    /// Converts a set-point from the smooth frame to the autopilot's, for a loop that the autopilot closes: `p + p_a -
+    /// p_s`, `v + v_a - v_s`. Without it the drone would stay off its plan by the frames' offset, and a plan that
+    /// restarts at the drone would move away from it continuously.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
         match (set_point.kind, &self.smoothed) {
             (SetPointKind::Trajectory, Some(h)) if self.config.smooth => SetPoint {
@@ -348,7 +348,7 @@ mod tests {
             s = o.step(&state(k, 0.0, 0.0, 0.1), false);
         }
         assert!(s.velocity[0].abs() < 2e-3, "{}", s.velocity[0]);
-        // The frame stays off by b / (k_p + k_b), a constant, which is harmless.
+        // The frame keeps a constant offset of b / (k_p + k_b), which is harmless.
         assert!((s.position[0] - 0.2).abs() < 0.01, "{}", s.position[0]);
     }
 
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn disturbance_of_a_gust_after_a_second() {
         let mut o = Odometry::new(&OdometryConfig::default());
-        // At rest for a second, then accelerated by 1 m/s².
+        // The drone is at rest for a second and then accelerated by 1 m/s².
         let pushed = |k: u32| {
             let t = 0.01 * f64::from(k.saturating_sub(100));
             state(k, 0.5 * t * t, t, if k > 100 { 1.0 } else { 0.0 })
@@ -385,14 +385,14 @@ mod tests {
         }
         assert!(known[99].abs() < 1e-9, "{}", known[99]);
         assert!(known[130] > 0.6 && (known[199] - 1.0).abs() < 0.05, "{known:?}");
-        // Bounded for any sample.
+        // The disturbance is bounded for any sample.
         let most = (200..400).map(|k| o.step(&state(k, 0.5, 1.0, 25.0), false).disturbance[0]);
         assert!(most.fold(0.0, f64::max) <= MAX_DISTURBANCE_MPS2);
     }
 
     #[test]
     fn odometry_impact() {
-        // A contact at 0.6 m/s: the sample lasts 10 ms; the impact of 168 m/s² lasts 3 ms, or falls between samples.
+        // In a contact at 0.6 m/s the impact of 168 m/s² lasts 3 ms, within a sample of 10 ms or between two samples.
         for sampled in [-168.0, 0.0] {
             let mut o = Odometry::new(&OdometryConfig::default());
             let mut s = DroneState::default();
@@ -408,7 +408,7 @@ mod tests {
 
     #[test]
     fn odometry_position_drift() {
-        // A slow GNSS error: 3 cm/s for two minutes, 3.6 m in total.
+        // The GNSS error grows slowly, by 3 cm/s for two minutes, to 3.6 m.
         let (mut o, mut max, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
         let mut last = 0.0;
         for k in 0..12_000_u32 {
@@ -449,8 +449,8 @@ mod tests {
 
     #[test]
     fn odometry_frame_at_jumps_and_gaps() {
-        // Northward at 1 m/s, with counted and uncounted jumps of several sizes and a gap; the frame continues across
-        // all of them, and the datum offset absorbs the jumps.
+        // The drone moves north at 1 m/s, with counted and uncounted jumps of several sizes and a gap. The frame
+        // continues across all of them, and the datum offset absorbs the jumps.
         for (jump, counted) in [
             (5.0, false),
             (0.4, false),

@@ -17,7 +17,7 @@ pub(crate) fn yaw_jump(
 ) -> Option<f64> {
     let turned = before.0 * UnitQuaternion::from_scaled_axis((before.1 + now.1) * (0.5 * dt));
     let yaw = (now.0 * turned.inverse()).scaled_axis().z;
-    // In an impact the rates change between two samples, so their mean may err by the whole change.
+    // In an impact the rates change between two samples, so their mean may be wrong by the whole change.
     let limit = YAW_JUMP_RAD + (now.1 - before.1).norm() * dt;
     (dt > 0.0 && dt < YAW_STEP_S && yaw.abs() > limit).then_some(yaw)
 }

@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 
 use super::air::{INDEPENDENT_S, WindEstimator};
 
-/// Gap of odometry that ends a continuous flight, s.
+/// Gap of odometry above which a continuous flight ends, s.
 const MAX_GAP_S: f64 = 0.1;
 /// Averaging time of the wind, s.
 const MEMORY_S: f64 = 60.0;
@@ -25,7 +25,7 @@ const KNOWN_SD_MPS: f64 = 3.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WindMonitor {
     air: WindEstimator,
-    /// Velocity of the drone while it follows, NED, m/s.
+    /// Velocity of the drone while it follows the deck, NED, m/s.
     way: Vector2<f64>,
     at: Option<Time<DroneClock>>,
     /// Observation time, at most [`MEMORY_S`], s.
@@ -60,7 +60,7 @@ impl WindMonitor {
     }
 
     /// Processes new odometry and writes the wind into it. `deck`: horizontal velocity of the deck below the drone,
-    /// NED, m/s. Only while the drone follows that deck is its wind the wind over the deck.
+    /// NED, m/s. The drone measures the wind over the deck only while it follows the deck.
     pub(crate) fn update(&mut self, d: &mut DroneState, deck: Option<Vector2<f64>>) {
         self.learn(d, deck);
         self.publish(d);
@@ -85,8 +85,8 @@ impl WindMonitor {
         self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
     }
 
-    /// Writes the wind into `d`. The mean disturbance is the deck's, because a drone that follows the deck's motion has
-    /// an additional apparent wind.
+    /// Writes the wind into `d`. The published mean disturbance is that of a drone at the deck's mean velocity, because
+    /// a drone that follows the deck's motion has an additional apparent wind.
     fn publish(&self, d: &mut DroneState) {
         let wind = self.air.wind().filter(|(_, sd)| *sd < KNOWN_SD_MPS);
         d.wind = wind.map(|(wind, _)| wind.into());
@@ -97,7 +97,7 @@ impl WindMonitor {
 
     /// Standard deviation of one axis about the mean, m/s²: `s sqrt(1 + T/t)` with the standard deviation `s` over the
     /// time `t`, in which gusts longer than `T` occur only once; 0 before any observation. Variance above the prior's
-    /// comes from the drone's motion with the deck and is not counted.
+    /// is due to the drone's motion with the deck and is ignored.
     fn gust_sd(&self) -> f64 {
         if self.known_s <= 0.0 {
             return 0.0;
@@ -108,7 +108,7 @@ impl WindMonitor {
         (variance * (1.0 + n / t)).sqrt()
     }
 
-    /// Odometry in a wind that has been steady for long, m/s².
+    /// Odometry in a wind that has been steady for a long time; the wind is an acceleration, m/s².
     #[cfg(test)]
     pub(crate) fn steady(mean_mps2: f64) -> DroneState {
         let mean = Vector2::new(mean_mps2, 0.0);
@@ -144,7 +144,7 @@ mod tests {
                 disturbance: [push, 0.0],
                 ..DroneState::default()
             };
-            // The wind has been steady for long when the observation begins.
+            // The wind has been steady for a long time when the observation begins.
             let deck = deck_mps.filter(|_| t > 5.0);
             w.update(&mut last, deck.map(|v| Vector2::new(0.0, v)));
         }
@@ -157,7 +157,7 @@ mod tests {
             let (_, d) = watched(mean, gust, secs, Some(0.0));
             (Vector2::from(d.wind_push).norm(), d.gust_sd)
         };
-        // Early on, the prior's gusts and a short mean dominate.
+        // After a short observation, the prior's gusts and the uncertainty of the mean dominate.
         let (mean, early) = of(2.0, 0.0, 6.0);
         assert!((mean - 2.0).abs() < 0.1 && early > 0.5, "{early}");
         let (_, steady) = of(2.0, 0.0, 45.0);
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn wind_monitor_while_following() {
-        // Without a deck, and above a deck that moves away.
+        // The wind is not learned without a deck, nor above a deck that moves away.
         for deck_mps in [None, Some(2.0 * FOLLOWS_MPS)] {
             let (_, d) = watched(5.0, 0.0, 45.0, deck_mps);
             assert_eq!((d.wind_push, d.gust_sd), ([0.0; 2], 0.0));

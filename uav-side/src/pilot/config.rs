@@ -41,9 +41,9 @@ config! {
         pub design_s: f64 = DESIGN_LAG_S, in 0.02..=2.0;
         /// Smallest and largest time constant accepted, s.
         pub bounds_s: [f64; 2] = [0.04, 0.6], in 0.02..=2.0;
-        /// Lag of the inner rate loop before one is identified, s.
+        /// Lag of the inner rate loop until it is identified, s.
         pub rate_loop_s: f64 = 0.06, in 0.0..=0.2;
-        /// Forgetting time of the observations, s.
+        /// Time constant with which observations are forgotten, s.
         pub memory_s: f64 = 10.0, in 0.5..=1e4;
     }
     check |this, at| {
@@ -57,7 +57,7 @@ config! {
 }
 
 config! {
-    /// Estimation of the odometry's age, the dead time of the link from the autopilot.
+    /// Estimator of the odometry's age, i.e. the dead time of the link from the autopilot.
     pub struct DelayConfig {
         /// Largest age accepted, one way, s.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;

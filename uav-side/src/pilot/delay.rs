@@ -1,7 +1,7 @@
 //! Prediction of the drone's state to the time at which a command takes effect.
 //!
 //! Odometry is `d` old when it arrives, and a command takes effect its dead time `tau` after it was sent: the link to
-//! the autopilot, about `d` again, and the autopilot's own delay. A loop that takes the old state for the present one
+//! the autopilot, about `d` again, and the autopilot's own delay. A loop that uses the old state as the present one
 //! loses `(d + tau) w` of phase at the frequency `w`. So a model of the drone under the commands that are under way
 //! predicts the state to the time at which the command takes effect, and the plan is sampled there (Smith 1957, "Closer
 //! control of loops with dead time"; the model restarts from each odometry instead of running in parallel). The dead
@@ -27,14 +27,15 @@ const STEP_S: f64 = 0.01;
 /// Candidates of the thrust's dead time, and their spacing, s.
 const CANDIDATES: usize = 16;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// Time constant of the means from which the changes of thrust and force are measured, s, and forgetting time, s.
+/// Time constant of the means relative to which changes of thrust and force are measured, s, and forgetting time of the
+/// regression, s.
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
-/// Residual that does not contradict a dead time: vibration in a second of samples, (m/s²)².
+/// Residual that is consistent with a dead time: vibration in a second of samples, (m/s²)².
 const RESIDUAL: f64 = 1.0;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// Error of the forecast's deck height under a drone that stands on the deck, m.
+/// Error of the forecast deck's height below a drone that stands on the deck, m.
 const ERRS_M: f64 = 0.3;
 
 /// Commanded attitude (NED from body) and collective thrust (0 to 1); None while the autopilot closes the loop.
@@ -192,12 +193,12 @@ impl Delay {
     pub(crate) fn thrust_s(&self) -> f64 {
         self.thrust.get(self.one_way_s())
     }
-    /// Command whose thrust is measured by the odometry that arrives at `now`.
+    /// Command whose thrust has an effect on the odometry that arrives at `now`.
     pub(crate) fn answered(&self, now: Time<DroneClock>) -> Commanded {
         self.sent
             .by(now - Span::from_secs(self.one_way_s() + self.thrust_s()))
     }
-    /// The drone `lead_s` after `now`, from its newest odometry.
+    /// State of the drone `lead_s` after `now`, predicted from its newest odometry.
     ///
     /// `w' = (e / T - w) / T_r` with the angle `e` to the command in effect, `R' = R [w]`, and
     /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag. None if a value is not finite.
@@ -267,7 +268,7 @@ impl Pilot {
     }
 
     /// Stage of the plan for a command sent at `now`: attitude and horizontal motion at the time at which the attitude
-    /// takes effect, vertical motion at the time at which the thrust does.
+    /// takes effect, and vertical motion at the time at which the thrust takes effect.
     pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
         let mut stage = plan.sample(self.turns_at(now))?;
         let vertical = plan.sample(self.thrusts_at(now))?;
@@ -280,13 +281,13 @@ impl Pilot {
         Some(stage)
     }
 
-    /// The drone at the times at which a command of `now` takes effect, combined as in [`Self::served`]; `body` is the
-    /// drone now.
+    /// State of the drone at the times at which a command sent at `now` takes effect, combined as in [`Self::served`];
+    /// `body` is its present state.
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
         let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
-        // The model contains no deck, but from the contact on a deck supports the drone. This applies to a deck that is
-        // below it now, not to one over whose edge it has slid.
+        // The model contains no deck, but after a contact the deck supports the drone. This applies to a deck that is
+        // below the drone now, not to one over whose edge the drone has slid.
         let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
         if let Some(b) = self
             .below(self.thrusts_at(now), &thrust)
@@ -324,7 +325,7 @@ fn is_over(b: &DeckBelow, body: &Body) -> bool {
 mod tests {
     use super::*;
 
-    /// Dynamics of a drone with the same delay for set-points and odometry.
+    /// Dynamics of a drone whose set-points and odometry have the same delay.
     const DYNAMICS: Dynamics = Dynamics {
         response: AttitudeResponse {
             dead_time_s: 0.04,

@@ -56,7 +56,7 @@ pub struct PilotIn {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotOut {
     pub set_point: Option<SetPoint>,
-    /// Once, when touchdown is confirmed.
+    /// Published once, when a touchdown is confirmed.
     pub touchdown: Option<Touchdown>,
 }
 
@@ -110,16 +110,16 @@ pub struct Pilot {
     jump: Option<(Time<DroneClock>, Option<Rise>)>,
     /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
-    /// The landing continues without the mission or a plan.
+    /// Whether the landing continues without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
-    /// The mission has reported the landing since the stop.
+    /// Whether the mission has reported the landing since the motors were stopped.
     landed_since_stop: bool,
     last_step: Option<Time<DroneClock>>,
 }
 
-/// Longest step that is integrated, s: after an interruption the pilot must not jump.
+/// Longest step that is integrated, s: after an interruption the set-point must not jump.
 const MAX_STEP_S: f64 = 0.05;
 /// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's shortest (COM_OF_LOSS_T), less
 /// the delay of the link.
@@ -162,7 +162,7 @@ impl Pilot {
         }
     }
 
-    /// Takes the inputs and returns the odometry if it is new.
+    /// Stores the inputs and returns the odometry if it is new.
     fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
         let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
@@ -211,8 +211,8 @@ impl Pilot {
         self.tracker.reset();
     }
 
-    /// Low enough to stand on the ground: by the rangefinder, or without a reading by the height at which the drone was
-    /// disarmed.
+    /// Whether the drone is low enough to stand on the ground, according to the rangefinder or, without a reading,
+    /// relative to the height at which it was disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {
@@ -221,7 +221,7 @@ impl Pilot {
         }
     }
 
-    /// The deck below the drone; None if forecast or odometry do not reach `now`.
+    /// The deck below the drone; None if forecast or odometry do not cover `now`.
     fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
@@ -234,12 +234,13 @@ impl Pilot {
 
     /// Whether stopped motors stay stopped. They are released when the autopilot was disarmed and the mission is idle
     /// again; when the mission, having reported the landing, climbs (a false touchdown); or when the autopilot has
-    /// flown by itself meanwhile, as after a step that came too late. The touchdown then has to be detected again.
+    /// flown by itself in the meantime, e.g. because a step of the pilot was late. The touchdown then has to be
+    /// detected again.
     fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
         };
-        // The autopilot's own landing ends on the deck.
+        // The autopilot's own landing ends on the deck as well, so it does not release the motors.
         let own = |a: &AutopilotState| {
             a.header.at > at && !matches!(a.mode, AutopilotMode::Offboard | AutopilotMode::Land)
         };
@@ -278,7 +279,7 @@ impl Pilot {
         }
     }
 
-    /// Stores the command and derives the thrust that the next odometry measures.
+    /// Stores the command and updates the thrust that explains the next odometry.
     fn remember(&mut self, now: Time<DroneClock>, dt: f64, set_point: &SetPoint) {
         let followed = self
             .autopilot
@@ -363,7 +364,7 @@ impl Pilot {
     }
 
     /// Whether the plan belongs to a landing that `mission` has withdrawn, and the planner has not responded for
-    /// several of its periods. A plan of the same instant may have been started before the withdrawal.
+    /// several of its periods. A plan with the same time stamp may have been started before the withdrawal.
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
@@ -371,7 +372,8 @@ impl Pilot {
             && (now - mission.since).secs() > OLD_PLAN_S
     }
 
-    /// The last mission, for a short time after its last message; then the autopilot's failsafe takes over.
+    /// The last state of the mission, for a short time after its last message; afterwards the autopilot's failsafe
+    /// takes over.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
         let goes_on = |m: &&MissionState| {
@@ -412,7 +414,7 @@ impl Pilot {
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
-        // A short silence of the autopilot must not put the drone back on the deck.
+        // A short silence of the autopilot must not send a drone that takes off back to standing on the deck.
         if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
@@ -448,7 +450,7 @@ impl Pilot {
         }
     }
 
-    /// The plan and its stage for a command of `now`, while the mission wants it.
+    /// The plan and its stage for a command sent at `now`, if the mission's state calls for a plan.
     fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)
@@ -508,7 +510,7 @@ impl Node for Pilot {
         let near = below.as_ref().filter(|b| b.is_near(&body, 0.0, &self.geometry));
         self.learn(now, new.as_ref(), dt, near);
         if mission.is_some_and(|m| m.settings.mode == LandingMode::Shadow) {
-            // The last command was not followed.
+            // The autopilot did not follow the last command.
             self.tracker.reset();
         }
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());

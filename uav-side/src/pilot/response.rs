@@ -8,8 +8,8 @@
 //!
 //! with the attitude `x`, the body rates `w`, the command `c` and, unknown, the dead time `tau`, the time constant `T`
 //! and the lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of lag `t_r`
-//! is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are stamps of the odometry
-//! and of the set-points, so neither the age of the odometry nor its rate is mistaken for a response.
+//! is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time stamps of odometry
+//! and set-points, so neither the age nor the rate of the odometry is mistaken for a slow response.
 //!
 //! Integrated over a window the equation is linear in `1 / T` and `T_r`:
 //!
@@ -17,9 +17,9 @@
 //!
 //! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior; the candidate with
 //! the smallest residuals is the dead time (Ljung 1999, System Identification, sections 10.1 and 11.2). Both axes share
-//! the dead time, because the set-point takes the same link. An equation error does not mistake an oscillation of the
-//! loop for a slow response. An earlier fit without dead time did, and amplified its commands, which sustained the
-//! oscillation.
+//! the dead time, because the set-point takes the same link. With this equation error the fit does not mistake an
+//! oscillation of the loop for a slow response. An earlier fit without dead time did so and amplified its commands,
+//! which sustained the oscillation.
 
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -33,7 +33,7 @@ const CANDIDATES: usize = 21;
 const CANDIDATE_STEP_S: f64 = 0.02;
 /// Shortest integration window, s: the change of the rates within it is large against their noise.
 const WINDOW_S: f64 = 0.04;
-/// Gap of odometry across which nothing is integrated, s.
+/// Gap of odometry above which the integration stops, s.
 const MAX_GAP_S: f64 = 0.08;
 /// Sampling step of the commands, s.
 const STEP_S: f64 = 0.01;
@@ -43,7 +43,7 @@ const MAX_ANGLE_RAD: f64 = 0.4;
 const PRIOR_ANGLE: f64 = 3e-6;
 /// Information of the prior of `T_r`: that of a second in which the rates change by 1.5 rad/s², rad²/s².
 const PRIOR_RATE: f64 = 0.1;
-/// Residual of a window that does not contradict a dead time, rad.
+/// Residual of a window that is consistent with a dead time, rad.
 const RESIDUAL_RAD: f64 = 1e-3;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
@@ -76,8 +76,8 @@ impl Sums {
             *v *= keep;
         }
     }
-    /// Adds a window that turned by `y` (rad) under the integral `i` (rad s) of the remaining angle while the rate
-    /// changed by `dw` (rad/s).
+    /// Adds a window in which the drone turned by `y` (rad), the integral of the remaining angle was `i` (rad s), and
+    /// the rate changed by `dw` (rad/s).
     fn add(&mut self, y: f64, i: f64, dw: f64) {
         let w = -dw;
         self.ii += i * i;
@@ -111,7 +111,7 @@ struct Window {
     duration_s: f64,
     turned: Vector2<f64>,
     integrals: [Vector2<f64>; CANDIDATES],
-    /// Every command in the window is known, and none exceeds [`MAX_ANGLE_RAD`].
+    /// Whether every command in the window is known and none exceeds [`MAX_ANGLE_RAD`].
     usable: bool,
 }
 
@@ -157,8 +157,8 @@ impl ResponseEstimator {
         self.response
     }
 
-    /// Command with which a loop of this response turns from `is`, the attitude at the time at which the command takes
-    /// effect, as a loop with the designed time constant would turn towards `wanted`.
+    /// Command for a loop with the identified response, which makes it turn towards `wanted` like a loop with the
+    /// designed time constant. `is` is the attitude at the time at which the command takes effect.
     pub(crate) fn command(
         &self,
         wanted: &UnitQuaternion<f64>,
@@ -170,13 +170,13 @@ impl ResponseEstimator {
         // Heading has its own loop.
         is * UnitQuaternion::from_scaled_axis(Vector3::new(roll * angle.x, pitch * angle.y, angle.z))
     }
-    /// Factors on the roll and pitch angles of a command.
+    /// Factors by which the roll and pitch angles of a command are multiplied.
     fn factors(&self, c: &LagConfig) -> [f64; 2] {
-        // A slower loop is not driven harder: autopilots limit rates and accelerations, so a larger step is followed
-        // later, and the loop oscillates.
+        // Commands for a loop slower than designed are not amplified: autopilots limit rates and accelerations, so a
+        // larger step would be followed later and the loop would oscillate.
         self.response.lag_s.map(|lag| (lag / c.design_s).min(1.0))
     }
-    /// Time constant of the compensated loop, slower axis, s.
+    /// Time constant of the slower axis with compensation, s.
     pub(crate) fn compensated_s(&self, c: &LagConfig) -> f64 {
         let [roll, pitch] = self.factors(c);
         let [t_roll, t_pitch] = self.response.lag_s;
@@ -189,7 +189,7 @@ impl ResponseEstimator {
         roll.max(pitch)
     }
 
-    /// Discards the window in progress: the drone touched, or another pilot flies it.
+    /// Discards the window in progress, e.g. because the drone has touched the deck or another pilot flies it.
     pub(crate) fn interrupt(&mut self) {
         (self.window, self.last) = (None, None);
     }
@@ -285,7 +285,7 @@ mod tests {
     use crate::fixtures::header;
     use alight_shared::estimation::{low_pass, low_pass_gain};
 
-    /// Both axes of a drone: PX4's loop, or ArduCopter's shaping in front of it.
+    /// Both axes of a drone, with PX4's loop or with ArduCopter's input shaping in front of the loop.
     struct Axes {
         attitude: UnitQuaternion<f64>,
         rates: Vector3<f64>,
@@ -312,7 +312,7 @@ mod tests {
             let wanted = match &mut self.target {
                 None => (Vector2::new(roll, pitch) - is) / self.lag_s,
                 Some((at, turning)) => {
-                    // Acceleration of ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX: 1100 deg/s².
+                    // Limit of the acceleration by ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100 deg/s².
                     let max = 19.2 * dt;
                     let wanted = (Vector2::new(roll, pitch) - *at) / self.lag_s;
                     *turning += (wanted - *turning).map(|w| w.clamp(-max, max));
@@ -355,7 +355,7 @@ mod tests {
                 x.learn(&state(k, t, axes), &sent, 0.005, &c);
             }
             for i in 0..5 {
-                // The command that was sent one dead time ago, held until the next.
+                // The command sent one dead time ago is held until the next one.
                 let applied = (t + 0.002 * f64::from(i) - dead_s) / 0.01;
                 axes.step(&rocking(0.01 * (applied + 1e-9).floor()), 0.002);
             }
@@ -373,7 +373,7 @@ mod tests {
                 assert!((r.dead_time_s - dead_s).abs() < 0.05, "{what}");
                 for lag in r.lag_s {
                     assert!((lag - lag_s).abs() < 0.05, "{what}");
-                    // The response to a slow command lags by the sum of all three.
+                    // The response to a slow command lags by the sum of dead time and both lags.
                     let whole = r.dead_time_s + lag + r.rate_lag_s;
                     assert!((whole - dead_s - lag_s - 0.06).abs() < 0.02, "{what}");
                 }
@@ -385,7 +385,8 @@ mod tests {
     fn response_of_a_shaped_loop() {
         let r = identified(0.01, &mut Axes::new(0.15, 0.08, true), 3);
         let [roll, pitch] = r.lag_s.map(|lag| r.dead_time_s + lag);
-        // The rates of the shaped target are fed forward, so a slow command lags by the shaping's time constant alone.
+        // The rates of the shaped target are fed forward, so the response to a slow command lags by the shaping's time
+        // constant alone.
         assert!(
             (0.16..0.20).contains(&roll) && (0.16..0.20).contains(&pitch),
             "{r:?}"
@@ -440,8 +441,8 @@ mod tests {
         }
     }
 
-    /// Spread of the set-point's roll over the last 10 s of 30 (deg) and the factor of the angle, in a loop of
-    /// position, velocity and attitude around an ArduCopter that is accelerated laterally by `push` (m/s²).
+    /// Spread of the set-point's roll (deg) over the last 10 s of 30 s, and the factor on the angle, in a loop of
+    /// position, velocity and attitude around an ArduCopter on which `push` (m/s²) acts laterally.
     fn swing(old: bool, push: impl Fn(f64) -> f64) -> (f64, f64) {
         let c = LagConfig::default();
         let mut axes = Axes::new(0.15, 0.08, true);
@@ -458,7 +459,7 @@ mod tests {
         let mut under_way = std::collections::VecDeque::from(vec![command; wire]);
         for k in 0..3000_u32 {
             let t = 0.01 * f64::from(k);
-            // Odometry at 40 Hz.
+            // Odometry arrives at 40 Hz.
             if k % 5 == 0 || k % 5 == 3 {
                 d = state(k, t, &axes);
                 received = (y, v);

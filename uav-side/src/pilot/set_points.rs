@@ -13,7 +13,7 @@ use crate::contingency::{Body, Completion, DeckBelow, Hold};
 use crate::flatness::{rates_of, upright};
 use crate::tracking::{AttitudeCommand, Authority};
 
-/// Age of a plan, five periods, above which its forecast of the deck is too old to brake by, s.
+/// Age of a plan above which its forecast of the deck is too old to determine the braking, s: five periods.
 pub(super) const OLD_PLAN_S: f64 = 0.1;
 
 impl Pilot {
@@ -104,10 +104,10 @@ impl Pilot {
     }
 
     /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the
-    /// attitude loop commands the rate `angle / T`, and to reach it within `T_r` the rate loop needs the torque
+    /// attitude loop commands the rate `angle / T`, and to reach that rate within `T_r` the rate loop needs the torque
     /// `tau = J angle / (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)`
-    /// each. Mixers use up the collective's reserve before they raise it (PX4 without air mode), or raise it no higher
-    /// than hover (ArduCopter), as does this function.
+    /// each. Mixers use the reserve of the collective thrust before they raise it (PX4 without air mode), or raise it
+    /// to hover at most (ArduCopter), which is also the limit here.
     fn min_thrust(&self, angle: f64) -> f64 {
         let (g, c) = (&self.geometry, &self.config.lag);
         let [roll, pitch, _] = g.inertia_kgm2;
@@ -189,7 +189,7 @@ impl Pilot {
         self.attitude(now, None, a, body)
     }
 
-    /// Attitude and thrust that follow `led`, the plan's `stage` led to the time at which they take effect.
+    /// Attitude and thrust that follow `led`, the plan's `stage` at the time at which they take effect.
     fn tracked(
         &mut self,
         now: Time<DroneClock>,
@@ -209,8 +209,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan. In a landing it brakes by the newest forecast if the plan is not renewed or the
-    /// drone approaches the deck too fast.
+    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is not
+    /// renewed or the drone approaches the deck too fast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,
@@ -240,7 +240,7 @@ impl Pilot {
             if old && let Some(braked) = completion.renewed(&led) {
                 (led, authority.brakes) = (braked, true);
             }
-            // Until its own thrust is in effect, a pilot keeps its predecessor's.
+            // A new pilot keeps its predecessor's thrust until its own is in effect.
             let acts = self.estimate.in_force().is_some();
             if let Some(most) = completion.reflex(c.thrust_lag_s).filter(|_| acts) {
                 authority.down_mps2 = most;

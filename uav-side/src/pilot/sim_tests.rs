@@ -41,7 +41,7 @@ impl Sea {
 
 #[derive(Clone, Copy)]
 enum Task {
-    /// Start clearance and start time of a descent at 0.5 m/s that ends 0.3 m below the deck's plane.
+    /// Clearance and time at the start of a descent at 0.5 m/s that ends 0.3 m below the deck's plane.
     Land(f64, f64),
     /// Clearance over the moving deck.
     Follow(f64),
@@ -60,12 +60,12 @@ struct World {
     v: Vector3<f64>,
     q: UnitQuaternion<f64>,
     thrust: f64,
-    /// True hover thrust; the autopilot estimates 2 % more, the geometry 7 % less.
+    /// True hover thrust; the autopilot's estimate is 2 % higher, the geometry's 7 % lower.
     hover: f64,
     damping: f64,
     ranges: bool,
     reads: Reads,
-    /// The autopilot reports its thrust.
+    /// Whether the autopilot reports its thrust.
     reports: bool,
     state: State,
     mode: AutopilotMode,
@@ -151,7 +151,7 @@ impl World {
         let c = (self.p - Vector3::from(d.position)).dot(&n) - FEET;
         (c, n, (self.v - Vector3::from(d.velocity)).dot(&n))
     }
-    /// 10 ms of physics; returns the mean specific force, m/s².
+    /// Advances the physics by 10 ms; returns the mean specific force, m/s².
     fn move_drone(&mut self) -> Vector3<f64> {
         let mut force = Vector3::zeros();
         for _ in 0..10 {
@@ -162,7 +162,7 @@ impl World {
                 self.q = self.q.slerp(&target, STEP / 0.2);
                 self.thrust += (asked - self.thrust) * STEP / 0.03;
             } else if self.last.kind == SetPointKind::Trajectory {
-                // The autopilot's own loop, ideal.
+                // The autopilot's own loop is ideal.
                 let e = Vector3::from(self.last.position) - self.p;
                 let ev = Vector3::from(self.last.velocity) - self.v;
                 let a = Vector3::from(self.last.acceleration) + e * 4.0 + ev * 3.5;
@@ -192,7 +192,7 @@ impl World {
         }
         force
     }
-    /// 10 ms: one step of the pilot, ten of the physics.
+    /// Advances by 10 ms: one step of the pilot, ten steps of the physics.
     fn step(&mut self) {
         let force = self.move_drone();
         self.tick += 1;
@@ -269,7 +269,8 @@ fn moderate(phase: f64) -> Sea {
     }
 }
 
-/// A landing on a moderate sea after `change`, and the delay from the first contact to the motors' stop, s.
+/// Landing in a moderate sea with the world modified by `change`, and the delay from the first contact to the stop of
+/// the motors, s.
 fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(0.9, 2.0), seed);
     change(&mut w);
@@ -352,7 +353,7 @@ fn touchdown_without_reports_of_the_thrust() {
             w.hardest
         );
     }
-    // Close to the deck without contact.
+    // The drone is close to the deck without contact.
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
         let mut w = World::new(moderate(0.4), Task::Follow(clearance), 610 + k as u64);
         w.reports = false;
@@ -361,7 +362,7 @@ fn touchdown_without_reports_of_the_thrust() {
     }
 }
 
-/// Set-points restart low over the deck, after the autopilot has braked with more thrust than the first of them
+/// Set-points restart low over the deck, after the autopilot has braked with more thrust than the first set-points
 /// command. The rotors' remaining thrust must not be detected as contact.
 #[test]
 fn thrust_of_before_is_no_contact() {
@@ -410,7 +411,7 @@ fn hard_contact_by_speed_and_impact() {
     assert_eq!(met(2.6, 0.05, 1.0), None, "no contact force");
 }
 
-/// A drone that levels its tilt in a strong wind, low over the deck: the air's lift increases.
+/// A tilted drone levels off in a strong wind, low over the deck, so the air's lift increases.
 #[test]
 fn excess_of_the_air_and_of_a_deck() {
     // Whether contact is suspected 0.5 s after the excess (m/s²) began.
@@ -446,15 +447,15 @@ fn excess_of_the_air_and_of_a_deck() {
 #[test]
 fn touchdown_after_a_bounce() {
     for k in 0..6 {
-        // Restitution of about 0.6.
+        // This damping gives a restitution of about 0.6.
         let (w, stop) = landed(f64::from(k), 200 + k as u64, |w| w.damping = 80.0);
         assert!((0.0..1.0).contains(&stop), "{stop}");
         assert!(w.hardest < 1.0, "{}", w.hardest);
     }
 }
 
-/// Hover close to the deck in the flare without contact: the motors keep running, and a suspected contact does not
-/// bring the drone down.
+/// The drone hovers close to the deck in the flare, without contact: the motors keep running, and a suspected contact
+/// does not bring the drone down.
 #[test]
 fn motors_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {

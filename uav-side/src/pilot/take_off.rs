@@ -1,8 +1,9 @@
-//! Set-points of a take-off: on the deck, off it, and up.
+//! Set-points of a take-off: standing on the deck, lift-off, and climb.
 //!
 //! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so that all
-//! feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is noticed before much
-//! torque turns the drone about it. Once the feet are clear, the drone follows the same law as every climb over a deck.
+//! feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is detected before much
+//! torque turns the drone about that foot. Once the feet are clear, the drone follows the same law as every climb over
+//! a deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
@@ -15,11 +16,11 @@ use crate::lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise};
 /// Duration of the thrust's ramp to that of the climb, s: three times the lag of odometry, link and rotors together.
 const RAMP_S: f64 = 0.3;
 
-/// Age of a vision measurement up to which the deck counts as detected, s: the landing's own limit.
+/// Age of a vision measurement up to which the deck is considered detected, s: the same as in a landing.
 const VISION_FRESH_S: f64 = 0.5;
 
 impl Pilot {
-    /// Whether the deck may support the drone during a take-off: its thrust then does not show its weight.
+    /// Whether the deck may support the drone during a take-off: its thrust then does not correspond to its weight.
     pub(super) fn lies_on_deck(&self) -> bool {
         let rise = self.jump.and_then(|(_, rise)| rise);
         let lies = rise.is_some_and(|rise| rise.risen_m() < LIES_BELOW_M);
@@ -42,8 +43,9 @@ impl Pilot {
         }
     }
 
-    /// Whether a take-off that another pilot began has left the deck by now: the feet leave within [`LEAVES_WITHIN_S`],
-    /// or the camera measures that they have. By the GNSS receivers alone the deck's height may err by metres.
+    /// Whether the drone has left the deck by now in a take-off that another pilot node began: [`LEAVES_WITHIN_S`] has
+    /// passed, or the camera measures that the feet are off the deck. With GNSS receivers alone the deck's height may
+    /// be wrong by metres.
     fn is_in_the_air(
         &self,
         now: Time<DroneClock>,
@@ -58,7 +60,7 @@ impl Pilot {
         lasts_s > LEAVES_WITHIN_S || detected && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
     }
 
-    /// Leaves the deck. A pilot that starts in the air, as after a restart, climbs as over any deck.
+    /// Leaves the deck. A pilot node that starts in the air, e.g. after a restart, climbs as over any deck.
     pub(super) fn jump(
         &mut self,
         now: Time<DroneClock>,
@@ -83,7 +85,7 @@ impl Pilot {
             let thrust = (min + ramp * (max - min)) * self.estimate.hover();
             return self.lie(now, body, dt, below, thrust);
         }
-        // The clearance by the drone's own rise, because the deck is not detected yet.
+        // The clearance is the drone's own rise, because the deck is not detected yet.
         let near = below.map(|b| b.with_clearance(rise.risen_m()));
         self.hold(now, body, dt, near.as_ref())
     }

@@ -115,7 +115,7 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
         ranges: vec![],
     }
 }
-/// Runs one second of all inputs, then `secs` of what `change` leaves; returns the last set-point.
+/// Runs one second with all inputs, then `secs` with the inputs that `change` leaves; returns the last set-point.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
     run(&PilotConfig::default(), state, height, secs, change)
 }
@@ -173,8 +173,8 @@ fn set_point_kind_in_all_phases() {
 fn idle_thrust_on_the_ground() {
     let drone = DroneGeometry::default();
     let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
-    // A report alone does not cut the thrust: the rangefinder has to measure the ground, too. A device without a
-    // measurement reads 0.
+    // The autopilot's report alone does not cut the thrust: the rangefinder has to measure the ground as well. A device
+    // without a measurement reads 0.
     for (range_m, stands) in [
         (Some(feet_m), true),
         (Some(12.0), false),
@@ -193,7 +193,7 @@ fn idle_thrust_on_the_ground() {
         assert_eq!(s.kind, SetPointKind::Attitude);
         assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
     }
-    // Where it was disarmed the drone stands, even without a rangefinder.
+    // At the height at which it was disarmed the drone stands, even without a rangefinder.
     let mut pilot = Pilot::new(&PilotConfig::default(), &drone, 1, 1);
     let mut last = SetPoint::default();
     for k in 0..200 {
@@ -229,7 +229,7 @@ fn attitude_beyond_the_tilt_limit() {
     let geometry = DroneGeometry::default();
     let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
     let limit = TrackingConfig::default().tilt_limit_rad;
-    // At its place and rising, so that the plan requires little thrust.
+    // The drone is at its place and rises, so the plan requires little thrust.
     for (tilt, of_hover) in [
         (0.0, 0.25..0.6),
         (0.7, 0.7..1.1),
@@ -272,7 +272,7 @@ fn hold_below_the_edge_of_a_deck() {
 
 #[test]
 fn withdrawn_landing_with_plans_that_go_on() {
-    // Withdrawn at 6 s; the planner's last plan is published at `until`.
+    // The landing is withdrawn at 6 s; the planner's last plan is published at `until`.
     let climbs_from = |pilot: &mut Pilot, until: f64| {
         let mut first = None;
         for k in 0..150_u32 {
@@ -310,7 +310,7 @@ fn stale_plan() {
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
     assert!(s.position[2] < -4.4, "{s:?}");
-    // Clear of the vessel only at the mission's height, unless the vessel is far away.
+    // The drone is clear of the vessel only at the mission's height, unless the vessel is far away.
     let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
     let s = after(State::Tracking, 5.0, 1.0, high);
     assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
@@ -329,7 +329,7 @@ fn stale_plan() {
         i.drone.as_mut().unwrap().position[0] += 20.0;
     });
     assert_eq!(s.velocity, [0.0; 3]);
-    // Committed: level, sinking onto the deck.
+    // A committed drone is level and sinks onto the deck.
     let s = after(State::Flare, 0.4, 1.0, |i| i.plan = None);
     assert!((s.velocity[2] - 0.5).abs() < 1e-9);
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
@@ -366,7 +366,7 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
         let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
         d.velocity = [0.0, 0.0, 2.0];
         d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
-        // Specific force of the last command's thrust.
+        // The specific force is that of the last command's thrust.
         d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
         let stage = PlanStage {
             position: d.position,
@@ -382,7 +382,7 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
 
 #[test]
 fn braking_of_a_plan_not_renewed() {
-    // (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve over hover.
+    // The braking is (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve over hover.
     let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
     assert!((1.3..1.5).contains(&braked), "{braked}");
     // Tilted by 0.5 rad the same vertical force needs more thrust.
@@ -430,7 +430,7 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
         let followed = thrust_onto_deck(sinks, clearance, 0.0, [0.0; 2]);
         assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
     }
-    // Braking by (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
+    // The braking is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
     let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
     assert!((1.35..1.55).contains(&braked), "{braked}");
     // A deck that accelerates upwards reduces the rotors' reserve, and is followed.
@@ -459,7 +459,7 @@ fn alone(state: State, rise_mps2: f64) -> SetPoint {
 
 #[test]
 fn landing_without_plan_and_mission() {
-    // Including a mission that fell silent before its flare.
+    // This includes a mission that fell silent before its flare.
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
@@ -504,11 +504,11 @@ fn false_touchdown_taken_back() {
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
     pilot.stop_from(Time::from_secs(5.01));
-    // The mission has not received the touchdown, then receives it, then flies.
+    // The mission has first not received the touchdown, then receives it, then flies.
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
-    // After a true touchdown: released once disarmed and idle.
+    // After a true touchdown the motors are released once the drone is disarmed and the mission idle.
     pilot.stop_from(Time::from_secs(5.04));
     assert_eq!(next(&mut pilot, State::Idle, true), Motors::Stop);
     assert_eq!(next(&mut pilot, State::Landed, false), Motors::Stop);

@@ -10,10 +10,11 @@
 //! which changes as a tilted drone aligns with the deck. These change more slowly than a contact does, so the excess is
 //! measured relative to its mean over the last [`AIR_TIME_S`] in the air.
 //!
-//! No single sensor can cut the thrust. An impact or an excess counts only near the deck by rangefinder and forecast;
-//! resting at the feet's range counts only while odometry and forecast confirm that the drone stays on the deck; and a
-//! rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot no longer reports its
-//! thrust, the command that it follows replaces the report, and the drone has to stay on the deck for longer.
+//! No single sensor can cut the thrust. An impact or an excess is evidence only if rangefinder and forecast show that
+//! the deck is near. Resting at the feet's range is evidence only while odometry and forecast confirm that the drone
+//! stays on the deck. A rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot
+//! no longer reports its thrust, the command that it follows is used instead, and the drone has to stay on the deck for
+//! longer.
 
 use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
@@ -59,7 +60,7 @@ pub(crate) struct TouchdownEvidence {
     pub(crate) own_thrust: Option<f64>,
     /// Specific thrust that the autopilot reports, m/s²; None without a recent report.
     pub(crate) reported_thrust: Option<f64>,
-    /// Specific thrust that hovers, m/s² (gravity).
+    /// Specific thrust in hover, m/s² (gravity).
     pub(crate) hover_thrust: f64,
     /// Foot plane above the forecast deck, m.
     pub(crate) clearance: Option<f64>,
@@ -68,7 +69,7 @@ pub(crate) struct TouchdownEvidence {
 }
 
 impl TouchdownEvidence {
-    /// The larger of own command and report: a thrust that was not cut explains the force.
+    /// The larger of own command and report, because a thrust that was not cut also explains the force.
     fn applied_thrust(&self) -> Option<f64> {
         match (self.own_thrust, self.reported_thrust) {
             (Some(a), Some(b)) => Some(a.max(b)),
@@ -82,10 +83,10 @@ pub enum TouchdownContact {
     /// In the air.
     #[default]
     Clear,
-    /// Contact suspected: pressing down with little thrust.
+    /// Contact is suspected: the drone presses down with little thrust.
     Suspected {
         since: DroneTime,
-        /// Start of a large excess.
+        /// Time since which the excess has been large.
         carried: Option<DroneTime>,
     },
     Confirmed,
@@ -96,7 +97,7 @@ pub enum TouchdownContact {
 
 /// Excess of the rangefinder's reading over its value on the deck up to which the feet are near the deck, m.
 const RANGE_MARGIN_M: f64 = 0.10;
-/// Excess of that reading from which the drone has left the deck, m.
+/// Excess of that reading above which the drone has left the deck, m.
 const RANGE_RELEASE_M: f64 = 0.25;
 /// Largest forecast clearance for a contact without the rangefinder, m.
 const BLIND_CLEARANCE_M: f64 = 0.20;
@@ -107,15 +108,16 @@ const SPEED_VETO_MPS: f64 = 0.8;
 /// Speed along the deck's normal up to which the drone stays on the deck, m/s: the error of odometry and forecast.
 const STAYS_MPS: f64 = 0.25;
 const STAYS_TIME_S: f64 = 0.15;
-/// Smallest sustained excess for suspicion, m/s².
+/// Smallest sustained excess with which contact is suspected, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
-/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast contradict each other: above any gust or air cushion.
+/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast contradict each other; the product exceeds the effect
+/// of any gust or air cushion.
 const DOUBTED: f64 = 2.0;
-/// Duration of that excess for suspicion, s.
+/// Duration of that excess after which contact is suspected, s.
 const SUSPECT_S: f64 = 0.03;
-/// Smallest single excess for suspicion (an impact), m/s².
+/// Smallest excess in a single sample (an impact) with which contact is suspected, m/s².
 const IMPACT_MPS2: f64 = 6.0;
-/// Time at the feet's range for suspicion while a descent is commanded, s.
+/// Time at the feet's range in a commanded descent after which contact is suspected, s.
 const RESTING_S: f64 = 0.3;
 /// Thrust on suspicion, as a fraction of hover. More load on the feet resists the wind better, but makes the second
 /// contact of a bounce harder.
@@ -124,27 +126,27 @@ const PRESS_OF_HOVER: f64 = 0.4;
 /// Source: Low enough to keep load on the feet on a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
 const PRESS_RAMP_S: f64 = 0.2;
-/// Smallest sustained excess for confirmation, m/s².
+/// Smallest sustained excess that confirms a touchdown, m/s².
 const CONFIRM_EXCESS_MPS2: f64 = 2.0;
-/// Duration of that excess for confirmation, s.
+/// Duration of that excess that confirms a touchdown, s.
 const CONFIRM_S: f64 = 0.08;
-/// Duration for confirmation without the rangefinder, s.
+/// Duration that confirms a touchdown without the rangefinder, s.
 const BLIND_CONFIRM_S: f64 = 0.2;
 /// Time after which an unconfirmed suspicion is dropped, s.
 const GIVE_UP_S: f64 = 0.6;
 /// Excess below which the drone is unsupported while the thrust is cut, m/s².
 const FALLS_EXCESS_MPS2: f64 = 1.0;
-/// Time without support after which the drone is in the air, s: longer than between two contacts of a soft bounce. It
-/// gains 0.9 m/s meanwhile, which can be braked from [`CLEARANCE_VETO_M`].
+/// Time without support after which the drone is in the air, s: longer than between two contacts of a soft bounce. The
+/// drone gains 0.9 m/s in this time, and can brake that from [`CLEARANCE_VETO_M`].
 const FALLS_S: f64 = 0.15;
-/// Duration of the excess for confirmation without the autopilot's report of its thrust, on a drone that stays on the
-/// deck, s: five times the delay from its command to the rotors.
+/// Duration that confirms a touchdown without the autopilot's report of its thrust, for a drone that stays on the deck,
+/// s: five times the delay from its command to the rotors.
 const SILENT_CONFIRM_S: f64 = 0.4;
 /// Time before a contact over which the closing speed is maximised, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
 /// Pause after a dropped suspicion, s.
 const PAUSE_S: f64 = 0.2;
-/// Largest age of the autopilot's report of its thrust for confirmation, s.
+/// Largest age of the autopilot's thrust report that is used for a confirmation, s.
 pub(super) const AUTOPILOT_AGE_S: f64 = 0.5;
 const READINGS: usize = 32;
 /// Number of readings whose median is the range.
@@ -173,11 +175,11 @@ pub(crate) struct TouchdownDetector {
     witness: RangeWitness,
     /// Speed away from the deck along its normal, low-passed, m/s; None if unknown.
     along: Option<f64>,
-    /// Time since which nothing has supported the drone with the thrust cut.
+    /// Time since which the drone has been unsupported with the thrust cut.
     falls: Option<DroneTime>,
     /// Largest speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
     closing: (DroneTime, f64),
-    /// Speed of the hardest of the hard contacts, m/s.
+    /// Speed of the hardest hard contact, m/s.
     hard_mps: Option<f64>,
 }
 
@@ -211,7 +213,7 @@ impl TouchdownDetector {
     pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
-    /// Returns to the air, e.g. for a new take-off.
+    /// Resets the detector to the state in the air, e.g. for a new take-off.
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);
@@ -235,8 +237,8 @@ impl TouchdownDetector {
         let fresh = newest.filter(|(at, _)| now - *at <= topics::RANGE.stale_after);
         median(fresh.map(|(_, r)| r))
     }
-    /// Whether all readings of the last [`RESTING_S`] average to the feet's range with none far from it, and the drone
-    /// stays there by odometry and forecast, too.
+    /// Whether the readings of the last [`RESTING_S`] average to the feet's range, none of them is far from it, and
+    /// odometry and forecast also show that the drone stays on the deck.
     fn resting(&self, now: DroneTime) -> bool {
         if self.witness.contradicts() || !self.stays() {
             return false;
@@ -269,7 +271,7 @@ impl TouchdownDetector {
             self.closing = (now, closing);
         }
     }
-    /// Records the speed of a hard contact, which an impact near the deck shows.
+    /// Records the speed of a hard contact, which is detected by an impact near the deck.
     fn notice(&mut self, impact: f64, e: &TouchdownEvidence) {
         let near = e.clearance.is_some_and(|v| v.abs() <= CLEARANCE_VETO_M);
         let (_, closing) = self.closing;
@@ -281,7 +283,7 @@ impl TouchdownDetector {
     /// Updates the excess and the air's lift; returns this step's excess.
     fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
         if let Some(max_thrust) = e.begins_within {
-            // Only a force above the maximum thrust is a contact.
+            // Only a force above the maximum thrust indicates a contact.
             (self.excess, self.sure_excess, self.air) = (0.0, 0.0, 0.0);
             return e.force.map_or(0.0, |force| force - max_thrust);
         }
@@ -302,7 +304,7 @@ impl TouchdownDetector {
         impact
     }
 
-    /// One step; returns the touchdown at the moment of its confirmation.
+    /// Processes one step; returns the touchdown in the step that confirms it.
     pub(crate) fn step(&mut self, now: DroneTime, dt: f64, e: &TouchdownEvidence) -> Option<Touchdown> {
         if self.contact == TouchdownContact::Confirmed {
             return None;
@@ -314,7 +316,7 @@ impl TouchdownDetector {
             self.clear();
             return None;
         }
-        // A rangefinder that contradicts the forecast's height is overruled by the excess, which then has to be larger.
+        // If the rangefinder contradicts the forecast's height, the excess decides, but has to be larger.
         let apart = |r: &f64| disagree(r - self.feet_range, e.clearance);
         let read = self.median(now);
         let range = read.filter(|r| !apart(r));
@@ -398,13 +400,13 @@ impl TouchdownDetector {
         })
     }
 
-    /// The speed along the deck's normal does not exclude a touchdown.
+    /// Whether the speed along the deck's normal is low enough for a touchdown.
     fn is_slow(e: &TouchdownEvidence) -> bool {
         e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
-    /// Whether the feet are near the deck: by the rangefinder, or without a reading by the forecast. The forecast can
-    /// veto.
+    /// Whether the feet are near the deck, according to the rangefinder or, without a reading, the forecast. The
+    /// forecast can veto the rangefinder.
     fn near(&self, range: Option<f64>, e: &TouchdownEvidence, margin: f64) -> bool {
         let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {

@@ -3,8 +3,8 @@
 //!
 //! Constraints join the working set one by one, the most violated first, and leave it when their multiplier reaches
 //! zero. The effect of the set on the increments needs only the images of its rows through the factor of H, and the
-//! Cholesky factor of the images' products. Soft constraints involve a slack of their stage ([`super::qp`] has the same
-//! costs); a slack stays at its bound of zero until a soft row joins.
+//! Cholesky factor of the inner products of these images. Soft constraints involve a slack of their stage
+//! ([`super::qp`] has the same costs); a slack stays at its bound of zero until a soft row joins.
 
 use alight_shared::msg::Solve;
 
@@ -17,7 +17,7 @@ use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
 const MAX_CHANGES: u32 = 500;
 /// Relative distance of a row's image from the span of the working set below which the row is dependent.
 const DEPENDENT: f64 = 1e-11;
-/// Smallest quadratic cost of slack, relative to the linear one: the method needs a curvature.
+/// Smallest quadratic cost of slack, relative to the linear one: the method needs a positive curvature.
 const MIN_CURVATURE: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,9 +25,9 @@ enum Bounded {
     Input,
     Slew,
     State(usize),
-    /// The first state, by a ceiling or a floor.
+    /// The first state, bounded by a ceiling or a floor.
     Place,
-    /// A slack, from below by zero.
+    /// A slack, bounded below by zero.
     Slack,
 }
 
@@ -42,7 +42,8 @@ struct Row {
     unit: f64,
 }
 
-/// Slack with its cost in half the objective; `open` once a soft row that involves it has joined.
+/// Slack with its cost in half the objective; `open` is set once a soft row that involves it has joined the working
+/// set.
 #[derive(Clone, Copy, Debug)]
 struct Slack {
     linear: f64,
@@ -58,7 +59,7 @@ pub(super) struct ActiveSet<const N: usize> {
     limits: ChainLimits<N>,
     stages: usize,
     at: ChainLayout<N>,
-    /// Slacks of the stages, motion and place alternating.
+    /// Slacks of all stages, alternating between motion and place.
     slacks: Vec<Slack>,
     /// Working set, its multipliers, and the images of its rows, concatenated.
     rows: Vec<Row>,
@@ -67,7 +68,8 @@ pub(super) struct ActiveSet<const N: usize> {
     /// Lower Cholesky factor of the images' products, `capacity` columns wide.
     factor: Vec<f64>,
     capacity: usize,
-    /// The joining row: its image, its row of the factor, and the change of the multipliers per unit of its own.
+    /// Data of the row that joins the set: its image, its row of the factor, and the change of the other multipliers
+    /// per unit of its own multiplier.
     image: Vec<f64>,
     joining: Vec<f64>,
     change: Vec<f64>,
@@ -83,7 +85,7 @@ impl<const N: usize> ActiveSet<N> {
             open: false,
             value: 0.0,
         };
-        // There are no more independent rows than increments and slacks.
+        // The number of independent rows is at most that of increments and slacks.
         let capacity = 3 * stages;
         ActiveSet {
             model,
@@ -159,7 +161,7 @@ impl<const N: usize> ActiveSet<N> {
     }
 
     /// The most violated row outside the set, and its violation. An early input decides which later rows are violated,
-    /// so early rows have a larger weight, which saves some changes.
+    /// so early rows have a larger weight, which reduces the number of changes.
     fn most_violated(&self, instance: &QpInstance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
         let mut consider = |row: Row, value: f64, bound: f64| {
@@ -221,11 +223,11 @@ impl<const N: usize> ActiveSet<N> {
         worst
     }
 
-    /// Adds the row to the set and removes the rows whose multipliers reach zero as a result. False after too many
-    /// changes.
+    /// Adds the row to the set and removes the rows whose multipliers reach zero as a result. Returns false after too
+    /// many changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
-            // So far at its bound, with the multiplier of its linear cost.
+            // The slack was at its bound so far, with its linear cost as multiplier.
             self.slacks[i].open = true;
             self.image.fill(0.0);
             self.joining.clear();
@@ -278,8 +280,9 @@ impl<const N: usize> ActiveSet<N> {
         free.image(&mut self.image);
     }
 
-    /// Change of the multipliers per unit of the joining row's, which keeps the set's rows at their bounds. Returns the
-    /// rate at which the row's own violation falls; None if the set leaves no freedom.
+    /// Computes the change of the set's multipliers per unit of the joining row's multiplier that keeps the rows of the
+    /// set at their bounds. Returns the rate at which the joining row's violation decreases; None if the set leaves no
+    /// freedom.
     fn direction(&mut self, row: &Row) -> Option<f64> {
         self.joining.clear();
         let images = self.images.chunks_exact(self.stages);
@@ -304,7 +307,7 @@ impl<const N: usize> ActiveSet<N> {
         (slope > DEPENDENT * own).then_some(slope)
     }
 
-    /// Appends a row whose image and factor row are written. False if the set is full.
+    /// Appends a row whose image and factor row have been written. Returns false if the set is full.
     fn push(&mut self, row: Row, multiplier: f64, pivot: f64) -> bool {
         let n = self.rows.len();
         if n >= self.capacity {

@@ -54,8 +54,9 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`,
-    /// `k = 1..stages`, without limits. False if the problem is not positive definite (weights that are not finite).
+    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`, `k =
+    /// 1..stages`, without limits. Returns false if the problem is not positive definite, e.g. because weights are not
+    /// finite.
     pub fn solve(
         &mut self,
         x0: &SVector<f64, N>,
@@ -67,7 +68,7 @@ impl<const N: usize> Condensed<N> {
         if cost.len() != n || inputs.len() != n || !self.factorise(cost) {
             return false;
         }
-        // Gradient: free response with the previous input held.
+        // The gradient follows from the free response, with the previous input held.
         let mut free = *x0;
         self.half.fill(0.0);
         for k in 0..n {
@@ -90,7 +91,7 @@ impl<const N: usize> Condensed<N> {
     }
 
     /// Copies the factor of a chain with the same weights whose responses differ only in the signs of their components.
-    /// H squares these signs, so both chains have the same factor.
+    /// In H these signs are squared, so both chains have the same factor.
     pub(super) fn adopt_factor(&mut self, other: &Self) {
         if self.factored_for != other.factored_for {
             self.factored_for.clone_from(&other.factored_for);

@@ -34,8 +34,8 @@ config! {
     ///
     /// Defaults: The paper bounds inputs and slew but publishes no values; these are Alight's. Lowest speed from
     /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants of a motor;
-    /// with half of that a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the default
-    /// drone, more than an autopilot's attitude loop follows.
+    /// with half of that value a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the
+    /// default drone, more than an autopilot's attitude loop follows.
     #[derive(Copy)]
     pub struct RotorLimits {
         /// Minimum squared speed of a rotor, relative to hover.
@@ -63,8 +63,8 @@ config! {
 impl RotorLimits {
     /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in `[lowest, highest]` in
     /// any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink together if a weak
-    /// drone would otherwise have no thrust left. Tilt is about the axes of NED, not of the body: a turn by the heading
-    /// keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner has the same sum.
+    /// drone would otherwise have no thrust left. Tilt is about the axes of NED, not of the body. A rotation by the
+    /// heading keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner has the same sum.
     pub fn bounds(&self, drone: &DroneGeometry) -> RotorBounds {
         let down = 2.0 * (1.0 - self.lowest);
         let up = 2.0 * (drone.max_thrust_n / (drone.mass_kg * GRAVITY) - 1.0);
@@ -87,7 +87,7 @@ impl RotorLimits {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotorBounds {
-    /// Thrust, lower and upper.
+    /// Lower and upper bound of the thrust.
     pub thrust: [f64; 2],
     pub tilt: f64,
     pub yaw: f64,
@@ -108,9 +108,9 @@ config! {
         pub vertical_mps: f64 = 4.0, in 0.5..=15.0;
         /// Euler rates, rad/s.
         pub rates_rps: f64 = 2.0, in 0.2..=10.0;
-        /// Linear cost of exceeding a limit by its own size.
+        /// Linear cost of exceeding a limit by 100 %.
         pub slack_linear: f64 = 1e4, in 1.0..=1e7;
-        /// Quadratic cost of exceeding a limit by its own size.
+        /// Quadratic cost of exceeding a limit by 100 %.
         pub slack_quadratic: f64 = 1e4, in 0.0..=1e7;
     }
 }
@@ -140,7 +140,7 @@ config! {
 }
 
 config! {
-    /// Differences at which the plan restarts from the measured state instead of the previous plan.
+    /// Differences above which the plan restarts from the measured state instead of the previous plan.
     ///
     /// Chosen: well above a tracker's errors in gusts, below a visible jump.
     #[derive(Copy)]
@@ -157,9 +157,10 @@ config! {
         pub yaw_deg: f64 = 30.0, in 1.0..=180.0;
         /// Age of the last plan, s.
         pub age_s: f64 = 0.5, in 0.05..=10.0;
-        /// Largest height of a landing's plan above the drone at its start, m.
+        /// Largest height of the start of a landing's plan above the drone, m.
         pub ahead_m: f64 = 0.0, in 0.0..=100.0;
-        /// Largest deficit of the plan's sink rate against the drone's at its start, in a landing, m/s.
+        /// Largest difference by which the plan may sink more slowly than the drone at the plan's start, in a landing,
+        /// m/s.
         pub ahead_mps: f64 = 0.1, in 0.0..=100.0;
     }
 }
@@ -211,7 +212,7 @@ config! {
         pub limits: StateLimits;
         /// Pace of the approach to a reference.
         pub shaping: Shaping;
-        /// Limits at which a plan restarts from the measured state.
+        /// Limits above which a plan restarts from the measured state.
         pub reset: Reset;
         /// Depth below the deck's plane at which the reference ends after contact, m.
         pub press_m: f64 = 0.3, in 0.0..=1.0;

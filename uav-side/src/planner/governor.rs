@@ -40,7 +40,7 @@ impl<const D: usize> GovernedMotion<D> {
         const SUBSTEP_S: f64 = 0.025;
         const BRAKING: f64 = 1.15;
         const CLOSED: f64 = 1e-9;
-        // A closed gap stays closed.
+        // A gap that is closed stays closed.
         if self.place.norm() <= CLOSED && self.velocity.iter().all(|v| *v == 0.0) {
             return;
         }
@@ -89,8 +89,8 @@ impl<const D: usize> Default for ReferenceGovernor<D> {
 
 impl<const D: usize> ReferenceGovernor<D> {
     /// Propagates the gap to `now` against this target. If the target is of another kind or has jumped by more than
-    /// `limits[0]`, the reference stays where it was; if it is further than `limits[1]` from the plan's start, it
-    /// restarts there.
+    /// `limits[0]`, the reference stays where it was. If it is further than `limits[1]` from the plan's start, it
+    /// restarts at that start.
     pub fn update(
         &mut self,
         now: Time<DroneClock>,
@@ -147,7 +147,7 @@ mod tests {
             time += 0.02;
             assert!(time < 20.0);
         }
-        // At least the time of the limits: 50 m at 5 m/s and one ramp.
+        // The time is at least that of the limits: 50 m at 5 m/s and one ramp.
         assert!(time > 11.0, "{time}");
     }
 

@@ -12,11 +12,11 @@ pub use super::view::View;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {
-    /// The first plan of a landing starts from the measured state.
+    /// Whether the first plan of a landing starts from the measured state.
     pub measured: bool,
     /// Time constant with which the position and velocity of each later plan approach the drone's, s; the plan also
-    /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None: plans continue
-    /// without regard to the drone.
+    /// starts no higher above the drone and sinks no slower than [`super::config::Reset`] allows. None if plans
+    /// continue regardless of the drone.
     pub not_behind: Option<f64>,
 }
 
@@ -30,8 +30,8 @@ pub trait Law: core::fmt::Debug + Send {
         _last: &PlanReference,
     ) {
     }
-    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, a state's tilt is the acceleration that
-    /// it causes in this wind; otherwise it is the tilt of the body.
+    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state stands for the
+    /// acceleration that results in this wind; otherwise it is the tilt of the body.
     fn wind(&self) -> Vector2<f64> {
         Vector2::zeros()
     }
@@ -59,7 +59,7 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<Plan> {
         None
     }
-    /// Replaces permission and deck by those that the law plans with; the plan starts at `start`.
+    /// Replaces permission and deck in the view by those that the law plans with; the plan starts at `start`.
     fn limit(&mut self, _now: Time<DroneClock>, _start: &ModelState, _view: &mut View) {}
     /// Replaces references and weights; returns the time to contact if one is planned, s.
     fn refine(

@@ -6,9 +6,10 @@
 //! (schedule and messages).
 //!
 //! A plan starts from the previous plan sampled now, not from the measured state: the pilot's tracker closes the loop,
-//! and a lagging drone does not bend its own plan. It starts from the measured state if there is no previous plan, if
-//! that is old, if the drone is further from it than [`config::Reset`] allows, or if the autopilot's position estimate
-//! jumped. In a landing of `alight` its start is no higher above the drone than `Reset` allows, and sinks no slower.
+//! and a lagging drone does not change its own plan. A plan starts from the measured state if there is no previous
+//! plan, if the previous plan is old, if the drone is further from it than [`config::Reset`] allows, or if the
+//! autopilot's position estimate jumped. In a landing with `alight` the plan starts no higher above the drone than
+//! `Reset` allows, and with a sink rate no lower than `Reset` allows.
 
 mod active_set;
 pub mod alignment;
@@ -141,7 +142,7 @@ impl Planner {
         }
     }
 
-    /// The newest problem, for benchmarks.
+    /// The most recent problem, for benchmarks.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
@@ -170,7 +171,7 @@ impl Planner {
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
-        // Up to half a tick early, at the highest rate, counts as on time.
+        // A step is on time if it is early by at most half a tick of the highest rate.
         const EARLY_S: f64 = 0.004;
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
@@ -179,7 +180,7 @@ impl Planner {
     }
 
     /// Drops the previous plan when `alight` begins a landing: the autopilot's own position loop may have left an error
-    /// of 0.5 m or more, and closing it would take the pilot longer than the landing lasts.
+    /// of 0.5 m or more, and the pilot would need longer to close it than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
         if begins && self.law.landing_start().measured {
@@ -187,7 +188,8 @@ impl Planner {
         }
     }
 
-    /// State and input at the plan's start: of the last plan now, or as measured. None without odometry.
+    /// State and input at the plan's start: those of the last plan at `now`, or the measured ones. None without
+    /// odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(ModelState, [f64; INPUTS])> {
         let c = &self.config;
         let drone = *self.drone.fresh(now, topics::DRONE_STATE.stale_after)?;
@@ -271,13 +273,14 @@ impl Planner {
         let law = &mut self.law;
         let mut plan = law.own_plan(now, mission, forecast, start)?;
         plan.header = Header::new(0, 0, self.boot, self.sequence, now);
-        // Afterwards the common planner starts from the measured state.
+        // The common planner then starts from the measured state.
         self.solved = None;
         self.generator.restart();
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan as a message from `now` on, with half steps if they fit, for a fine interpolation by the pilot.
+    /// The plan as a message from `now` on. If they fit, half steps are included, so that the pilot interpolates
+    /// finely.
     fn message(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;

@@ -7,8 +7,8 @@
 //!
 //! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four integrators
 //! each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the increments of the four rotors
-//! equals the same cost on the increments of the four virtual inputs, and four small problems replace the large one
-//! exactly.
+//! equals the same cost on the increments of the four virtual inputs. Four small problems are therefore exactly
+//! equivalent to the large one.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};

@@ -54,7 +54,7 @@ impl Side {
     fn axis(&self) -> usize {
         usize::from(self.normal[1].abs() > self.normal[0].abs())
     }
-    /// Bounds this axis, given the planned values of the other two.
+    /// Narrows the bounds of this axis, given the planned values of the other two.
     fn bound(&self, axis: usize, states: &[ModelState], [low, high]: &mut [Vec<f64>; 2]) {
         let (n, across) = (self.normal[axis], self.normal[1 - axis]);
         let (Some(state), Some(low), Some(high)) = (
@@ -82,7 +82,7 @@ impl Problem {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {
-    /// Worst outcome of the chains.
+    /// Worst result among the chains.
     pub solve: Solve,
     /// Iterations of the solver over all chains; 0 on the fast path.
     pub iterations: u32,
@@ -208,8 +208,8 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y clear of the volumes: each axis is solved with the other and z fixed, and once more if the other
-    /// has moved as a result.
+    /// Keeps x and y clear of the volumes: each axis is solved with the other axis and z fixed, and once more if the
+    /// other axis has moved as a result.
     fn keep_clear(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
         let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));
@@ -301,7 +301,7 @@ struct ChainMpc<const N: usize> {
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
-    /// Only in the paper's planner.
+    /// Present only in the paper's planner.
     interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,
@@ -361,7 +361,7 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        // A missing entry is no bound.
+        // A missing entry means that there is no bound.
         let local_bound = |given: Option<&f64>, none: f64| {
             given.map_or(none, |g| (g - origin).clamp(-NO_CEILING, NO_CEILING))
         };

@@ -3,9 +3,9 @@
 //!
 //! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's state limits
 //! and measured in fractions of each limit. Inputs and their increments have hard limits, states soft ones with a
-//! linear and a quadratic cost of slack: 2.5 % of closed-loop problems have no solution with hard state limits (own
-//! measurement). A chain whose position is bounded on both sides has a separate slack for the position: with a shared
-//! one, a drone on the wrong side of a bound had no limit of tilt and speed.
+//! linear and a quadratic cost of slack: with hard state limits 2.5 % of closed-loop problems have no solution
+//! (measured with Alight). A chain whose position is bounded on both sides has a separate slack for the position: with
+//! a shared one, tilt and speed of a drone on the wrong side of a bound were not limited.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -26,9 +26,9 @@ pub struct ChainLimits<const N: usize> {
     pub slew: f64,
     /// Soft bound of each state's magnitude.
     pub state: [Option<f64>; N],
-    /// The first state has a separate soft upper bound at each stage (height over the water).
+    /// Whether the first state has a separate soft upper bound at each stage (height over the water).
     pub ceiling: bool,
-    /// The first state has a separate soft lower bound at each stage.
+    /// Whether the first state has a separate soft lower bound at each stage.
     pub floor: bool,
 }
 
@@ -41,13 +41,13 @@ pub struct SlackCost {
 
 /// Value of a missing ceiling, m: far beyond the reach of a horizon.
 pub const NO_CEILING: f64 = 1.0e3;
-/// Size of one unit of slack at the ceiling, m: violating the minimum altitude is expensive.
+/// Size of one unit of slack at the ceiling, m; it is small, so that violating the minimum altitude is expensive.
 pub const CEILING_SLACK_M: f64 = 0.1;
 /// Size of one unit of the position's separate slack, m.
 const PLACE_SLACK_M: f64 = 1.0;
-/// Cost of the slack of speed, tilt and rate relative to the position's separate slack.
+/// Cost of the slack of speed, tilt and rate as a multiple of that of the position's separate slack.
 const MOTION_OVER_PLACE: f64 = 100.0;
-/// Violation of a limit up to which the unconstrained optimum satisfies it, in the limit's own unit: the solver's
+/// Violation of a limit that is tolerated in the unconstrained optimum, in the limit's own unit: the solver's
 /// feasibility tolerance.
 pub(super) const TOLERANCE: f64 = 1e-9;
 /// Maximum number of interior-point iterations; 7 to 15 are needed.
@@ -111,7 +111,7 @@ pub struct QpInstance<'a, const N: usize> {
     pub cost: &'a [StageCost<N>],
     /// Upper bound of the first state per stage ([`NO_CEILING`] for none), if the chain has one.
     pub ceiling: &'a [f64],
-    /// Lower bound of the first state per stage, likewise.
+    /// Lower bound of the first state per stage, if the chain has one.
     pub floor: &'a [f64],
 }
 
@@ -346,7 +346,7 @@ impl<const N: usize> SparseForm<N> {
                 self.p.nzval[self.weight_at[k] + i] = 2.0 * cost.weight[i];
                 self.q[k * width + 1 + i] = -2.0 * cost.weight[i] * cost.reference[i];
             }
-            // Skips two rows of the input, two of the slew, and those of the slacks.
+            // Skips two rows of the input, two of the slew, and the slacks' rows.
             let row = self.row_at[k] + 5 + usize::from(self.limits.floor);
             if self.limits.ceiling {
                 self.b[row] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
@@ -385,7 +385,7 @@ fn settings() -> DefaultSettings<f64> {
         direct_solve_method: "qdldl".into(),
         max_threads: 1,
         iterative_refinement_enable: false,
-        // A tenth of the default: with 1e-8, inputs of equal cost differed by 0.4 % of their range.
+        // The tolerance is a tenth of the default: with 1e-8, inputs of equal cost differed by 0.4 % of their range.
         tol_gap_abs: 1e-9,
         tol_gap_rel: 1e-9,
         max_step_fraction: 0.999,

@@ -23,7 +23,7 @@ const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// Distance to the vessel below which the heading towards it is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
 
-/// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 at other places.
+/// Rate at which a station turns about the deck's centre with the vessel's mean heading, rad/s; 0 for other places.
 fn station_turns_radps(view: &View) -> f64 {
     let forecast = view.forecast.as_ref().filter(|_| view.mission.station.is_some());
     forecast.map_or(0.0, |f| f.mean_heading_rate)
@@ -32,7 +32,7 @@ fn station_turns_radps(view: &View) -> f64 {
 /// Deck of the references, and requirements of the plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanReference {
-    /// The plan ends in contact with the deck.
+    /// Whether the plan ends in contact with the deck.
     pub touch: bool,
     /// Present clearance of the foot plane above the deck, m; infinite while no deck is known.
     pub clearance_m: f64,
@@ -61,7 +61,7 @@ pub struct ReferenceGenerator {
     yaw: ReferenceGovernor<1>,
     /// Position and heading to hold while the deck is unexpectedly unknown.
     frozen: Option<[f64; 4]>,
-    /// The drone is within the approach sector.
+    /// Whether the drone is within the approach sector.
     admitted: bool,
 }
 
@@ -77,7 +77,7 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Whether the plan starts so low above the deck that the deck could reach the drone.
+    /// Whether the plan starts at a height at which the deck could reach the drone.
     fn near_deck(&self) -> bool {
         let aside = |d: &DeckStage| {
             (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
@@ -193,13 +193,13 @@ impl ReferenceGenerator {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
-        // Towards a vessel that is not received.
+        // The drone flies towards a vessel that is not received.
         let goal = match (mission.state, mean_z) {
             (Mode::Search, None) => Goal::Hold,
             (_, Some(_) | None) => goal,
         };
         if goal != Goal::Hold && mean_z.is_none() {
-            // The deck is unexpectedly unknown: hold the position.
+            // The deck is unexpectedly unknown, so the drone holds its position.
             let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);
             return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
         }
@@ -213,15 +213,15 @@ impl ReferenceGenerator {
         (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
-    /// Place above the deck, from its centre, m, on the way round the vessel into the approach sector; None for a drone
-    /// that is already there.
+    /// Next waypoint on the way round the vessel into the approach sector, from the deck's centre, m; None if the drone
+    /// is already in the sector.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
         let from = Vector2::new(
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        // A station has the height of an approach, and the mission leads round the vessel to it.
+        // A station is at the height of an approach, and the mission gives the waypoints round the vessel.
         let stays = q.view.mission.station.is_some();
         if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
@@ -245,7 +245,7 @@ impl ReferenceGenerator {
         let (round, out) = (self.way_round(q), self.escape(q));
         let aside = round.unwrap_or_else(|| q.view.mission.waiting_offset.unwrap_or_default().into());
         let turns_radps = station_turns_radps(q.view);
-        // Target at stage k (0 is now), and tilt with its rate.
+        // Target at stage k (0 is now), and its tilt with the rate of tilt.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (GovernedMotion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
@@ -267,7 +267,7 @@ impl ReferenceGenerator {
                 )
             }
             (Goal::Touch, Some(d)) => {
-                // Full pose: the foot plane's centre over the deck's centre.
+                // The target is a full pose, with the centre of the foot plane over the deck's centre.
                 let (n, w) = (d.normal(), angular_velocity(d));
                 let turn = w.cross(&n) * feet;
                 let (phi, theta) = tilt_of(&n, 0.0);
@@ -289,7 +289,7 @@ impl ReferenceGenerator {
             [q.start[state::V_NORTH], q.start[state::V_EAST]],
         );
         let follows = q.goal.follows_deck();
-        // A place that moves round the vessel ahead of the drone is approached, not followed.
+        // A waypoint that moves round the vessel ahead of the drone is approached, not followed.
         let jump_m = if round.is_some() { 0.0 } else { 0.5 };
         if q.goal == Goal::Leave {
             self.horizontal = ReferenceGovernor::default();
@@ -327,7 +327,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Climbs from a deck that is near, up to the height `z`.
+    /// References that climb from a deck that is near, up to the height `z`.
     fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         self.vertical = ReferenceGovernor::default();
         let mut climb = Climb::new(q.start[state::DOWN], q.start[state::V_DOWN], &self.drone);
@@ -367,7 +367,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Sinks at constant speed relative to the predicted deck, from the present clearance.
+    /// References that sink at constant speed relative to the predicted deck, from the present clearance.
     fn sink(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let (feet, step_s, mission) = (self.drone.feet_below_m, self.config.step_s, &q.view.mission);
         self.vertical = ReferenceGovernor::default();
@@ -450,7 +450,6 @@ impl ReferenceGenerator {
 /// Goal of the trajectory in a mission state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
-    /// Hold a position.
     Hold,
     /// Climb from the deck, keeping the place over it.
     Leave,
@@ -475,7 +474,7 @@ impl Goal {
 /// decay, which keeps pressure on the contact.
 #[derive(Clone, Copy, Debug)]
 struct Profile {
-    /// Present clearance; below contact, the clearance if the sinking had not slowed.
+    /// Present clearance; below contact, the clearance that would result if the descent had not slowed down.
     unslowed_m: f64,
     speed_mps: f64,
     press_m: f64,
@@ -506,8 +505,8 @@ impl Profile {
     }
 }
 
-/// The deck now and at each stage. After the forecast's end it continues at constant velocity with its last attitude;
-/// empty if the forecast does not cover `now`.
+/// The deck now and at each stage. After the forecast's end the deck continues at constant velocity with its last
+/// attitude; empty if the forecast does not cover `now`.
 fn sample_deck(
     now: Time<DroneClock>,
     forecast: &DeckForecast,
@@ -555,7 +554,7 @@ mod tests {
             before = (c, v);
         }
         assert!(before.0 > -0.3 && before.0 < -0.29 && before.1 < 0.01);
-        // Restarted below contact, the profile is the same.
+        // A profile that restarts below contact is the same.
         let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
         assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
         assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());

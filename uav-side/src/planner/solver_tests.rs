@@ -8,7 +8,7 @@ use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
 use super::tests::naive;
 use super::*;
 
-/// Every tenth problem of a landing that starts 5 m aside, and whether the solver was needed.
+/// Every tenth problem of a landing that starts 5 m from the deck's centre, and whether the solver was needed.
 fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     let (mut all, mut count) = (Vec::new(), 0);
     let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
@@ -65,7 +65,7 @@ fn qp_solution_against_dense_optimum() {
         mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
         assert_eq!(solution.solve, Solve::Optimal);
         let mut data = naive_data(&c, &mpc, &problem);
-        // Late inputs hardly matter to the cost: only a tight gap determines them.
+        // Late inputs hardly affect the cost, so only a tight gap determines them.
         data.tolerance = 1e-12;
         let dense = naive::constrained(&data).expect("solved");
         worst = worst.max(largest_difference(&solution.inputs, &dense));
@@ -74,7 +74,7 @@ fn qp_solution_against_dense_optimum() {
         compared += 1;
     }
     assert!(compared > 20, "{compared}");
-    // The tilt has a range of 0.6; the solver's gap is 1e-9.
+    // The tilt input has a range of 0.6, and the solver's gap is 1e-9.
     assert!(worst < 2e-3, "{worst}");
 }
 
@@ -98,7 +98,7 @@ fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// A volume's side turns and heaves with the deck, so that a drone is on the wrong side without having moved.
+/// A volume's side turns and heaves with the deck, so that a drone may be on the wrong side without having moved.
 #[test]
 fn planner_on_the_wrong_side_of_a_volume() {
     let config = PlannerConfig::default();

@@ -22,7 +22,7 @@ pub(super) struct SolvedPlan {
 
 impl SolvedPlan {
     /// State and input at `t`, exactly: whole stages from the solver's states, the remainder by the discretised model.
-    /// Before the start it returns the start, after the end constant velocity and level.
+    /// Before the plan's start this is the start; after its end the drone continues at constant velocity and level.
     pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (ModelState, [f64; INPUTS]) {
         let step = mpc.step_s();
         let x = (t - self.at).secs().max(0.0) / step;
@@ -59,12 +59,12 @@ impl SolvedPlan {
 pub(super) struct PlanStart {
     pub state: ModelState,
     pub input: [f64; INPUTS],
-    /// The plan starts from the measured state, independent of the previous plan.
+    /// Whether the plan starts from the measured state, independent of the previous plan.
     pub measured: bool,
 }
 
-/// Start of the plan after `previous`, for a drone of this odometry in this wind (m/s²). With `landing`, it is no
-/// higher above the drone and sinks no slower than `reset` allows, and is closer to its position.
+/// Start of the plan after `previous`, for a drone with this odometry in this wind (m/s²). With `landing`, the start is
+/// no higher above the drone and sinks no slower than `reset` allows, and it is shifted towards the drone's position.
 pub(super) fn start(
     now: Time<DroneClock>,
     drone: &DroneState,

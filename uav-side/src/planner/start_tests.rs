@@ -1,13 +1,13 @@
-//! Start of a landing's plan: at the drone if it is ahead of the plan, at the plan if it is behind, and between both if
-//! it is aside.
+//! Start of a landing's plan: at the drone if the drone is ahead of the plan, at the plan if the drone is behind, and
+//! between both if the drone is off to the side.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use super::tests::approach::{ABOVE, Approach, MODERATE};
 use super::*;
 
-/// A descent of two seconds, then one odometry with the drone off its plan by `place` (m) and `faster` (m/s) on this
-/// axis. Returns the offset of the next plan's start from the last plan.
+/// A descent of two seconds, then one odometry sample in which the drone is off its plan by `place` (m) and `faster`
+/// (m/s) on this axis. Returns the offset of the next plan's start from the last plan.
 fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
     let config = PlannerConfig {
         kind,

@@ -98,7 +98,7 @@ fn mpc_faa_with_both_published_horizons() {
     assert!(contact.tilt.to_degrees() < 2.0, "{contact:?}");
 }
 
-/// A planner and its follower, for tests that drive them directly.
+/// Planner and follower for tests that run them directly.
 struct Bench {
     planner: Planner,
     follower: PlanFollower,
@@ -139,7 +139,7 @@ impl Bench {
     }
 }
 
-/// A mission above the deck or down to it.
+/// Mission state that keeps the drone above the deck or takes it down to the deck.
 fn landing(state: Mode) -> MissionState {
     MissionState {
         state,
@@ -292,7 +292,7 @@ fn planner_escape_direction_and_sector() {
     };
     let r = aside(&b);
     assert!(r.x < -4.0 && r.y.abs() < 0.5, "astern: {r:?}");
-    // The way back over the deck leads by the bow.
+    // The way back over the deck leads round the bow.
     b.around.sector = [-0.5, 1.0];
     let mut came = None;
     for _ in 0..3000 {
@@ -326,7 +326,7 @@ fn planner_minimum_altitude() {
             for (i, s) in plan.stages.iter().enumerate() {
                 let t = plan.header.at + plan.step * i as i64;
                 let d = MODERATE.deck(t.secs()).position;
-                // Outside the outline widened by half a metre.
+                // This place is outside the outline widened by half a metre.
                 if (s.position[0] - d[0]).hypot(s.position[1] - d[1]) > 2.3 {
                     lowest = lowest.min(-s.position[2]);
                 }
@@ -341,7 +341,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     b.ticks(50, hold([0.0, 0.0, -10.0]), None);
     assert_eq!(b.planner.resets, 1);
-    // Displaced by 2 m.
+    // The drone is displaced by 2 m.
     b.follower.plan = None;
     b.follower.drone.position = [2.0, 0.0, -10.0];
     let plan = (0..10)
@@ -349,7 +349,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
         .expect("plans");
     assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
     assert_eq!(b.planner.resets, 2);
-    // Half a metre is left to the tracker.
+    // The tracker has to close a gap of half a metre.
     b.follower.plan = None;
     b.follower.drone.position[0] = plan.stages[1].position[0] + 0.5;
     b.tick(hold([0.0, 0.0, -10.0]), None);

@@ -146,7 +146,7 @@ mod tests {
             far,
             [30.0, 30.0, 40.0, 1.0, 1.0, 50.0, 1.0, 1.0, 3000.0, 1.0, 1.0, 1.0]
         );
-        // The attitude weight at the clearances listed in the reference: 3, 47, 339, 2490, 18395.
+        // The reference lists the attitude weight at these clearances: 3, 47, 339, 2490, 18395.
         for (d, expected) in [
             (1.0, 3.27),
             (0.7, 46.6),

@@ -36,7 +36,7 @@ config! {
         pub tilt_limit_rad: f64 = 0.61, in 0.05..=1.0;
         /// Largest rate of the commanded attitude, rad/s.
         pub attitude_rate_limit_rps: f64 = 3.0, in 0.1..=20.0;
-        /// Tilt that position feedback may add in the descent, rad.
+        /// Maximum tilt that position feedback may add in the descent, rad.
         pub descent_feedback_tilt_rad: f64 = 0.30, in 0.0..=0.8;
         /// Limit of the feedback's tilt in the flare above `fade_clearance_m`, rad.
         /// Source: A flare is too short to correct position by tilt. With 0.2 instead of 0.1 (Moderate, seeds 2000-2099
@@ -46,7 +46,7 @@ config! {
         /// Limit of the feedback's tilt at the deck, where the plan's attitude takes precedence, rad.
         pub contact_feedback_tilt_rad: f64 = 0.03;
         /// Clearance below which feedback and disturbance compensation fade, m.
-        /// Source: 0.5 m/s for 0.7 s: matching the deck's tilt costs 0.5 to 1.5 m/s² of lateral acceleration.
+        /// Source: 0.5 m/s for 0.7 s; matching the deck's tilt causes 0.5 to 1.5 m/s² of lateral acceleration.
         pub fade_clearance_m: f64 = 0.35, in 0.01..=5.0;
         /// Fraction of the disturbance compensation that remains at the deck, 0 to 1.
         pub contact_disturbance_fraction: f64 = 0.5, in 0.0..=1.0;

@@ -10,7 +10,7 @@ use crate::odometry::hover::hover_sample;
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
 #[derive(Clone, Debug)]
 pub(crate) struct FlightEstimator {
-    /// Collective thrust that hovers, 0 to 1.
+    /// Collective thrust in hover, 0 to 1.
     hover: f64,
     nominal: f64,
     reported: bool,
@@ -19,12 +19,12 @@ pub(crate) struct FlightEstimator {
     lift: f64,
     /// Commanded thrust after the rotors' lag, 0 to 1.
     applied: Option<f64>,
-    /// Duration of the commanded thrust without a gap, s.
+    /// Time for which thrust has been commanded without a gap, s.
     commanded_s: f64,
 }
 
 /// Delay until a newly commanded thrust is in effect, s: four lags of the rotors. Until then the rotors still respond
-/// to an earlier command, which this side does not know.
+/// to an earlier command, which is unknown here.
 const IN_FORCE_S: f64 = 0.2;
 
 impl FlightEstimator {
@@ -50,8 +50,8 @@ impl FlightEstimator {
     pub(crate) fn specific(&self, u: f64) -> f64 {
         u * GRAVITY / self.hover
     }
-    /// Own commanded thrust after its lag, 0 to 1: with the measured force it shows what else supports the drone. None
-    /// until it is in effect, and while the autopilot closes the loop.
+    /// Own commanded thrust after its lag, 0 to 1; its difference from the measured force shows other support of the
+    /// drone. None until the thrust is in effect, and while the autopilot closes the loop.
     pub(crate) fn in_force(&self) -> Option<f64> {
         self.applied.filter(|_| self.commanded_s >= IN_FORCE_S)
     }
@@ -133,8 +133,8 @@ mod tests {
         // Ground effect of 10 % on a level drone.
         let ground = learnt(Vector3::new(0.0, 0.0, -1.1 * GRAVITY), 0.0, 0.4, Some(0.4));
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
-        // Hover in wind by a tilt: drag across and along the thrust, no vertical component. If the hover thrust was
-        // learnt along the thrust, its error of a sin(tilt) appears here.
+        // In a tilted hover in wind the drag acts across and along the thrust, without a vertical component. If the
+        // hover thrust was learnt along the thrust, its error of a sin(tilt) appears here.
         let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
         let drag = GRAVITY * tilt.tan();
         let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());
@@ -143,7 +143,7 @@ mod tests {
         let weak = 0.4 * thrust / -measured_force.z;
         let found = learnt(measured_force, tilt, weak, Some(u));
         assert!((found - drag * tilt.sin() * tilt.cos()).abs() < 0.01, "{found}");
-        // Bounded, and zero without an own thrust or for NaN.
+        // The lift is bounded, and zero without an own thrust or for NaN.
         let hit = learnt(Vector3::new(0.0, 0.0, -90.0), 0.0, 0.4, Some(0.4));
         assert!(hit <= c.lift_limit_mps2, "{hit}");
         assert!(learnt(Vector3::new(0.0, 0.0, -90.0), 0.0, 0.4, None).abs() < 1e-12);

@@ -1,9 +1,9 @@
 //! The tracking loop: plan and odometry in, attitude and thrust out.
 //!
 //! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, converted to a thrust vector and by flatness to an
-//! attitude. The plan's attitude is fed forward with the autopilot's lag compensated; the feedback is not led, and its
-//! authority over the tilt fades towards the deck: at contact the plan's attitude matters more than a few centimetres
-//! of position.
+//! attitude. The plan's attitude is fed forward with the autopilot's lag compensated; the feedback is not compensated,
+//! and its authority over the tilt fades towards the deck: at contact the plan's attitude matters more than a few
+//! centimetres of position.
 
 mod config;
 mod estimate;
@@ -38,11 +38,12 @@ pub(crate) struct Authority {
     pub(crate) disturbance: f64,
     /// Disturbance that the plan's attitude already compensates, NED, m/s².
     pub(crate) planned: Vector2<f64>,
-    /// Let the integral change.
+    /// Whether the integral may change.
     pub(crate) integrate: bool,
-    /// Give the vertical force priority over the horizontal one, at any attitude.
+    /// Whether the vertical force has priority over the horizontal one, at any attitude.
     pub(crate) brakes: bool,
-    /// Limit of the downward acceleration, NED z, m/s²; while it is active, the vertical force has priority, too.
+    /// Limit of the downward acceleration, NED z, m/s²; while this limit is active, the vertical force has priority as
+    /// well.
     pub(crate) down_mps2: f64,
 }
 
@@ -57,7 +58,7 @@ impl Authority {
             down_mps2: f64::INFINITY,
         }
     }
-    /// Authority in the flare: fades linearly below `fade_clearance_m`.
+    /// Authority in the flare, which fades linearly below `fade_clearance_m`.
     pub(crate) fn flare(clearance: f64, c: &TrackingConfig) -> Self {
         let s = (clearance / c.fade_clearance_m).clamp(0.0, 1.0);
         let mix = |low: f64, high: f64| low + s * (high - low);
@@ -191,14 +192,14 @@ impl Tracker {
     }
 }
 
-/// Attitude and thrust that bring a drone to `stage` from its newest odometry alone, for callers without a pilot.
-/// `hover` is the collective thrust that hovers, 0 to 1; the caller sets the header.
+/// Attitude and thrust that bring a drone to `stage`, from its newest odometry alone, for callers without a pilot.
+/// `hover` is the collective thrust in hover, 0 to 1; the caller sets the header.
 ///
 /// The age of the odometry and the autopilot's response are unknown here, so the gains keep a margin with any of them:
 /// the loop crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at 1.7 rad/s
 /// horizontally, where 0.4 s of dead time and lag leave 37 deg.
 pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
-    /// Time over which the rate limit bounds the command's turn, s: once, not with each step.
+    /// Time over which the rate limit bounds the turn to the command, s; it applies once, not in each step.
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig {
         horizontal_kp: 0.7,

@@ -132,11 +132,11 @@ fn node(width: usize, height: usize) -> CameraNode {
 }
 
 thread_local! {
-    /// Shared by all images, as in flight, so that state left by one image affects the next.
+    /// All images go through this node, as in flight, so that state left by one image affects the next.
     static NODE: RefCell<CameraNode> = RefCell::new(node(320, 240));
 }
 
-/// Whether a pose is detected; it must be valid.
+/// Whether a pose is detected; checks that it is valid.
 fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
     let Some(pose) = node.detect(image) else {
         return false;
@@ -227,7 +227,8 @@ fn camera_memory_over_a_thousand_images() {
         resident()
     };
     if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests run at the same time: 40 MB of pages is what they may use; a leak of one image each is 70 MB.
+        // Other tests run at the same time and may use 40 MB of pages; a leak of one image per detection would take 70
+        // MB.
         assert!(late < early + 10_000, "{early} to {late} pages");
     }
 }

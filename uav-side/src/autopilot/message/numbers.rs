@@ -47,7 +47,7 @@ pub mod estimator {
     /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only after tilt and heading are aligned.
     pub const POSITION_HORIZ_ABS: u16 = 16;
     pub const POSITION_VERT_ABS: u16 = 32;
-    /// The estimator assumes a constant position, for lack of a measurement.
+    /// The estimator has no position measurement and assumes a constant position.
     pub const CONSTANT_POSITION: u16 = 128;
 }
 

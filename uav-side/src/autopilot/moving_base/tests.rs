@@ -13,7 +13,7 @@ use crate::odometry::OdometryConfig;
 
 /// Valid RTCM 3 frame of `length` bytes in all.
 fn rtcm(length: usize) -> Vec<u8> {
-    // Message 1077.
+    // The message number is 1077.
     let payload = [0x43, 0x50].into_iter().chain((0..).map(|k: usize| k as u8));
     alight_shared::rtcm::frame(&payload.take(length - 6).collect::<Vec<_>>())
 }
@@ -66,7 +66,7 @@ fn fragments_reassembled_to_the_frame() {
     for (k, (length, count)) in (30_u8..).zip(lengths) {
         let parts = fragments(&bytes[..length], k).unwrap();
         assert_eq!(parts.len(), count, "{length}");
-        // After encoding, which omits trailing zeros, and decoding.
+        // The parts are encoded, which omits trailing zeros, and decoded.
         for part in &parts {
             let mut decoder = Decoder::default();
             let to = Address::new(1, 191);
@@ -105,7 +105,7 @@ fn place(
 fn place_dated_by_the_smallest_delay() {
     let mut base = MovingBase::default();
     let measured = Some([[1.0, 2.0, -3.0], [0.01; 3]]);
-    // A delay of 50 ms.
+    // The report is delayed by 50 ms.
     assert_eq!(place(&mut base, 99.85, 604_798.8, measured), None, "no frame yet");
     let taken = &mut AutopilotOut::default();
     base.take(
@@ -114,7 +114,7 @@ fn place_dated_by_the_smallest_delay() {
         RtcmTarget::Receiver,
         taken,
     );
-    // Measured at 100.0, 100.2 ... across the end of the week; delayed by at least 20 ms.
+    // The places are measured at 100.0 s, 100.2 s ..., across the end of the week, and delayed by at least 20 ms.
     let mut errors = Vec::new();
     for k in 0..40_i32 {
         let made_s = 100.0 + 0.2 * f64::from(k);
@@ -129,7 +129,7 @@ fn place_dated_by_the_smallest_delay() {
         );
     }
     assert!(errors[6..].iter().all(|e| *e < 2e-3), "{errors:?}");
-    // Only the state is known.
+    // Only the state of the solution is known.
     let p = place(&mut base, 108.02, 7.0, None).unwrap();
     assert_eq!((p.baseline_m, p.baseline_sd_m), ([0.0; 3], [MAX_SD_M; 3]));
     // The vessel's antenna position has expired.
@@ -258,7 +258,7 @@ fn texts_of_the_relative_place_on_change() {
         (1.0, Some(float)),
         (2.0, Some(fixed)),
         (3.0, Some(fixed)),
-        // A short and a longer loss.
+        // A short loss and a longer one.
         (4.0, Some(float)),
         (5.0, Some(fixed)),
         (8.0, Some(float)),

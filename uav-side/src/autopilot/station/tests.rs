@@ -96,7 +96,7 @@ fn station_order_whose_answer_was_lost() {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
-    // A repetition after a lost answer is answered again, and orders nothing.
+    // A repetition after a lost answer is answered again, without a new order.
     orders.give(LAND, STATION, given(1, 30.0));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
@@ -112,7 +112,7 @@ fn station_order_whose_answer_was_lost() {
     ] {
         assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
     }
-    // Not after the landing was stopped.
+    // After the landing was stopped, the former answer is not reused.
     orders.stopped(at(34.0));
     assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
 }
@@ -145,7 +145,7 @@ fn station_abort_after_a_landing_from_elsewhere() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
-    // Another operator orders a landing meanwhile; no station is informed.
+    // Another operator orders a landing in between; the stations are not informed.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
@@ -189,7 +189,7 @@ fn station_order_answers() {
             published += usize::from(command.is_some());
             answers.extend(a);
         }
-        // Answered each second.
+        // The order is answered each second.
         let answer = answers.pop().unwrap();
         let under_way = answers.iter().all(|a| a.result == InProgress);
         assert!(under_way && answers.len() == published.min(5), "{answers:?}");

@@ -59,7 +59,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
             let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
             MavlinkMessage::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
-                // 0 m stands for an invalid reading; no rangefinder measures it.
+                // 0 m marks an invalid reading; rangefinders cannot measure it.
                 range_m: if is_invalid {
                     0.0
                 } else {
@@ -108,7 +108,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
         M::PARAM_REQUEST_READ(d) => MavlinkMessage::ParameterRequest {
             to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
-            // -1: by name.
+            // -1: the parameter is requested by name.
             index: u16::try_from(d.param_index).ok(),
         },
         M::PARAM_SET(d) => MavlinkMessage::ParameterSet {
@@ -145,7 +145,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
         M::FOLLOW_TARGET(d) => MavlinkMessage::FollowTarget(PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
-            // Zeros: unknown.
+            // Zeros mean that the velocity is unknown.
             velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
@@ -308,7 +308,7 @@ fn volts(cells: &[u16]) -> Option<f64> {
 
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
-    // Another frame is not NED, as in a camera's odometry.
+    // Other frames are not NED, e.g. in a camera's odometry.
     if d.frame_id != F::MAV_FRAME_LOCAL_NED {
         return None;
     }

@@ -100,7 +100,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             current_a,
         } => M::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
             id: *number,
-            // mV of the whole battery in place of its first cell, and cA.
+            // Voltage of the whole battery, mV, in place of its first cell, and current, cA.
             voltages: core::array::from_fn(|k| match voltage_v {
                 Some(v) if k == 0 => (v * 1e3).round() as u16,
                 Some(_) | None => u16::MAX,
@@ -137,7 +137,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
                 target_system: to.system,
                 target_component: to.component,
                 param_id: chars(name),
-                // -1: by name.
+                // -1: the parameter is requested by name.
                 param_index: index.and_then(|k| i16::try_from(k).ok()).unwrap_or(-1),
             })
         }
@@ -223,7 +223,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             d.data.get_mut(..data.len())?.copy_from_slice(data);
             M::GPS_RTCM_DATA(d)
         }
-        // Only from the drone's own receiver.
+        // Comes from the drone's own receiver and is never sent.
         MavlinkMessage::RelativePlace(_) => return None,
         // Encoded byte by byte.
         MavlinkMessage::Odometry(_)

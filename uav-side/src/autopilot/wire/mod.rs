@@ -14,7 +14,7 @@ use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
 const MAX_SEVERITY: u8 = 7;
 
-/// Decodes frames from a stream of bytes in arbitrary parts.
+/// Decodes frames from a stream of bytes that arrives in arbitrary parts.
 #[derive(Default)]
 pub struct Decoder {
     frames: FrameReader,
@@ -167,7 +167,7 @@ mod tests {
         mavlink::encode(from, Outgoing::new(132, 85, payload), None)
     }
 
-    /// A ground station whose clock was ahead and was then set back.
+    /// A ground station whose clock is set back after it was ahead.
     #[test]
     fn abort_whatever_the_clock_shows() {
         use super::super::message::{CommandLong, command};
@@ -233,7 +233,7 @@ mod tests {
             let Some(MavlinkMessage::Distance(d)) = decoder.next_frame().map(|f| f.message) else {
                 panic!("{quality}");
             };
-            // 0 m stands for an invalid reading.
+            // 0 m marks an invalid reading.
             assert!((d.range_m - metres).abs() < 1e-9, "{quality}: {}", d.range_m);
         }
     }

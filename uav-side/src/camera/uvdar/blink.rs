@@ -39,7 +39,7 @@ impl Code {
     pub fn images(&self) -> usize {
         self.length
     }
-    /// Longest dark period, images, across the end of the code too.
+    /// Longest dark period of the repeated code, images.
     pub fn max_dark(&self) -> usize {
         let mut longest = 0;
         let mut dark = 0;
@@ -56,7 +56,7 @@ impl Code {
         (0..self.length)
             .map(|phase| {
                 let turned = (0..self.length).fold(0_u32, |bits, k| {
-                    // Backwards in time from the newest image.
+                    // The bits run backwards in time from the newest image.
                     let at = (phase + self.length - k) % self.length;
                     bits | (((self.bits >> at) & 1) << k)
                 });
@@ -79,7 +79,7 @@ struct Track {
     at: Vector2<f64>,
     velocity: Vector2<f64>,
     last: Time<DroneClock>,
-    /// Lit or dark in the last images, the newest in the lowest bit.
+    /// Whether the spot was lit in each of the last images, with the newest in the lowest bit.
     observed: u32,
     images: u32,
     dark: usize,
@@ -118,7 +118,7 @@ impl BlinkTracker {
             last: None,
         }
     }
-    /// Takes the spots of an image. Returns those that are markers.
+    /// Processes the spots of an image. Returns the spots that are identified as markers.
     pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
         // Bits of lost images are unknown: all tracks start again.
         let gap = self
@@ -191,7 +191,7 @@ impl BlinkTracker {
         }
         taken
     }
-    /// Spots that are lit now and match one marker; a marker matched by two spots is left out.
+    /// Lit spots that match exactly one marker; a marker that two spots match is left out.
     fn known(&self) -> Vec<IdentifiedMarker> {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use crate::camera::image::GreyImage;
 
-/// Maximum number of spots in an image; the brightest count.
+/// Maximum number of spots in an image; the brightest ones are kept.
 pub const MAX_BLOBS: usize = 64;
 
 /// Maximum number of runs of bright pixels. An image with more shows glare or noise, and no spots are returned.
@@ -26,8 +26,8 @@ pub struct BlobLimits {
     pub max_pixels: usize,
 }
 
-/// Spots of the image: connected pixels above the threshold, row by row from the top. Bounded: a row's runs are joined
-/// with those of the row above, and only the brightest spots are kept.
+/// Spots of the image: connected pixels above the threshold, row by row from the top. A row's runs are joined with
+/// those of the row above, and only the brightest spots are kept, so that time and memory are bounded.
 pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
     let mut open: Vec<(usize, usize, usize)> = Vec::new();
     let mut groups = Groups::default();
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(blobs.len(), 1, "{blobs:?}");
         let two = find(&image(&[(5, 5, 200), (6, 5, 150), (40, 30, 255)]), &SPOT);
         assert_eq!(two.len(), 2);
-        // Light of 101 and 51: the centroid is at a third of the distance.
+        // With light of 101 and 51 the centroid is at a third of the distance.
         let left = two.iter().find(|b| b.at.x < 20.0).unwrap();
         assert!((left.at.x - (5.0 + 51.0 / 152.0)).abs() < 1e-9 && (left.at.y - 5.0).abs() < 1e-9);
     }

@@ -9,7 +9,7 @@ use crate::camera::image::check_image;
 const MAX_STEPS: usize = 20;
 
 config! {
-    /// A wide lens with its image size.
+    /// Wide lens with its image size.
     ///
     /// Defaults: 180 deg on 640 x 480 px, with a circle as high as the image.
     #[derive(Copy)]
@@ -24,7 +24,7 @@ config! {
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
         pub distortion: [f64; 4] = [0.0; 4], in -2.0..=2.0;
-        /// Full cone of the lens, deg.
+        /// Full angle of the lens's cone, deg.
         pub cone_deg: f64 = 180.0, in 10.0..=240.0;
     }
     check |this, at| {

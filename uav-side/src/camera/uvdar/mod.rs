@@ -24,13 +24,13 @@ pub use fisheye::Fisheye;
 use pose::{MarkerBearing, PosePrior, solve};
 
 pub const MAX_MARKERS: usize = 16;
-/// Time for which the attitude of a fix is used, s.
+/// Time after a fix for which its attitude is used, s.
 const ATTITUDE_MEMORY_S: f64 = 0.5;
 /// Minimum number of bits in which two codes differ.
 const MIN_CODE_DISTANCE: u32 = 3;
 
 config! {
-    /// The ultraviolet camera and the deck's markers.
+    /// Settings of the ultraviolet camera and of the deck's markers.
     pub struct UvdarSettings {
         /// Lens of the camera.
         pub lens: Fisheye;
@@ -114,7 +114,7 @@ pub struct UvdarCounts {
     pub single: u64,
     /// Images whose markers fit no position, or several.
     pub misfit: u64,
-    /// Images of a size other than the lens's.
+    /// Images whose size differs from the lens's.
     pub wrong_size: u64,
 }
 

@@ -20,12 +20,12 @@ const LIMITS: RefinementLimits = RefinementLimits {
     absolute_gain: 1e-12,
     step: 0.0,
 };
-/// Difference of the sums of squared residuals below which another solution is a rival (3 standard deviations).
+/// Difference of the sums of squared residuals below which another solution is a rival: 3 standard deviations.
 const RIVAL: f64 = 9.0;
 /// Distance between solutions, as a fraction of the range, below which they are the same.
 const SAME_FRACTION: f64 = 0.02;
-/// Maximum rotation, rad, with which a deck continues the previous attitude, and the factor by which each rival must
-/// have rotated more.
+/// Maximum rotation, rad, from the previous attitude to a solution that continues it, and the factor by which the
+/// rotation to each rival must be larger.
 const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
@@ -121,7 +121,8 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// Rival that continues the attitude `last`, of equally good solutions with the best first; None if none or several do.
+/// The one of `rivals`, equally good solutions with the best first, that continues the attitude `last`; None unless
+/// exactly one does.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
         return Some(alone);
@@ -166,7 +167,7 @@ pub fn solve(
         let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
         let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
         let attitude = turn * level;
-        // For oblique views markers are nearer than their angular distance implies.
+        // In an oblique view markers are nearer than their angular distance implies.
         for fraction in [1.0, 0.5] {
             let start = CameraPose {
                 position: direction * (range * fraction).clamp(0.5, 500.0) - attitude * centre,

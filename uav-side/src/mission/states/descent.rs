@@ -18,7 +18,7 @@ fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// Reason against the flare at the decision clearance.
+/// Reason not to begin the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
@@ -33,8 +33,8 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
 /// Cone of a descent: its radius at the deck, m, and the radius' increase per metre of clearance.
 const CONE_M: f64 = 1.0;
 const CONE_SLOPE: f64 = 0.3;
-/// Duration of a new attempt, s, and its probability of a harmful contact: a landing continues unless its probability
-/// is below the required one by the cost of both.
+/// Duration of a new attempt, s, and its probability of a harmful contact: a landing is broken off only if its
+/// probability falls short of the required one by more than the cost of both.
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
@@ -52,7 +52,8 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
-/// Tilt beyond the commanded one above which the autopilot has lost the attitude, rad: 10 deg; landings reach 2.
+/// Tilt beyond the commanded one above which the autopilot has lost the attitude, rad: 10 deg; the excess reaches 2 deg
+/// in landings.
 const MAX_TILT_EXCESS_RAD: f64 = 0.175;
 /// Clearance below which the deck may tilt a drone by touching it, m: the forecast's error.
 const MAY_TOUCH_M: f64 = 0.3;
@@ -62,7 +63,7 @@ fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
     exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
 }
 
-/// Descent: until the flare; pauses at the decision clearance while a condition of the flare is not met.
+/// Descends until the flare, with a pause at the decision clearance while a condition of the flare is not met.
 pub(super) fn descent(
     violated: Option<DroneTime>,
     paused: Option<DroneTime>,
@@ -110,10 +111,12 @@ pub(super) fn descent(
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
 }
 
-/// Distance above the lowest plan within which the drone follows the deck, m: the remainder of the heave.
+/// Distance above the lowest plan within which the drone follows the deck, m: the part of the heave that it does not
+/// follow.
 const MATCHED_WITHIN_M: f64 = 0.5;
 
-/// End of a descent that does not land: follows the deck at the lowest plan since `matched`, then climbs.
+/// End of a descent that does not land: the drone has followed the deck at the lowest plan since `matched`, and then
+/// climbs.
 fn matching(
     lowest_m: f64,
     violated: Option<DroneTime>,
@@ -140,7 +143,8 @@ fn matching(
     MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
 
-/// Flare: until touchdown. It is broken off if the deck is missed or lost, and for soft reasons until it is committed.
+/// Continues the flare until touchdown. It is broken off if the deck is missed or lost, and for soft reasons until it
+/// is committed.
 pub(super) fn flare(
     committed: bool,
     violated: Option<DroneTime>,
@@ -170,5 +174,5 @@ pub(super) fn flare(
     MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
 }
 
-/// Duration of a violation that breaks a landing off, s: several messages.
+/// Duration of a violation after which a landing is broken off, s: several messages.
 const VIOLATION_S: f64 = 0.3;

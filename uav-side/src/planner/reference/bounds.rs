@@ -10,7 +10,7 @@ use super::{PlanReference, ReferenceGenerator};
 use crate::contingency::NEAR_DECK_M;
 use crate::surroundings::{Passage, margin_m};
 
-/// Distance of the plan's bound below the lowest clearance of the reference, m: the bound must not act on a plan that
+/// Distance of the plan's bound below the lowest clearance of the reference, m: the bound must not affect a plan that
 /// follows the reference.
 const UNDERCUT_M: f64 = 0.2;
 /// Widening of the deck's outline within which the minimum altitude does not apply, m.
@@ -47,7 +47,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Moves references out of the volumes that the plan passes on a side, and bounds the plan's positions.
+    /// Moves references out of the volumes that the plan passes sideways, and bounds the plan's positions.
     pub(in crate::planner) fn keep_out(&self, reference: &PlanReference, problem: &mut Problem) {
         problem.sides.clear();
         if reference.passages.is_empty() {
@@ -55,8 +55,8 @@ impl ReferenceGenerator {
         }
         let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
         for (stage, (r, deck)) in stages.enumerate() {
-            // Leaving one volume may lead into another: two passes suffice for two volumes; a third keeps its soft
-            // bound.
+            // Leaving one volume may lead into another. Two passes suffice for two volumes; for a third one only its
+            // soft bound remains.
             let passages = reference.passages.iter();
             let from = problem.sides.len();
             let sides = passages.filter_map(|p| p.side(deck));

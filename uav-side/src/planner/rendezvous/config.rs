@@ -38,7 +38,7 @@ impl Check for WeightSchedule {
 config! {
     /// Descent profile: fast, braked, soft.
     ///
-    /// Chosen: after a prototype. The soft part is long enough for the drone's lag, which can make the contact early:
+    /// Chosen: after a prototype. The soft part is long enough for the drone's lag, which can cause an early contact:
     /// with 40 ms of delay to the autopilot the motors stop in time in 79 of 80 landings at 0.28 s, 76 at 0.2 s, 80 at
     /// 0.35 s. During the soft part the tag is out of view, and each 0.1 s adds 8 mm to the position error.
     #[derive(Copy)]
@@ -57,7 +57,7 @@ config! {
         pub soft_s: f64 = 0.2, in 0.0..=5.0;
         /// Depth below the deck's plane at which the reference ends after contact, m.
         pub press_m: f64 = 0.5, in 0.01..=1.0;
-        /// Height above the deck from which its heave is not followed, m.
+        /// Height above the deck above which its heave is not followed, m.
         pub mean_above_m: f64 = 4.5;
         /// Height above the deck below which its heave is followed fully, m.
         pub heave_below_m: f64 = 1.5, in 0.3..=50.0;
@@ -89,12 +89,12 @@ config! {
         pub rising_mps: f64 = 0.8, in 0.01..=1e3;
         /// Cost of waiting, 1/s.
         pub waiting_per_s: f64 = 0.3, in 0.0..=100.0;
-        /// Cost reduction at which another time replaces the chosen one.
+        /// Cost reduction above which another time replaces the chosen one.
         pub hysteresis: f64 = 0.2, in 0.0..=100.0;
         /// Maximum advance of the contact relative to the profile when late, s.
         pub hurry_s: f64 = 0.15, in 0.0..=1.0;
         /// Maximum delay of the contact relative to the profile in the flare, s: low over the deck the tag is out of
-        /// view, and a drone that waits there drifts off or is left behind.
+        /// view, and a drone that waits there drifts away or is left behind by the vessel.
         pub linger_s: f64 = 0.05, in 0.0..=10.0;
     }
 }
@@ -102,10 +102,10 @@ config! {
 config! {
     /// The rendezvous planner (`alight`).
     ///
-    /// Chosen: by landings on seven decks (40 each). The tilt weighs more far away than alignment needs, so that the
-    /// plan does not follow the forecast's noise. Stages count as contact for as long as the contact may be late
-    /// (`after_s`, 0.1 s): a longer alignment costs position and tilt, because a drone with a matched tilt accelerates
-    /// away from the deck.
+    /// Chosen: by landings on seven decks (40 each). Far from the deck the weight of the tilt is larger than alignment
+    /// needs, so that the plan does not follow the forecast's noise. Stages keep the weights of the contact for as long
+    /// as the contact may be late (`after_s`, 0.1 s): a longer alignment costs position and tilt, because a drone with
+    /// a matched tilt accelerates away from the deck.
     #[derive(Copy)]
     pub struct RendezvousConfig {
         /// Descent profile.
@@ -115,7 +115,7 @@ config! {
         /// Plan the tilt as the horizontal acceleration that it causes at the planned vertical acceleration; if false,
         /// as `g tilt` of the linear model.
         pub true_tilt: bool = true;
-        /// Clearance that measures the proximity of the contact: that of each stage, or the present one.
+        /// Clearance that determines the proximity of the contact: that of each stage, or the present one.
         pub distance: FaaDistance = FaaDistance::PerStage;
         /// Start a landing from the measured state; if false, from the previous plan.
         pub start_from_measured: bool = true;

@@ -32,15 +32,14 @@ use profile::{Height, Profile};
 use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
-/// Clearance below which the wind is not estimated over a deck that the drone is to touch, m: contact forces are not
-/// wind.
+/// Clearance below which the wind is not estimated in a landing, m: contact forces are not wind.
 const FREE_M: f64 = 0.5;
 /// Distance from the deck's centre up to which its plane is followed, m: slightly more than half the width of the
 /// default deck.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
 /// Time constant with which the plans of a landing approach the drone's position and velocity, s: the plan accepts the
 /// gap that the pilot has not closed by then and meets the deck from there. It is longer than the pilot's loop, so that
-/// two loops do not close the same gap, and shorter than the second from full descent to contact.
+/// two loops do not close the same gap, and shorter than the one second from full descent to contact.
 const YIELDS_S: f64 = 0.3;
 /// Law of `alight`: references and weights of a landing, and the wind that they allow for.
 #[derive(Clone, Debug)]
@@ -59,11 +58,11 @@ pub struct Rendezvous {
 struct DescentPlan {
     /// Time to contact now, s; infinite while no contact is permitted.
     left: f64,
-    /// Upper bound of the height: the drone's own, m.
+    /// Upper bound of the height: the drone's present height, m.
     ceiling: f64,
     /// Lower bound of the height while no contact is permitted, m.
     floor: f64,
-    /// Planned place of the feet on the deck, from its centre, NED, m.
+    /// Planned position of the feet on the deck, from its centre, NED, m.
     lateral_offset: Vector2<f64>,
     /// Mean height of the deck, NED z, m.
     mean_z: f64,
@@ -170,8 +169,8 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        // A steep deck is met off its centre: a drone 0.3 m down a slope of 20 deg has 0.1 m more clearance than at the
-        // centre, and would stay above the deck for longer.
+        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg it has 0.1 m more clearance than at
+        // the centre, and would stay above the deck for longer.
         let normal = here.normal();
         let lateral_offset = self.lateral_offset(&start, here, &normal);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
@@ -191,7 +190,7 @@ impl Rendezvous {
         let (left, floor) = if permitted {
             let min_time = self.profile.min_time(clearance, begin.sinking);
             let left = self.profile.left(clearance);
-            // Low over the deck the tag is out of view, and a waiting drone drifts off.
+            // Low over the deck the tag is out of view, and a drone that waits drifts away.
             let flare = mission.state == Mode::Flare;
             let c = &self.config.touchdown_time;
             let window_s = if flare || lifted_m > 0.0 { 0.0 } else { c.window_s };
@@ -290,8 +289,8 @@ impl Rendezvous {
         wanted
     }
 
-    /// Lowest height `time` after `h` at bounded acceleration: a reference that falls faster leaves the rotors too
-    /// little thrust to hold the position.
+    /// Lowest height reachable `time` after `h` at bounded acceleration: with a reference that falls faster the rotors
+    /// have too little thrust to hold the position.
     fn lowest(&self, h: &Height, time: f64) -> Height {
         let c = &self.config.profile;
         let max = (c.sink_mps + c.hurry_mps).max(h.sinking);
@@ -335,7 +334,7 @@ impl Rendezvous {
             - h.clearance;
         r[8] = fraction * deck.velocity[2] + h.sinking;
 
-        // After the contact nothing has to be matched.
+        // After the contact the drone does not have to match the deck any more.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
         let clearance = match c.distance {
             FaaDistance::PerStage => h.clearance,
@@ -356,7 +355,7 @@ impl Rendezvous {
         let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
         r[4] = -meant.x;
-        // A descent that ends above the deck matches its height only.
+        // A descent that ends above the deck matches only the deck's height.
         let g = if way.stops_above() { (-height).exp() } else { g };
         q[2] = c.vertical.at(g);
         q[8] = c.vertical_velocity.at(g);

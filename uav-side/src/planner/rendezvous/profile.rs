@@ -6,7 +6,7 @@ use super::config::ProfileConfig;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     config: ProfileConfig,
-    /// Time to go at which braking begins, s.
+    /// Time left until contact at which braking begins, s.
     braking_from: f64,
 }
 
@@ -68,8 +68,8 @@ impl Profile {
         c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
     }
 
-    /// Shortest time from `clearance` at the present sink rate `speed`, s: the profile's, plus the time lost while
-    /// accelerating to its speed.
+    /// Shortest time to contact from `clearance` at the present sink rate `speed`, s: the profile's time plus the time
+    /// lost while accelerating to the profile's speed.
     pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);
         let wanted = self.at(left).sinking;

@@ -22,7 +22,7 @@ const ROUGHNESS_M: f64 = 2e-4;
 /// Smallest height above the water, m.
 const LOWEST_M: f64 = 0.5;
 
-/// Lateral disturbance with the conditions of its measurement.
+/// Lateral disturbance and the conditions under which it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LateralDisturbance {
     /// NED, m/s².
@@ -37,7 +37,7 @@ pub(super) struct LateralDisturbance {
 }
 
 impl LateralDisturbance {
-    /// Processes new odometry; in `free` flight its disturbance is the mean over [`DISTURBANCE_S`].
+    /// Processes new odometry; in `free` flight the disturbance is averaged over [`DISTURBANCE_S`].
     pub(super) fn measure(&mut self, d: &DroneState, free: bool) {
         self.wind = d.wind.map(Vector2::from);
         if !free {
@@ -66,7 +66,7 @@ impl LateralDisturbance {
             (Matrix2::identity() + way * way.transpose() / (speed * speed)) * (self.measured.norm() / speed);
         let changed = wind * (above(z) / above(self.z) - 1.0) - (velocity - self.velocity);
         let change = slope * changed;
-        // The first order is valid for a limited change.
+        // The first-order approximation is valid for a limited change.
         self.measured + change.cap_magnitude(0.5 * self.measured.norm())
     }
 }
@@ -78,7 +78,7 @@ mod tests {
     fn drag(u: &Vector2<f64>) -> Vector2<f64> {
         -u * (0.028 * u.norm())
     }
-    /// Measured at 8 m above the water, moving at `v`.
+    /// Disturbance measured 8 m above the water by a drone that moves at `v`.
     fn push(wind: Vector2<f64>, v: Vector2<f64>) -> LateralDisturbance {
         let mut push = LateralDisturbance::default();
         let d = DroneState {
@@ -99,7 +99,7 @@ mod tests {
         let at_deck = wind * ((1.6_f64 / 2e-4).ln() / (8.0_f64 / 2e-4).ln());
         let found = push(wind, Vector2::zeros()).at(-1.6, &Vector2::zeros());
         assert!((found - drag(&-at_deck)).norm() < 0.1, "{found}");
-        // Drifts with the wind at 0.5 m/s.
+        // The drone drifts with the wind at 0.5 m/s.
         let v = Vector2::new(0.5, 0.0);
         let found = push(wind, Vector2::zeros()).at(-8.0, &v);
         assert!((found - drag(&(v - wind))).norm() < 0.03, "{found}");

@@ -1,5 +1,5 @@
-//! Touchdown time: the time within reach at which the deck is nearly level, turns slowly and accelerates as an aligned
-//! drone would.
+//! Touchdown time: the reachable time at which the deck is nearly level, rotates slowly and accelerates like an aligned
+//! drone.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, DeckStage};
@@ -15,7 +15,7 @@ const GRID_S: f64 = 0.1;
 const MAX_CANDIDATES: usize = 41;
 
 /// Expected cost of touching this deck in `wind` (its horizontal acceleration, m/s²), without the cost of waiting:
-/// `E[x²] = E[x]² + var x` of each quantity, so that a poorly predicted time has the average cost.
+/// `E[x²] = E[x]² + var x` of each quantity, so that a time that is poorly predicted has the average cost.
 pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
@@ -48,8 +48,8 @@ impl TouchdownTime {
     }
 
     /// Time until the contact (s). Each call chooses it again until [`TouchdownTimeConfig::freeze_s`] before the
-    /// contact. `min_time` is the earliest possible, `left` the profile's time at the present height; in a `flare`
-    /// there is no waiting.
+    /// contact. `min_time` is the earliest possible, `left` the profile's time at the present height; in a `flare` the
+    /// drone does not wait.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
@@ -62,7 +62,7 @@ impl TouchdownTime {
     ) -> f64 {
         let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
         let price = |t: Time<DroneClock>| {
-            // Beyond the forecast every time has the cost of its end.
+            // Every time beyond the forecast has the cost of the forecast's end.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
             Some(expected_cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
@@ -89,7 +89,7 @@ impl TouchdownTime {
                 }
             }
         }
-        // When late, only slightly faster than the profile.
+        // A late drone descends only slightly faster than the profile.
         let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
         chosen = chosen.max(soonest);
         if flare {
@@ -127,17 +127,17 @@ mod tests {
         };
         let f = rocking(0.0);
         let mut i = TouchdownTime::default();
-        // Level at pi / 1.3 = 2.42 s.
+        // The deck is level at pi / 1.3 = 2.42 s.
         let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((t - 2.42).abs() < 0.1, "{t}");
-        // Final: the same time although the forecast has changed.
+        // The choice is final: it stays the same although the forecast has changed.
         let now = Time::from_secs(1.5);
         let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
-        // Late by half a second: postponed, less the hurry.
+        // A drone that is late by half a second: the contact is postponed, by less because of the hurry.
         let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
-        // Early, low over the deck: no waiting.
+        // A drone that is early, low over the deck, does not wait.
         let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
         assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
     }
@@ -173,7 +173,7 @@ mod tests {
 
     #[test]
     fn touchdown_cost_of_acceleration_down_the_slope() {
-        // Water slopes as it accelerates: a = g tan(tilt).
+        // The slope of the water corresponds to its acceleration: a = g tan(tilt).
         let mut d = DeckStage {
             euler: [0.1, 0.0, 0.0],
             ..DeckStage::default()

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 use super::world::{Setup, SimulatedVessel, run, time};
 
-/// Any number, also absurd ones.
+/// Any number, including implausible ones.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -10.0..10.0f64,

@@ -1,4 +1,4 @@
-//! Filter of one axis and geometry of vision, against closed forms.
+//! Compares the filter of one axis and the vision geometry with closed forms.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
@@ -54,7 +54,7 @@ fn axis_covariance_and_update() {
     let (_, spread) = a.project(MeasurementRow::Vision);
     a.update(MeasurementRow::Vision, 0.05, 1e-4);
     let (value, left) = a.project(MeasurementRow::Vision);
-    // Scalar case: (1/P + 1/R)^-1, and the weighted mean.
+    // In the scalar case the result is (1/P + 1/R)^-1 and the weighted mean.
     let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
     assert!((left / expected - 1.0).abs() < 1e-9);
     assert!((value - 0.05 * expected / 1e-4).abs() < 1e-9);

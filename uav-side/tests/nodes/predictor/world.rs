@@ -180,7 +180,7 @@ pub struct Sample {
     pub frames: Rc<Vec<Vector3<f64>>>,
 }
 impl Sample {
-    /// Errors of position and Euler angles `ahead` seconds from now, with the stage.
+    /// Errors of position and Euler angles `ahead` seconds from now, and the forecast's stage.
     pub fn error(&self, v: &SimulatedVessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
         let s = self.forecast.at(time(self.now + ahead)).unwrap();
         let (p, e) = v.deck(self.now + ahead);
@@ -401,7 +401,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
         }
         if let Some((_, remembers)) = set.restart.filter(|(at, _)| k == (at * 100.0) as u32) {
             predictor = Predictor::new(&PredictorConfig::default(), 2).as_successor();
-            // Boot 0: the supervisor holds no checkpoint.
+            // With boot number 0 the supervisor holds no checkpoint.
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
         // The supervisor publishes it at 50 Hz.
