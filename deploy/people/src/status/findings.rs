@@ -1,4 +1,4 @@
-//! Findings about a situation: every threshold and every sentence of `alight status` and of the page.
+//! Findings on a situation: thresholds and texts of `alight status` and of the page.
 
 use alight_computer::process::lateness;
 use alight_computer::process::snapshot::minutes;
@@ -8,7 +8,6 @@ use alight_shared::metrics::MetricName;
 use super::finding::{Finding, FindingTopic};
 use super::{drone, vessel};
 
-/// Findings on the situation.
 pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = processes(s);
     all.extend(match s.vessel() {
@@ -18,7 +17,7 @@ pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// The service's unit.
+/// Name of the service's systemd unit.
 fn unit(s: &ObservedSituation) -> &'static str {
     if s.known.vessel.is_some() {
         "alight-vessel"
@@ -27,7 +26,7 @@ fn unit(s: &ObservedSituation) -> &'static str {
     }
 }
 
-/// Processes that are silent, late, or do not record, and a configuration that is not theirs any more.
+/// Findings on processes that are silent, late, do not record, or run with an outdated configuration.
 fn processes(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     let silent: Vec<String> = s

@@ -1,5 +1,5 @@
-//! `alight status --watch`: one page that is drawn again in the window that it has, and on anything but a terminal a line for
-//! each change. The terminal is left as it was, however the view ends.
+//! `alight status --watch`: a page redrawn to the size of the terminal window; without a terminal, one line per change.
+//! The terminal is restored however the command ends.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -15,13 +15,13 @@ use ratatui::{DefaultTerminal, Frame};
 use super::Status;
 use super::finding::FindingLevel;
 
-/// Between two drawings.
+/// Time between two drawings.
 const PERIOD: Duration = Duration::from_millis(250);
-/// Keys and changes of the window taken in between, at most.
+/// Maximum number of keys and window changes handled between two drawings.
 const MAX_EVENTS: u32 = 64;
 
-/// Shows what `look` returns after having waited for a while, until it returns nothing more or the operator ends it (q, Esc,
-/// Ctrl-C).
+/// Shows each status that `look` returns after waiting for the given time, until it returns None or the user quits (q,
+/// Esc, Ctrl-C).
 pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
     if !std::io::stdout().is_terminal() {
         let mut key = None;
@@ -33,7 +33,7 @@ pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -
         }
         return Ok(());
     }
-    // It is restored by a panic, too.
+    // A panic restores the terminal, too.
     let mut view =
         ratatui::try_init().doing("drawing in the terminal; without --watch the page is printed")?;
     let shown = show(&mut view, &mut look);
@@ -55,7 +55,7 @@ fn show(
     Ok(())
 }
 
-/// Whether a key that ends the view was pressed since the last look.
+/// Whether a quitting key was pressed since the last call.
 fn is_ended() -> Result<bool, CliError> {
     const READING: &str = "reading the terminal's keys";
     for _ in 0..MAX_EVENTS {

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::view::picture::FlightLine;
 
-/// Flights that the page lists.
+/// Maximum number of flights on the page.
 const MAX_ON_PAGE: usize = 8;
 
 /// Flights to list.
@@ -24,7 +24,7 @@ pub struct FlightsArgs {
     /// Directory of the flights (recorder.directory)
     #[arg(value_name = "DIR", default_value = "/var/lib/alight/flights")]
     pub directory: PathBuf,
-    /// Give files an end that a kill or a power cut left without, so that viewers open them
+    /// Repair files that a kill or a power cut left without an end, so that viewers open them
     #[arg(long)]
     pub mend: bool,
     /// Output format.
@@ -32,24 +32,23 @@ pub struct FlightsArgs {
     pub form: Form,
 }
 
-/// A flight as it is listed.
+/// Flight in the list.
 #[derive(Debug, Serialize)]
 struct Row {
     path: PathBuf,
-    /// When it began (UTC).
+    /// Start (UTC).
     begun: String,
     /// complete, running, cut off, or damaged.
     files: &'static str,
-    /// Files, and those of them without an end.
+    /// Number of files, and of those without an end.
     parts: usize,
     cut: usize,
     bytes: u64,
-    /// Summary of the computer.
     #[serde(flatten)]
     summary: FlightSummary,
 }
 
-/// Lists them, the newest last.
+/// Lists the flights, the newest last.
 pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     let flights = flights(&args.directory)?;
     if args.mend {
@@ -72,7 +71,7 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The flights below `directory`, or the one that it is.
+/// Flights in `directory`, or `directory` itself if it is one.
 fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(
@@ -83,7 +82,7 @@ fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     if !below.is_empty() || !store::is_flight(directory) {
         return Ok(below);
     }
-    // Of `land --log`, without a flight's name.
+    // Flights of `land --log` have no name.
     let own = StoredFlight::of(directory).unwrap_or_else(|| StoredFlight {
         path: directory.into(),
         number: 0,
@@ -105,9 +104,9 @@ fn repaired(path: &Path, done: &Repair) -> String {
     )
 }
 
-/// The newest flights below a recorder's directory that have ended, for the page.
+/// Newest completed flights in a recorder's directory, for the page.
 pub fn earlier(directory: &str) -> Vec<FlightLine> {
-    // Without a recorder no flight is recorded, and a directory that cannot be read is for `alight flights` to report.
+    // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
     let all = store::flights(Path::new(directory)).unwrap_or_default();
     let ended = all.iter().rev().filter(|f| !f.is_running());
     ended
@@ -142,7 +141,7 @@ impl Row {
             summary: summary.unwrap_or_default(),
         }
     }
-    /// The metrics as text.
+    /// Metrics as text.
     fn figures(&self) -> String {
         let of = |name: &str| self.summary.figures.get(name).copied();
         let counted = |name: &str, one: &str, more: &str| {
@@ -165,7 +164,6 @@ impl Row {
     }
 }
 
-/// Minutes and seconds.
 fn length(s: f64) -> String {
     let s = s.max(0.0).round() as u64;
     match s / 3600 {

@@ -1,4 +1,5 @@
-//! The drone's own GNSS receiver whose moving base is the vessel's: as a running process reports it, or listened to.
+//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as reported by a running process, or
+//! received here.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -14,12 +15,12 @@ use tokio::time::{Duration, Instant, timeout_at};
 use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
 
-/// Listened to for so long: two periods of a receiver of 1 Hz, and the pause of a link that is opened late.
+/// Time of reception: two periods of a receiver of 1 Hz, and the delay of a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);
-/// Remedy for a receiver whose messages lack a relative place.
+/// Remedy for a receiver whose messages lack a relative position.
 const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
 
-/// Facts about the receiver; None where none is configured, or a process that does not report has it.
+/// Facts about the receiver; None if none is configured or a process holds it without reporting.
 pub fn of(d: &DroneComputerConfig, is_running: bool, snapshot: Option<&Snapshot>) -> Option<ReceiverCheck> {
     let connect = d.autopilot.receiver.clone();
     let report = match (is_running, snapshot) {
@@ -69,7 +70,6 @@ async fn listened(connect: &str) -> ReceiverReport {
     }
 }
 
-/// The finding about it.
 pub fn judge(found: &ReceiverCheck) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("receiver");
     let at = &found.connect;

@@ -1,4 +1,4 @@
-//! Rules over gathered facts, pure: fine, warning, fault.
+//! Rules that turn facts into findings; pure functions.
 
 use alight_computer::certificates::common_name;
 use alight_computer::config::VesselComputerConfig;
@@ -19,24 +19,24 @@ use crate::tools::check::facts::{
 };
 use crate::tools::check::{equipment, receiver, view};
 
-/// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
-/// who look on, and a start whose predecessor was killed.
+/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the remains of a
+/// killed predecessor.
 const MEMORY_BYTES: u64 = 64 << 20;
-/// The system's clock before this was never set: 2025-01-01, s since 1970.
+/// Earliest plausible time of the system's clock: 2025-01-01, s since 1970. An earlier clock was never set.
 const PLAUSIBLE_S: i64 = 1_735_689_600;
-/// Error of a synchronised clock that is worth a warning, s: logs of both computers are compared by it.
+/// Error of a synchronised clock that is a warning, s; the logs of both computers are compared by it.
 const CLOCK_ERROR_S: f64 = 0.1;
-/// Contrast of the tag that is worth a warning: the detector needs a margin of 20 grey levels, which is a contrast of
-/// 16 %; motion and noise take of it.
+/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a contrast of
+/// 16 %; motion and noise reduce it.
 const MIN_CONTRAST: f64 = 0.3;
-/// Saturation of the tag that is worth a warning: a third of its white.
+/// Maximum saturation of the tag without a warning: a third of its white.
 const MAX_SATURATION: f64 = 0.1;
-/// Bits of a key's file that let others than its owner read or write it.
+/// Permission bits that let users other than the owner read or write a file.
 const OTHERS: u32 = 0o077;
-/// Bits with which a group may read, and nothing else.
+/// Permission bit that lets the group read.
 const GROUP_READS: u32 = 0o040;
 
-/// The findings about `facts`, in the order in which an installer repairs them.
+/// Findings about `facts`, in the order in which an installer repairs them.
 pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     let path = facts.config.display();
     let computer = match &facts.computer {
@@ -114,7 +114,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     all
 }
 
-/// Sensors and switches of a vessel.
+/// Findings on sensors and switches of a vessel.
 fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> {
     let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
     all.extend(facts.held_sources.iter().flat_map(sources::of));
@@ -127,20 +127,20 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
                 .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
         );
     }
-    // By what all of them gave.
+    // By the measurements of all sources.
     let listened = facts.held_sources.is_empty().then_some(&facts.sources);
     all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
     all.extend(facts.deck_inputs.iter().map(deck_input));
     all
 }
 
-/// Slower than this, dead time and time constant together, no autopilot of those flown has answered, s: ArduCopter with
-/// default gains 0.3 s.
+/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the slowest
+/// autopilot flown, takes 0.3 s.
 const SLOW_RESPONSE_S: f64 = 0.45;
-/// A time constant that differs from the configured one by more than this factor is worth a line.
+/// Ratio of identified and configured time constants above which they differ.
 const LAG_RATIO: f64 = 1.5;
 
-/// Response of the attitude in the last flight.
+/// Finding on the response of the attitude in the last flight.
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("response");
     let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
@@ -250,7 +250,7 @@ fn key(identity: &Identity) -> Vec<Finding> {
     all
 }
 
-/// Who admits keys where a router stands between.
+/// Finding on access rules when the radio uses a router.
 fn router(radio: &RadioConfig) -> Option<Finding> {
     (radio.router && !radio.tls.authority.is_empty()).then(|| {
         FindingTopic("router").fine(format!(
@@ -310,7 +310,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
     match reach {
         Ok(Reach::Answers | Reach::Routed) => match facts.reported {
             Some(Some(_)) => TOPIC.fine(format!("answers at {url}")),
-            // What that means is the finding about its parameters.
+            // The finding on its parameters reports the missing heartbeat.
             Some(None) => TOPIC.fine(format!("{url} can be opened")),
             None => TOPIC.fine(format!("{url} can be opened; alight status shows whether the autopilot answers")),
         },
@@ -325,7 +325,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
     }
 }
 
-/// Signing of its frames, and whether a ground station's `orders` count.
+/// Finding on the signing of MAVLink frames, and on `orders` of a ground station.
 fn signing(check: &SigningCheck, orders: bool) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("signing");
     match (&check.key, check.received.finding(check.admitted)) {
@@ -350,7 +350,7 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
     }
 }
 
-/// Which of two autopilots is the drone's own is not configured.
+/// Finding on two received autopilots when no vehicle is configured.
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
@@ -358,7 +358,7 @@ fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     )
 }
 
-/// Origin of the drone's frame, and its height above the ellipsoid, as the vessel's is.
+/// Finding on the origin of the drone's frame and its height above the ellipsoid.
 fn origin(reported: &AutopilotReport) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let Some(o) = &reported.origin else {
@@ -433,7 +433,7 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
     }
 }
 
-/// Whether images come, and the tag in them is fit to be detected.
+/// Finding on a camera's images and on the tag in them.
 fn camera_view(found: &CameraCheck) -> Option<Finding> {
     let (topic, source) = (FindingTopic(found.key), &found.source);
     let view = match found.view.as_ref()? {

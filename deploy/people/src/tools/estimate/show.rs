@@ -1,4 +1,4 @@
-//! The report for people, within 100 columns.
+//! Text of the report, within 100 columns.
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, number};
@@ -7,7 +7,7 @@ use alight_shared::frames::wrap_angle;
 use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
 
-/// The courses at the speed of the last one, 45 deg apart.
+/// Courses at the present speed, 45 deg apart.
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     let heads = [
         "course",
