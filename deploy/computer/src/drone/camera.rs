@@ -227,7 +227,7 @@ impl<D: Detector> CameraEdge<D> {
                     self.input.frames.push(frame);
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
-                    "{}: {} {why}: its own automatic exposes, perhaps for longer than motion permits; alight check prints \
+                    "{}: {} {why}: the camera's own automatic exposure is in use, perhaps for longer than motion permits; alight check prints \
                      the remedy",
                     D::KIND.name(),
                     self.name

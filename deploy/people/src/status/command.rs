@@ -20,7 +20,7 @@ use super::{Status, watch};
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
-Exit codes: 0 fine, 1 warnings or no process, 2 broken; of --watch those of the last status."
+Exit codes: 0 fine, 1 warnings or no process, 2 broken; with --watch that of the last status."
 )]
 pub struct StatusArgs {
     #[command(flatten)]
@@ -28,10 +28,10 @@ pub struct StatusArgs {
     /// Show everything: each finding, each process, each topic as each process reads it, the radio; --json always does
     #[arg(long, conflicts_with = "watch")]
     all: bool,
-    /// Go on showing until stopped (q); without a terminal a line for each change
+    /// Show it until stopped (q); without a terminal, a line for each change
     #[arg(long)]
     watch: bool,
-    /// Print as one JSON object, which the page of alight view draws, too
+    /// Print one JSON object, the one that the page of alight view draws
     #[arg(long)]
     json: bool,
 }

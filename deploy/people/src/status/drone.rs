@@ -62,7 +62,7 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
         let remedy = "its crew opens it: alight command deck open";
-        all.push(FindingTopic("deck").stopping("the vessel has closed it: nothing descends", remedy));
+        all.push(FindingTopic("deck").stopping("closed by the vessel: no drone may descend", remedy));
     }
     let vessel = (*s.snapshot.grant).and_then(|g| g.dimensions);
     if let Some(why) = s.known.deck.and_then(|own| own.differs_from(&vessel?)) {
@@ -71,8 +71,9 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     }
     let relative = s.snapshot.forecast.fresh(s.now_ns).and_then(|f| f.relative);
     if let Some(m) = relative.and_then(|r| r.contradicted_m) {
-        let found = format!("the place by moving base is off by {m:.2} m by the tags: not used");
-        let remedy = "if it stays: drone.airframe.gnss_antenna_m, and the mount of the vessel's receiver";
+        let found = format!("the moving-base position differs from the tags by {m:.2} m and is not used");
+        let remedy =
+            "if this persists, check drone.airframe.gnss_antenna_m and the mount of the vessel's receiver";
         all.push(FindingTopic("relative").warning(found, remedy));
     }
     all.extend(s.snapshot.frame().map(frame));
@@ -85,7 +86,7 @@ fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     if s.snapshot.mission.is_old(s.now_ns) {
         let age = minutes(s.snapshot.mission.age_s(s.now_ns));
         let found = format!("no message from the mission for {age}");
-        return vec![TOPIC.broken(found, "it is started again by itself; else take the drone over")];
+        return vec![TOPIC.broken(found, "it restarts by itself; otherwise take manual control")];
     }
     let mut all = Vec::new();
     let entered = format!("the drone is in state {}", m.state.because(&m.entered));
@@ -113,13 +114,13 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
     let otherwise = known_otherwise(s);
     let mut all = vec![if let (true, Some(by)) = (age_s.is_infinite(), otherwise) {
         TOPIC.warning(
-            format!("no vessel received yet: it is known by its {by} alone"),
+            format!("no vessel received yet: it is located by its {by} alone"),
             remedy,
         )
     } else if age_s.is_infinite() {
         TOPIC.stopping("no vessel received yet", remedy)
     } else if let (true, Some(by)) = (age_s > limit_s, otherwise) {
-        TOPIC.warning(format!("{found}: it is known by its {by} alone"), remedy)
+        TOPIC.warning(format!("{found}: it is located by its {by} alone"), remedy)
     } else if age_s > limit_s {
         TOPIC.broken(found, remedy)
     } else if age_s > OLD_LINK * limit_s {
@@ -171,20 +172,20 @@ fn battery_low(s: &ObservedSituation) -> Option<Finding> {
         100.0 * charge,
         100.0 * reserve
     );
-    Some(FindingTopic("battery").broken(found, "land while it lasts, or change it"))
+    Some(FindingTopic("battery").broken(found, "land now, or replace the battery"))
 }
 
 /// Finding on the origin of a running drone's frame and the vessel's distance from it.
 pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let begins = format!(
-        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the ellipsoid",
+        "the origin of the drone's frame is at {:.6}, {:.6}, {:.1} m above the ellipsoid",
         origin.latitude_deg, origin.longitude_deg, origin.height_m
     );
     match deck_m {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to no vessel beyond 5 km: compare what the autopilot and her receiver report with a chart",
+            "the mission flies to no vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
@@ -464,7 +465,7 @@ fn relative(s: &ObservedSituation) -> Option<Figure> {
         None => "not confirmed by the tags yet".into(),
     };
     let stale = s.snapshot.forecast.is_old(s.now_ns) || r.age_s > topics::RELATIVE.stale_after.secs();
-    let note = format!("place by moving base, {by_tags}");
+    let note = format!("moving-base position, {by_tags}");
     Some(Figure::of("relative", value, note).stale(stale))
 }
 

@@ -47,7 +47,7 @@ fn processes(s: &ObservedSituation) -> Vec<Finding> {
         all.push(FindingTopic("processes").broken(
             format!("no report of the service for {}", minutes(for_s)),
             format!(
-                "it ended or is frozen, and starts no process again: systemctl status {}",
+                "it ended or is frozen, and restarts no process: systemctl status {}",
                 unit(s)
             ),
         ));
@@ -59,7 +59,7 @@ fn processes(s: &ObservedSituation) -> Vec<Finding> {
         if steps > 0 {
             all.push(FindingTopic("recorder").warning(
                 format!("{steps} steps not recorded by {}", p.kind.name()),
-                "the process goes on without; its journal names file and error: free space, or make it writable",
+                "the process continues without recording; its journal names file and error: free space, or make it writable",
             ));
         }
     }

@@ -115,7 +115,7 @@ impl Go {
             return Go::unknown(missing);
         }
         let why = match findings.iter().filter(|f| f.level > FindingLevel::Fine).count() {
-            0 => "no finding stops a landing".into(),
+            0 => "ready to land".into(),
             1 => "one warning, which does not stop a landing".into(),
             n => format!("{n} warnings, which do not stop a landing"),
         };

@@ -43,13 +43,13 @@ pub fn source(s: &SourceHealth) -> Finding {
     if uses.is_stuck {
         return TOPIC.broken(
             format!("{counts}; STUCK: it repeats one sample, {} rejected", uses.stuck),
-            "its numbers are no measurement: power it off and on, then its cable and its driver",
+            "its output is not a measurement: power it off and on, then check its cable and its driver",
         );
     }
     match silent {
         Some(why) => TOPIC.warning(
             format!("{counts}; {why}"),
-            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
+            "check its power, its cable, and its rate and format in vessel.toml; run alight check with the service stopped",
         ),
         None if d.mismatched_pulses > 0 => TOPIC.warning(
             format!(
@@ -61,7 +61,7 @@ pub fn source(s: &SourceHealth) -> Finding {
         None => match rejection(s) {
             Some(rejections) => TOPIC.warning(
                 format!("{counts}; {rejections}"),
-                "too old or from the future: its clock, its latency_s, its line; else another sensor contradicts it: its mount",
+                "if its data are too old or from the future, check its clock, latency_s and line; if another sensor contradicts it, its mount",
             ),
             None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
         },
@@ -128,7 +128,9 @@ pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> 
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
         };
-        all.push(FindingTopic("sensors").broken(found, "see to it and to [[sensor.sources]] in vessel.toml"));
+        all.push(
+            FindingTopic("sensors").broken(found, "check the sensor and [[sensor.sources]] in vessel.toml"),
+        );
     }
     let [horizontal, height, tilt, heading] = e.sd;
     let rejections: Vec<String> = sources.iter().filter_map(rejection).collect();

@@ -89,27 +89,27 @@ fn deck_access(status: &VesselStatus) -> Finding {
         (Some(Closure::Crew), _) => DECK.stopping(format!("closed by the crew; {found}"), OPEN_DECK),
         (Some(Closure::CheckpointDamaged), _) => DECK.stopping(
             "closed: the file of the drones on it is damaged",
-            format!("look, and once the deck is empty: {OPEN_DECK}"),
+            format!("look at the deck; once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::CheckpointMissing), _) => DECK.stopping(
             "closed: the file of the drones on it is missing",
-            format!("look, and once the deck is empty: {OPEN_DECK}"),
+            format!("look at the deck; once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::CheckpointUnwritable), _) => DECK.stopping(
             format!("closed: the file of the drones on it cannot be written, and may be old; {found}"),
-            format!("free space, or make it writable; look, and once the deck is empty: {OPEN_DECK}"),
+            format!("free space, or make it writable; look at the deck, and once it is empty: {OPEN_DECK}"),
         ),
         (Some(Closure::Switch), _) => DECK.stopping(
             format!("closed by the crew's switch; {found}"),
             "open it at the switch (deck.crew_switch)",
         ),
         (Some(Closure::Sensor), _) => DECK.stopping(
-            format!("closed: its sensor detects an object that is no drone; {found}"),
-            "look, and take it away (deck.occupancy_sensor)",
+            format!("closed: its sensor detects an object that is not a drone; {found}"),
+            "look at the deck, and remove the object (deck.occupancy_sensor)",
         ),
         (None, Some(age_s)) if age_s > LOST_CONTACT_S => DECK.stopping(
             format!("{found}, silent for {}", time(age_s)),
-            format!("it may stand there; once it does not: {OPEN_DECK}"),
+            format!("it may be on the deck; once it is not: {OPEN_DECK}"),
         ),
         (None, _) => DECK.fine(found),
     }
@@ -127,7 +127,10 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all.extend(deck.starved.iter().map(|s| {
         DECK.broken(
             s.to_string(),
-            format!("look now: once drone {} is not there: {OPEN_DECK}", s.owner),
+            format!(
+                "look at the deck now; once drone {} is not on it: {OPEN_DECK}",
+                s.owner
+            ),
         )
     }));
     all.extend(deck.follows_another.iter().map(|f| {
@@ -136,15 +139,15 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
                 "drone {} listens to a second computer with this vessel's certificate (boot {:08x})",
                 f.drone, f.boot
             ),
-            "switch one of the two off: each reserves the deck by itself",
+            "switch one of the two off: each reserves the deck on its own",
         )
     }));
     all.extend(deck.unplaced.iter().map(|id| {
         DECK.stopping(
             format!(
-                "drone {id} is switched on without a position: it may stand there, and no other is given it"
+                "drone {id} is switched on without a position: it may be on the deck, which no other drone is given"
             ),
-            format!("wait for its position; or look, and once it is not there: {OPEN_DECK}"),
+            format!("wait for its position; or look, and once it is not on the deck: {OPEN_DECK}"),
         )
     }));
     all.extend(deck.aborts.iter().map(|id| {
@@ -160,7 +163,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     );
     all.extend(deck.file_error.iter().map(|e| {
         DECK.warning(
-            format!("its state would not outlive the process: {e}"),
+            format!("its state cannot be saved for a restart: {e}"),
             "free space, or make it writable",
         )
     }));
@@ -174,8 +177,8 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     let turns = deck.wants_steady && deck.course == Course::Turning;
     let mut all = vec![if turns {
         TOPIC.stopping(
-            format!("{stated}; a drone waits for a steady course, or breaks its descent off"),
-            "keep course and speed, and state it: the helm's switch, or alight command steady",
+            format!("{stated}; a drone waits for a steady course, or aborts its descent"),
+            "keep course and speed, and confirm: the helm's switch, or alight command steady",
         )
     } else if deck.wants_steady {
         TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
@@ -212,7 +215,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
                 time(d.mission_age_s.into()),
                 d.state.name()
             ),
-            "its deck stays its own; abort is relayed: alight command abort --drone, or take it over",
+            "the deck stays reserved for it; abort is relayed: alight command abort --drone, or take manual control",
         );
     }
     let armed = if d.armed { "armed" } else { "disarmed" };
@@ -221,7 +224,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
     if d.state == State::StandDown {
         return TOPIC.warning(
             found,
-            "stand clear; where it stays armed, disarm by remote control",
+            "stand clear; if it stays armed, disarm it by remote control",
         );
     }
     if d.state.starts_motors() {
@@ -234,7 +237,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("drones");
     if status.drones.is_empty() {
-        let remedy = "is one switched on, in reach, and in radio.tls.peers?";
+        let remedy = "check that it is switched on, in radio reach and in radio.tls.peers";
         return vec![TOPIC.warning("none received", remedy)];
     }
     status.drones.iter().map(contact_finding).collect()

@@ -37,7 +37,7 @@ pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -
     let mut view =
         ratatui::try_init().doing("drawing in the terminal; without --watch the page is printed")?;
     let shown = show(&mut view, &mut look);
-    ratatui::try_restore().doing("leaving the terminal as it was: the command reset does so")?;
+    ratatui::try_restore().doing("restoring the terminal: run the command reset")?;
     shown
 }
 

@@ -212,14 +212,14 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let clears = args.order == OrderArg::Deck && args.values == ["takeoff"];
     if args.standing && !clears {
         return Err(CliError(
-            "--standing belongs to alight command deck takeoff --drone N".into(),
+            "--standing is only for alight command deck takeoff --drone N".into(),
         ));
     }
     station::check(args)?;
     let has_values = matches!(args.order, OrderArg::Deck | OrderArg::DeckAt);
     if !has_values && !args.values.is_empty() {
         return Err(CliError(format!(
-            "{}: closed, open and takeoff belong to `alight command deck`, places to `alight command deck-at`",
+            "{}: closed, open and takeoff are for `alight command deck`, positions for `alight command deck-at`",
             args.values.join(" ")
         )));
     }
@@ -258,7 +258,7 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
         return Err(CliError(format!(
-            "{what} on the vessel's own computer: no --vessel"
+            "{what} on the vessel's own computer: remove --vessel"
         )));
     }
     commanded_vessel(args.config.as_deref(), args.instance.as_deref())
@@ -287,12 +287,12 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
 const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
 /// Remedy for an order that was not accepted.
 const NOT_TAKEN: &str =
-    "the vessel's process has not taken it: systemctl status alight-vessel, and order it again";
+    "the vessel's process has not taken the order: check systemctl status alight-vessel, and order it again";
 
 fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     if let Some(drone) = args.drone {
         return Err(CliError(format!(
-            "--drone {drone}: the course is the vessel's, for every drone"
+            "--drone {drone}: the course is the same for every drone; remove the flag"
         )));
     }
     let newest = order_aboard(args, "the course is stated", order)?;
@@ -307,14 +307,16 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
 /// Effect of an accepted order about the course.
 fn stated(order: DeckOrder) -> &'static str {
     match order {
-        DeckOrder::Steady(0) => "nothing is stated of the course",
-        DeckOrder::Steady(_) => "course and speed are kept; a turn at the helm's switch counts more",
+        DeckOrder::Steady(0) => "no course is stated",
+        DeckOrder::Steady(_) => {
+            "course and speed are stated as steady; a turn at the helm's switch takes precedence"
+        }
         DeckOrder::Turning
         | DeckOrder::Closed
         | DeckOrder::Open
         | DeckOrder::Clear(_)
         | DeckOrder::TakeOff(_)
-        | DeckOrder::TakeOffStanding(_) => "no drone descends while she turns",
+        | DeckOrder::TakeOffStanding(_) => "no drone descends while the vessel turns",
     }
 }
 
@@ -345,7 +347,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
         terminal::line(match ordered {
             CrewOrderArg::Closed => "the deck is closed",
             CrewOrderArg::Open if closed => {
-                "the order is taken, but switch or sensor keep the deck closed: alight status"
+                "the order is taken, but a switch or sensor keeps the deck closed: see alight status"
             }
             CrewOrderArg::Open => "the deck is open",
             CrewOrderArg::Takeoff if closed => {
@@ -378,8 +380,8 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
              5 s after it reports so"
         }
         (false, false) => {
-            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after its take-off is \
-             ordered, by whomever"
+            "the deck is cleared for two minutes: keep away from the drone NOW, its motors start 5 s after any order to \
+             take off"
         }
     }
 }
@@ -387,7 +389,7 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
 /// Text about a silent drone for which the opened deck stays reserved, and how to release it.
 fn kept_by(unheard: &Unheard) -> String {
     format!(
-        "{unheard};\norder it again in {:.0} s, or once it is neither there nor above:\nalight command deck \
+        "{unheard};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \
          open --drone {}",
         unheard.remaining_s.ceil(),
         unheard.drone

@@ -262,10 +262,9 @@ impl Ports {
         let taken = mission.filter(|m| command.answered(m) == Some(true));
         let answer = match taken {
             Some(m) => Ok(format!("abort taken: {}", m.state.name())),
-            None if command.is_over(now) => Err(
-                "ABORT NOT TAKEN: the mission does not show it; take the drone over by remote control"
-                    .to_owned(),
-            ),
+            None if command.is_over(now) => {
+                Err("ABORT NOT TAKEN: the mission does not show it; take manual control".to_owned())
+            }
             None => return None,
         };
         let (_, order) = self.abort.take()?;

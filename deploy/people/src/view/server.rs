@@ -388,7 +388,7 @@ fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
         return Err("the request comes from another page");
     }
     if !is_address(host) {
-        return Err("open the page by the computer's address instead of a name, and give it there");
+        return Err("open the page by the computer's address instead of a name, and give the order there");
     }
     Ok(())
 }

@@ -372,7 +372,7 @@ fn go_of_a_vessel_and_of_its_drone() {
         let own = own_go(&s.findings, &w.status);
         ([own.go, s.go.go], s.go.why)
     };
-    let (fine, nothing) = (Some(true), "no finding stops a landing");
+    let (fine, nothing) = (Some(true), "ready to land");
     assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
     let (no, unknown) = (Some(false), None);
     let cases: [(Change<'_>, [Option<bool>; 2], &str); 8] = [

@@ -91,7 +91,7 @@ fn class(given: &SensorStatistics) -> Result<VesselClass, Gap> {
         (Some(_), Some(gnss), Some(heading)) => (gnss, heading),
     };
     let alone = given.attitude.filter(|_| given.inertial.is_none());
-    let navigated = "20 Hz, with angular rates and heave, is what landings were measured with";
+    let navigated = "20 Hz, with angular rates and heave, is the rate of the measured landings";
     let needs = [
         (
             "inertial samples",
@@ -179,15 +179,15 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
         ),
         Err(Gap::TooSlow(what, rate_hz, needed)) => TOPIC.broken(
             format!("{what} at {rate_hz:.1} Hz: too slow for a rocking deck ({needed})"),
-            "set the sensor and what passes it on to send more often, or add an inertial sensor (docs/envelope.md)",
+            "raise the rate of the sensor and of its gateway, or add an inertial sensor (docs/envelope.md)",
         ),
         Err(Gap::Unmeasured(class, worse)) => TOPIC.warning(
             format!(
-                "no landing was measured with such sensors, and no figure is promised; {} differs in: {}",
+                "no landing was measured with these sensors, so no accuracy is stated; {} differs in: {}",
                 class.name(),
                 worse.join(", ")
             ),
-            "set the sensor to send what stands in brackets, or add an inertial sensor (docs/envelope.md)",
+            "set the sensor to the values in brackets, or add an inertial sensor (docs/envelope.md)",
         ),
     })
 }
@@ -246,8 +246,8 @@ pub fn tags(drone: &DroneSettings) -> Finding {
     if gaps.is_empty() && are_anybodys(&tags) {
         return TOPIC.warning(
             format!(
-                "their numbers are the family's first ({}), as any other boat's may be: a drone distinguishes two such boats by \
-                 their places alone",
+                "their numbers are the family's first ({}), which any other boat may use: a drone distinguishes two such boats by \
+                 position only",
                 tags.iter().map(|t| t.id).min().unwrap_or_default()
             ),
             "print tags of this boat's own numbers: `alight tag --suggest --vessel N`, and set drone.deck.tags to that list",
@@ -279,13 +279,13 @@ pub fn battery(mission: &MissionConfig) -> Finding {
     let full_s = mission.battery_endurance_s;
     if full_s > 0.0 {
         return TOPIC.fine(format!(
-            "full, it flies for {full_s:.0} s whatever its gauge reads"
+            "a full battery counts for {full_s:.0} s of flight, whatever its gauge reads"
         ));
     }
     TOPIC.warning(
-        "drone.mission.battery_endurance_s is not set: a gauge that falls too slowly is believed until the drone falls, and one that is \
-         silent or stuck counts as that of a drone which flies for 300 s",
-        "hover with the load from a full battery until the gauge reads 0, or half of that twice as long, and write the seconds",
+        "drone.mission.battery_endurance_s is not set: a gauge that falls too slowly is trusted until the drone falls, and with a \
+         silent or stuck one an endurance of 300 s is assumed",
+        "hover with the load from a full battery until the gauge reads 0 (or until 50 %, doubled), and set it to that time in seconds",
     )
 }
 
@@ -335,12 +335,12 @@ pub fn no_tag(topic: FindingTopic, view: &CameraImages, exposure: &str) -> Findi
     match view.stranger {
         None => topic.fine(format!("{images} images{exposure}; no tag in view")),
         Some(Stranger::Number(number)) => topic.warning(
-            format!("{images} images{exposure}; a tag in view has number {number}, which is none of the deck's"),
-            "set drone.deck.tags to the numbers that are printed, or print those that it has (alight tag)",
+            format!("{images} images{exposure}; a tag in view has number {number}, which is not on the deck"),
+            "set drone.deck.tags to the numbers that are printed, or print the configured tags (alight tag)",
         ),
         Some(Stranger::Mirrored(number)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is mirrored (number {number}): it is never detected"),
-            "end the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
+            "switch off the mirroring of the camera (v4l2-ctl --set-ctrl horizontal_flip=0, vertical_flip=0), or print the tag again",
         ),
         Some(Stranger::Family(name)) => topic.warning(
             format!("{images} images{exposure}; a tag in view is of another family ({name}): 36h11 alone is detected"),

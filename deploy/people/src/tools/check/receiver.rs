@@ -76,25 +76,25 @@ pub fn judge(found: &ReceiverCheck) -> Finding {
     match &found.report {
         ReceiverReport::Unreachable(why) => TOPIC.broken(
             format!("the drone's GNSS receiver at {at}: {why}"),
-            "its address in autopilot.receiver, its power, its cable",
+            "check its address in autopilot.receiver, its power and its cable",
         ),
         ReceiverReport::Received { bytes: 0, .. } => TOPIC.broken(
             format!("no bytes from the drone's GNSS receiver at {at}"),
-            "its power, its cable, and the rate in autopilot.receiver",
+            "check its power, its cable, and the rate in autopilot.receiver",
         ),
         ReceiverReport::Received { bytes, newest: None } => TOPIC.broken(
-            format!("{bytes} bytes from the drone's GNSS receiver at {at}, and no relative place among them"),
+            format!("{bytes} bytes from the drone's GNSS receiver at {at}, none with a relative position"),
             NO_RELATIVE,
         ),
         ReceiverReport::Received { newest: Some(_), .. } => TOPIC.fine(format!(
             "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
         )),
         ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
-            "no RTCM from the vessel: its receiver is no moving base of the drone's",
+            "no RTCM from the vessel: its receiver is not the moving base of the drone's",
             "is it in radio reach, and does its receiver send RTCM 3? (docs/autopilots.md, moving base)",
         ),
         ReceiverReport::Held { rtcm, state: None } => TOPIC.warning(
-            format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, and no relative place used"),
+            format!("{rtcm} frames of RTCM passed on to the drone's GNSS receiver at {at}, no relative position used"),
             NO_RELATIVE,
         ),
         ReceiverReport::Held { rtcm, state: Some(r) } => {
@@ -153,7 +153,7 @@ mod tests {
             (
                 ReceiverReport::Held { rtcm: 9, state: None },
                 warning,
-                "no relative place",
+                "no relative position used",
             ),
             (
                 ReceiverReport::Held {

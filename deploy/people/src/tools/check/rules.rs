@@ -83,7 +83,7 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
             all.push(origin(reported));
         }
         (Computer::Drone(_), Some(None)) => all.push(FindingTopic("parameters").warning(
-            "no heartbeat of an autopilot came while listening: neither they nor its origin were read",
+            "no heartbeat of an autopilot was received: parameters and origin were not read",
             "is it powered, and does it send to this link?",
         )),
         (Computer::Drone(_), None) | (Computer::Vessel(_), _) => {}
@@ -143,10 +143,12 @@ const LAG_RATIO: f64 = 1.5;
 /// Finding on the response of the attitude in the last flight.
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("response");
-    let found = format!("in the last flight the attitude answered after {dead_s:.2} s, with {lag_s:.2} s");
+    let found = format!(
+        "in the last flight the attitude responded with {dead_s:.2} s dead time and {lag_s:.2} s time constant"
+    );
     if dead_s + lag_s > SLOW_RESPONSE_S {
         return TOPIC.warning(
-            format!("{found}: slow, deck and gusts are followed late"),
+            format!("{found}: slow, so the drone follows deck and gusts late"),
             "raise the autopilot's attitude gains (PX4 MC_ROLL_P, MC_PITCH_P; ArduCopter ATC_ANG_RLL_P, \
              ATC_ANG_PIT_P, less ATC_INPUT_TC), or shorten its link",
         );
@@ -155,7 +157,7 @@ fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     if !(1.0 / LAG_RATIO..=LAG_RATIO).contains(&ratio) {
         return TOPIC.warning(
             format!("{found}; configured are {configured_s:.2} s"),
-            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}: a flight begins with it"),
+            format!("set drone.airframe.attitude_lag_s = {lag_s:.2}, the initial value of a flight"),
         );
     }
     TOPIC.fine(found)
@@ -195,7 +197,7 @@ fn identity(facts: &CheckFacts, side: &'static str, id: u32, radio: &RadioConfig
     let mut all = Vec::new();
     if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
         all.push(TOPIC.broken(
-            format!("{plain} is not quic/, and with certificates nothing else is taken"),
+            format!("{plain} is not quic/, which certificates require"),
             "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
     }
@@ -240,7 +242,7 @@ fn key(identity: &Identity) -> Vec<Finding> {
     }
     if identity.of_authority == Some(false) {
         all.push(TOPIC.broken(
-            "the certificate was made by another authority than the one that is trusted",
+            "the certificate was not made by the trusted authority",
             "make all certificates with one authority and copy its authority.pem to both sides",
         ));
     }
@@ -254,7 +256,7 @@ fn key(identity: &Identity) -> Vec<Finding> {
 fn router(radio: &RadioConfig) -> Option<Finding> {
     (radio.router && !radio.tls.authority.is_empty()).then(|| {
         FindingTopic("router").fine(format!(
-            "{} passes on what peers send: who may use which key, an operator's included, is for its own access rules",
+            "{} forwards the messages of peers: its own access rules decide who may use which key, operators included",
             radio.tls.router
         ))
     })
@@ -296,7 +298,7 @@ fn dialled(to: &str, reach: &Reach) -> Finding {
     match reach {
         Reach::Answers => TOPIC.fine(format!("{to} answers")),
         Reach::Routed => TOPIC.fine(format!(
-            "there is a route to {to}; whether it answers shows only in alight status"
+            "there is a route to {to}; alight status shows whether it answers"
         )),
         Reach::Unreachable(why) => TOPIC.warning(
             format!("connecting to {to}: {why}"),
@@ -344,9 +346,9 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
             "set autopilot.signing_key instead",
         ),
         (Ok(_), None) if check.path.is_empty() => {
-            TOPIC.fine("frames are not signed: of a ground station an abort alone counts")
+            TOPIC.fine("frames are not signed: from a ground station only an abort is accepted")
         }
-        (Ok(_), None) => TOPIC.fine("frames are signed, and taken only with that signature"),
+        (Ok(_), None) => TOPIC.fine("frames are signed; others are rejected"),
     }
 }
 
@@ -363,12 +365,12 @@ fn origin(reported: &AutopilotReport) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let Some(o) = &reported.origin else {
         return TOPIC.warning(
-            "the autopilot has not reported where its frame begins (GPS_GLOBAL_ORIGIN): nothing is flown without",
-            "it begins with the first GNSS fix: wait for it under open sky, and check again",
+            "the autopilot has not reported the origin of its frame (GPS_GLOBAL_ORIGIN), which every flight needs",
+            "the first GNSS fix sets it: wait under open sky, and check again",
         );
     };
     let at = format!(
-        "the drone's frame begins at {:.6}, {:.6}, {:.1} m above the sea, which is",
+        "the origin of the drone's frame is at {:.6}, {:.6}, {:.1} m above the sea, which is",
         o.latitude_deg, o.longitude_deg, o.height_m
     );
     match reported.geoid_m {
@@ -404,7 +406,7 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
         })
         .collect();
     if all.is_empty() {
-        all.push(TOPIC.fine("the autopilot's suit a landing"));
+        all.push(TOPIC.fine("the autopilot's parameters suit a landing"));
     }
     all
 }
@@ -456,7 +458,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
         ),
         Some(Err(why)) => {
             return Some(topic.warning(
-                format!("{source} {why}: its own automatic exposes"),
+                format!("{source} {why}: the camera's own automatic exposure is in use"),
                 format!(
                     "v4l2-ctl --list-ctrls prints its controls; expose by its maker's means for less than \
                      {0}.exposure_s and set {0}.exposure_s = 0",
@@ -509,7 +511,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
                 free >> 20,
                 MEMORY_BYTES >> 20
             ),
-            "remove what others left there, or mount it larger",
+            "remove files of other programs, or mount it larger",
         )),
         (Ok(()), Some(free)) => all.push(TOPIC.fine(format!("{} MB free", free >> 20))),
         (Ok(()), None) => all.push(TOPIC.warning("the free memory is not known", "df /dev/shm")),
@@ -527,7 +529,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 fn no_sensor() -> Finding {
     FindingTopic("sensors").warning(
         "no sensor is configured: there is no estimate",
-        "a table [[sensor.sources]] in vessel.toml for each (docs/sensors.md)",
+        "add a table [[sensor.sources]] for each sensor to vessel.toml (docs/sensors.md)",
     )
 }
 
@@ -540,7 +542,7 @@ fn source(found: &SourceCheck) -> Finding {
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
         Ok((0, _)) => TOPIC.warning(
-            format!("{who}: nothing came while listening"),
+            format!("{who}: no data received"),
             "is it powered and plugged in, and does it send there?",
         ),
         Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) && s.newest_s.is_none() => TOPIC.warning(
@@ -549,7 +551,7 @@ fn source(found: &SourceCheck) -> Finding {
                  without a time",
                 s.decoded.good, s.decoded.corrupted, s.decoded.ignored, s.decoded.undated
             ),
-            "see to its rate and format in vessel.toml, and to the messages that it is set to send",
+            "check its rate and format in vessel.toml, and the messages that it is set to send",
         ),
         Ok((_, s)) => TOPIC.fine(format!(
             "{who}: {} measurements, {} messages corrupted while listening",
@@ -574,7 +576,9 @@ fn processors(facts: &CheckFacts, drone: bool) -> Vec<Finding> {
     let slow: Vec<&String> = facts.governors.iter().filter(|g| *g != "performance").collect();
     all.push(match slow.first() {
         Some(governor) => TOPIC.warning(
-            format!("frequency chosen by {governor}: a plan may take several times longer after a rest"),
+            format!(
+                "frequency chosen by {governor}: a plan may take several times longer after an idle period"
+            ),
             "echo performance | tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
         ),
         None => TOPIC.fine("at full frequency"),

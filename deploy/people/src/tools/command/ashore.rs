@@ -128,11 +128,11 @@ impl Ashore {
             _ => {
                 let state = |id: &u32| match self.drones.get(id) {
                     Some(s) => format!("  --drone {id}   {}", s.state.because(&s.entered)),
-                    None => format!("  --drone {id}   silent; the deck is kept for it"),
+                    None => format!("  --drone {id}   silent; the deck is reserved for it"),
                 };
                 let list: Vec<String> = known.iter().map(state).collect();
                 return Err(CliError(format!(
-                    "nothing is commanded: the vessel knows {} drones, name one of them:\n{}",
+                    "nothing is commanded: the vessel knows {} drones; name one of them:\n{}",
                     list.len(),
                     list.join("\n")
                 )));
@@ -216,28 +216,28 @@ impl Ashore {
                  repeated until the drone does"
             }
             Some(CommandProgress::Pending) => {
-                "the vessel has the command, and the drone has not taken it:\nthe vessel gives it up 10 s after \
-                 it came"
+                "the vessel has the command, and the drone has not taken it:\nthe vessel gives up 10 s after \
+                 receiving it"
             }
             Some(CommandProgress::GivenUp) => {
                 "the drone did not take the command, and the vessel does not repeat it"
             }
             Some(CommandProgress::Forbidden) => {
-                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look, then command again"
+                "the vessel did not pass it on: an abort is pending or has just\nbeen given; look at the drone, then command again"
             }
             Some(CommandProgress::Replaced) => "a newer command for this drone has replaced it",
             Some(CommandProgress::Unknown) => {
-                "the vessel was started again and does not know its result:\nlook at the drone, then \
+                "the vessel's process has restarted and does not know the result:\nlook at the drone, then \
                  command again"
             }
             None if self.sent == 0 => "the command was NOT SENT",
             None if abort => {
                 "RECEIPT UNCONFIRMED: whether the vessel has the abort is not known.\nIf it has, it stays \
-                 pending; if not, nothing repeats it:\ncommand it again, or take the drone over by remote control"
+                 pending; if not, nothing repeats it:\ncommand it again, or take manual control"
             }
             None => {
-                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may yet act for 10 s: \
-                 abort if it must not"
+                "RECEIPT UNCONFIRMED: whether the vessel has the command is not known;\nit may still take effect within 10 s: \
+                 abort to prevent that"
             }
         }
     }

@@ -49,7 +49,7 @@ fn velocity(speed: Option<f64>, course: Option<f64>) -> Result<[f64; 2], CliErro
     let speed_mps = speed.unwrap_or_default();
     if speed_mps != 0.0 && course.is_none() {
         return Err(CliError(format!(
-            "deck-at --speed {speed_mps}: --course DEG is needed as well, where the vessel goes"
+            "deck-at --speed {speed_mps}: --course DEG is required, too"
         )));
     }
     let (sin, cos) = course.unwrap_or_default().to_radians().sin_cos();
@@ -94,7 +94,7 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let computer = commanded_drone(args.config.as_deref(), args.instance.as_deref(), false)?;
     if computer.drone.mission.least_vessel > VesselLevel::Beacon {
         return Err(CliError(
-            "deck-at: this drone flies to no beacon: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
+            "deck-at: this drone does not fly to beacons: set drone.mission.least_vessel = \"beacon\" (or \"tag\") first".into(),
         ));
     }
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
@@ -129,8 +129,8 @@ pub(super) fn run(args: &CommandArgs) -> Result<Exit, CliError> {
                 format!("drone {drone}: vessel known by beacon, {sd_m:.0} m, {age_s:.1} s old")
             }
             None => format!(
-                "drone {drone}: the predictor has not taken it: alight status lists the processes; a more exact beacon counts \
-                 more, and the autopilot has to report its origin first"
+                "drone {drone}: the predictor has not taken the position: alight status lists the processes. A more exact \
+                 beacon takes precedence, and the autopilot has to report its origin first"
             ),
         });
     }

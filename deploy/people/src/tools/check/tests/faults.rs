@@ -56,7 +56,7 @@ const VESSEL_BROKEN: &[Fault] = &[
         "permission denied",
     ),
     (|f| own(f).key_fits = Some(false), "does not belong"),
-    (|f| own(f).of_authority = Some(false), "another authority"),
+    (|f| own(f).of_authority = Some(false), "the trusted authority"),
     (|f| f.identity = None, "names no files"),
     (|f| f.ports[0].state = PortState::Busy, "another program"),
     (
@@ -131,7 +131,7 @@ const DRONE_WARNINGS: &[Fault] = &[
                 ..exposed(0.6, 0.0)
             })))
         },
-        "has no control: its own automatic exposes",
+        "has no control: the camera's own automatic exposure is in use",
     ),
     (
         |f| f.frame = Some((Datum::new(70.1, 19.2, 33.0), Some(7200.0))),
