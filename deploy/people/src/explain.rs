@@ -10,7 +10,6 @@ use alight_shared::msg::{Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
 
-/// Maximum number of equally good matches that are shown.
 const MAX_SHOWN: usize = 5;
 
 #[derive(Args, Debug)]

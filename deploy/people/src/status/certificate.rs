@@ -28,7 +28,6 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
     )
 }
 
-/// Finding for a certificate, or for the error of reading it.
 pub fn judge(read: Result<&Certificate, &str>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("certificate");
     let c = match read {

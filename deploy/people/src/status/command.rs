@@ -36,12 +36,10 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// Time between two JSON objects.
 const JSON_PERIOD: Duration = Duration::from_secs(1);
 /// Period of reading messages, and hence the resolution of their ages.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// Observer of a computer's processes.
 struct ComputerObserver {
     configured: ComputerReport,
     instance: Instance,
@@ -63,7 +61,6 @@ impl ComputerObserver {
     /// Reads messages for `span`; at first for as long as every process takes to report. Returns None when no process
     /// runs or the user has ended the command.
     fn read(&mut self, span: Duration) -> Option<Status> {
-        // The observer joins with its first poll.
         let first = Duration::from_secs_f64(OBSERVATION_S) + 2 * POLL_PERIOD;
         let mut left = if self.has_waited { span } else { first };
         while !left.is_zero() {

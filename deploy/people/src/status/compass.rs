@@ -20,17 +20,13 @@ const ABOUT_DEG: f64 = 5.0;
 pub struct Compass {
     /// Mean heading of the vessel, deg from north.
     pub heading_deg: f64,
-    /// Direction from which the wind comes.
     pub wind_from_deg: Option<f64>,
-    /// Direction from which the waves come.
     pub waves_from_deg: Option<f64>,
     /// Heading to turn to before a landing, if the turn is worth it.
     pub advised_deg: Option<f64>,
-    /// Text of all of them.
     pub text: String,
 }
 
-/// Text of a wind, in knots if the configuration asks for them.
 pub fn wind(wind: Wind, knots: bool) -> String {
     let text = wind.to_string();
     if !knots || text == CALM {
@@ -157,7 +153,6 @@ pub fn advice(a: &CourseAdvice, knots: bool) -> String {
     )
 }
 
-/// Figure of the vessel's heading, with the advice.
 pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     Figure::of(
         "heading",

@@ -192,7 +192,6 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     }
 }
 
-/// Whether a landing may be ordered now, or may continue.
 pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     let mission = s.snapshot.mission.fresh(s.now_ns);
     let barred = mission.and_then(|m| go::barred(m.state, &m.entered));
@@ -250,7 +249,6 @@ pub fn state(s: &ObservedSituation) -> Option<StateView> {
     })
 }
 
-/// State in one clause.
 pub fn headline(state: Option<&StateView>) -> String {
     let Some(state) = state else {
         return "no mission reports".into();
@@ -292,7 +290,6 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     all
 }
 
-/// Distance from the drone to the deck's centre, horizontally and upwards.
 fn distance(s: &ObservedSituation) -> Figure {
     const NAME: &str = "distance";
     let deck = s.snapshot.forecast.and_then(|f| f.stages.first().copied());
@@ -469,7 +466,6 @@ fn relative(s: &ObservedSituation) -> Option<Figure> {
     Some(Figure::of("relative", value, note).stale(stale))
 }
 
-/// Time to the planned touchdown.
 fn touchdown(s: &ObservedSituation) -> Figure {
     const NAME: &str = "touchdown";
     let Some(p) = *s.snapshot.plan else {
@@ -496,7 +492,6 @@ fn touchdown(s: &ObservedSituation) -> Figure {
     }
 }
 
-/// Response of the attitude to set-points.
 fn response(r: &AttitudeResponse) -> Figure {
     let [roll, pitch] = r.lag_s;
     let source = if r.identified {

@@ -43,7 +43,6 @@ impl FindingLevel {
     }
 }
 
-/// Result of examining one subject.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     pub topic: &'static str,
@@ -87,7 +86,6 @@ impl Finding {
 /// Columns before a finding's text.
 const INDENT: usize = 24;
 
-/// Subject of findings.
 #[derive(Clone, Copy)]
 pub struct FindingTopic(pub &'static str);
 

@@ -17,7 +17,6 @@ pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// Name of the service's systemd unit.
 fn unit(s: &ObservedSituation) -> &'static str {
     if s.known.vessel.is_some() {
         "alight-vessel"

@@ -16,7 +16,6 @@ const STAGES: [State; 7] = [
     State::Landed,
 ];
 
-/// Forecast quality below which 0 % is shown.
 const NO_QUALITY: f64 = 0.005;
 pub const NO_WIND: &str = "the wind is not known yet";
 
@@ -100,7 +99,6 @@ impl Go {
     }
     /// Judgement by findings; `unknown` names data missing for it.
     pub fn of(findings: &[Finding], unknown: Option<&str>) -> Go {
-        // The worst; the first if equal.
         let worst = findings.iter().filter(|f| f.stops).rev().max_by_key(|f| f.level);
         if let Some(f) = worst {
             // The text of the mission's finding already has a subject.
@@ -123,7 +121,6 @@ impl Go {
     }
 }
 
-/// Stage, and whether the landing is past it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
     pub name: &'static str,
@@ -139,7 +136,6 @@ pub enum StageProgress {
     Ahead,
 }
 
-/// Stages relative to a state.
 pub fn stages(state: State) -> Vec<Stage> {
     // A search ends the approach to a vessel that is located by its beacon.
     let shown = if state == State::Search {

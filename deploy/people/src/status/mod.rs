@@ -25,7 +25,6 @@ use go::{Go, Stage};
 use serde::Serialize;
 use vessel::DRONES;
 
-/// State of a landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateView {
     pub name: String,
@@ -39,13 +38,10 @@ pub struct StateView {
     pub waiting: String,
     /// Most important sentence ([`go::sentence`]).
     pub sentence: String,
-    /// Stages of a landing, with the progress of each.
     pub stages: Vec<Stage>,
-    /// The state is outdated.
     pub stale: bool,
 }
 
-/// Named quantity.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
     pub name: &'static str,
@@ -54,12 +50,10 @@ pub struct Figure {
     pub note: String,
     /// Worst level of the findings whose topic has this name.
     pub level: FindingLevel,
-    /// The value is outdated.
     pub stale: bool,
 }
 
 impl Figure {
-    /// Known quantity.
     pub fn of(name: &'static str, value: impl Into<String>, note: impl Into<String>) -> Figure {
         Figure {
             name,
@@ -68,7 +62,6 @@ impl Figure {
             ..Figure::default()
         }
     }
-    /// Unknown quantity.
     pub fn unknown(name: &'static str) -> Figure {
         Figure {
             name,
@@ -81,10 +74,8 @@ impl Figure {
     }
 }
 
-/// Remedy for motors that run on the deck.
 pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
-/// Processes that report.
 fn processes(s: &ObservedSituation) -> Option<Figure> {
     let names: Vec<&str> = s
         .snapshot
@@ -97,7 +88,6 @@ fn processes(s: &ObservedSituation) -> Option<Figure> {
     (!s.snapshot.processes.is_empty()).then(|| Figure::of("processes", value, names.join(", ")))
 }
 
-/// Text of the course that the helm states.
 pub fn course(course: Course) -> String {
     match course {
         Course::Unknown => "not stated".into(),
@@ -109,21 +99,16 @@ pub fn course(course: Course) -> String {
 /// Situation of a computer and its assessment.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Status {
-    /// Name of the drone or vessel.
     pub title: String,
     pub running: bool,
-    /// State in one clause.
     pub headline: String,
     /// Whether a landing may be ordered now or may continue. For a vessel this includes the report of her foremost
     /// drone.
     pub go: Go,
-    /// State of the landing; None if unknown.
     pub state: Option<StateView>,
     /// Wind, waves and advised heading from the bow; None if no heading is known.
     pub compass: Option<Compass>,
-    /// Figures, the most important first.
     pub figures: Vec<Figure>,
-    /// Worst level of the findings.
     pub worst: FindingLevel,
     pub findings: Vec<Finding>,
     #[serde(flatten)]
@@ -193,7 +178,6 @@ impl Status {
             situation,
         }
     }
-    /// Status of a computer on which no process runs.
     pub fn absent(known: &ComputerReport) -> Status {
         const TOPIC: FindingTopic = FindingTopic("processes");
         const FOUND: &str = "no process runs on this computer, or this user has no access to it";

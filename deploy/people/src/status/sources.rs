@@ -68,7 +68,6 @@ pub fn source(s: &SourceHealth) -> Finding {
     }
 }
 
-/// Findings on a source.
 pub fn of(s: &SourceHealth) -> impl Iterator<Item = Finding> {
     let remarks = s.report.remarks.iter().map(|r| {
         let remedy = r.remedy.as_ref().map(Line::as_str);

@@ -8,7 +8,6 @@ use super::{Figure, Status};
 
 /// Maximum lines of a status on standard output.
 const HEIGHT: usize = 20;
-/// Columns of a label.
 const LABEL: usize = 11;
 /// Figures whose change counts as a change of the status.
 const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
@@ -30,7 +29,6 @@ impl StatusLine {
 }
 
 impl Figure {
-    /// Value and note; None if there is nothing to print.
     fn text(&self) -> Option<String> {
         let value = self.value.as_deref().unwrap_or("unknown");
         let text = match (self.note.as_str(), &self.value) {
@@ -89,7 +87,6 @@ impl Status {
     fn entries(&self) -> impl Iterator<Item = (&'static str, String)> {
         self.figures.iter().filter_map(|f| Some((f.name, f.text()?)))
     }
-    /// One line with headline, state and alarms.
     pub fn line(&self) -> String {
         let states = self.entries().filter(|(name, _)| STATE.contains(name));
         let states = self.mission().into_iter().chain(states);
@@ -182,7 +179,6 @@ fn label(level: FindingLevel) -> &'static str {
 
 /// Lines of an entry, indented below its text.
 fn wrapped(label: &str, text: &str, level: FindingLevel, indent: usize, width: usize) -> Vec<StatusLine> {
-    // A space follows the label.
     let mut entry = format!("{label:<0$}", indent.saturating_sub(1));
     wrap(&mut entry, indent, width, text);
     let lines = entry.lines().map(|line| StatusLine {
@@ -192,7 +188,6 @@ fn wrapped(label: &str, text: &str, level: FindingLevel, indent: usize, width: u
     lines.collect()
 }
 
-/// First `width` characters.
 fn cut(text: &str, width: usize) -> String {
     text.chars().take(width).collect()
 }

@@ -70,7 +70,6 @@ fn unauthorised_peers(s: &ObservedSituation, known: &VesselReport) -> Finding {
     )
 }
 
-/// Owner of the deck, as text.
 fn owner(status: &VesselStatus) -> String {
     let owner = status.deck_owner;
     let owner = owner.map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
@@ -81,7 +80,6 @@ fn owner(status: &VesselStatus) -> String {
 const DECK: FindingTopic = FindingTopic("deck");
 const OPEN_DECK: &str = "alight command deck open";
 
-/// Finding on access to the deck and on its owner.
 fn deck_access(status: &VesselStatus) -> Finding {
     let found = owner(status);
     let deck = &status.deck;
@@ -233,7 +231,6 @@ pub fn drone(d: &DroneStatus) -> Finding {
     TOPIC.fine(found)
 }
 
-/// Findings on the drones and the ages of their reports.
 fn drones(status: &VesselStatus) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("drones");
     if status.drones.is_empty() {
@@ -306,13 +303,11 @@ fn foremost_go(status: &VesselStatus) -> Option<Go> {
     windless.then(|| Go::unknown(format!("drone {number}: {}", go::NO_WIND)))
 }
 
-/// Wind by the foremost drone's newest report.
 pub fn wind(status: &VesselStatus) -> Option<Wind> {
     let newest = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S)?;
     Some(Wind::towards(newest.status.wind?.map(f64::from)))
 }
 
-/// State of the foremost drone.
 pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
     Some(StateView {
@@ -332,7 +327,6 @@ pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> 
     })
 }
 
-/// State, and time since the start.
 pub fn headline(s: &ObservedSituation, worst: FindingLevel) -> String {
     let state = match worst {
         FindingLevel::Fine => "works",
@@ -380,7 +374,6 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
         .collect()
 }
 
-/// Figure of a drone that was received.
 fn contact(d: &DroneContact) -> Figure {
     let status = &d.status;
     let armed = if status.armed { "armed" } else { "disarmed" };
@@ -397,7 +390,6 @@ fn contact(d: &DroneContact) -> Figure {
     .stale(d.age_s > LOST_CONTACT_S)
 }
 
-/// Speed and course over ground.
 fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
     let known = e.mean_velocity.filter(|_| is_recent(e));
     known.map_or(Figure::unknown("speed"), |velocity| {

@@ -15,9 +15,7 @@ use ratatui::{DefaultTerminal, Frame};
 use super::Status;
 use super::finding::FindingLevel;
 
-/// Time between two drawings.
 const PERIOD: Duration = Duration::from_millis(250);
-/// Maximum number of keys and window changes handled between two drawings.
 const MAX_EVENTS: u32 = 64;
 
 /// Shows each status that `look` returns after waiting for the given time, until it returns None or the user quits (q,
@@ -33,7 +31,6 @@ pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -
         }
         return Ok(());
     }
-    // A panic restores the terminal, too.
     let mut view =
         ratatui::try_init().doing("drawing in the terminal; without --watch the page is printed")?;
     let shown = show(&mut view, &mut look);

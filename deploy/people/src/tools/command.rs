@@ -27,13 +27,10 @@ use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
 use clap::{Args, Command as Clap, ValueEnum};
 use serde_json::json;
 
-/// Period of checking for the effect of a command.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// Default duration of a steady course, s.
 const STEADY_S: u32 = 60;
 
-/// Maximum of `--for`, s.
 const MAX_LASTING_S: u32 = 3600;
 
 /// An operator's command.
@@ -285,7 +282,6 @@ fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
 }
 
 const NAMED: &str = "name its configuration with --config, or a landing's with --instance";
-/// Remedy for an order that was not accepted.
 const NOT_TAKEN: &str =
     "the vessel's process has not taken the order: check systemctl status alight-vessel, and order it again";
 

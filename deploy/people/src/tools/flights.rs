@@ -15,7 +15,6 @@ use serde::Serialize;
 
 use crate::view::picture::FlightLine;
 
-/// Maximum number of flights on the page.
 const MAX_ON_PAGE: usize = 8;
 
 /// Flights to list.
@@ -32,7 +31,6 @@ pub struct FlightsArgs {
     pub form: Form,
 }
 
-/// Flight in the list.
 #[derive(Debug, Serialize)]
 struct Row {
     path: PathBuf,
@@ -141,7 +139,6 @@ impl Row {
             summary: summary.unwrap_or_default(),
         }
     }
-    /// Metrics as text.
     fn figures(&self) -> String {
         let of = |name: &str| self.summary.figures.get(name).copied();
         let counted = |name: &str, one: &str, more: &str| {

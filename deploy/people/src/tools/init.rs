@@ -34,19 +34,16 @@ pub struct InitArgs {
     pub out: PathBuf,
 }
 
-/// Maximum number of sensors.
 const SENSORS: usize = 8;
 /// Attempts at each question.
 const TRIES: usize = 5;
 
-/// Both configurations while they are filled in.
 #[derive(Clone, Debug, PartialEq)]
 struct Boat {
     vessel: String,
     drone: String,
 }
 
-/// File that a key belongs to.
 #[derive(Clone, Copy)]
 enum BoatFile {
     Vessel,
@@ -190,14 +187,12 @@ impl Boat {
         }
         *text = all;
     }
-    /// Parses and validates both files.
     fn check(&self) -> Result<(VesselComputerConfig, DroneComputerConfig), CliError> {
         Ok((
             config::parse(&self.vessel, "vessel.toml")?,
             config::parse(&self.drone, "drone.toml")?,
         ))
     }
-    /// Number in the drone's file.
     fn number(&mut self, table: &'static str, key: &'static str) -> f64 {
         let value = self.value((BoatFile::Drone, table, key));
         value.and_then(|v| v.parse().ok()).unwrap_or_default()
@@ -303,7 +298,6 @@ fn written(answer: &str, before: &str) -> Result<String, String> {
     }
 }
 
-/// The installer's terminal.
 struct Installer<R, W> {
     answers: R,
     out: W,
@@ -342,7 +336,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             "\"{question}\" has no valid answer: nothing was written"
         )))
     }
-    /// Asks for a value of the files.
     fn value(&mut self, boat: &mut Boat, Question(question, places): &Question) -> Result<(), CliError> {
         let Some(stands) = places.first().and_then(|at| boat.value(*at)) else {
             return Ok(());
@@ -392,7 +385,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             Ok(())
         })
     }
-    /// Asks for the vessel's address in the drone's file.
     fn address(&mut self, boat: &mut Boat) -> Result<(), CliError> {
         const QUESTION: &str = "The vessel's address on the network of the radio";
         self.until(QUESTION, "192.168.7.1", |answer| {
@@ -406,7 +398,6 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             Ok(())
         })
     }
-    /// Asks for the vessel's sensors.
     fn sensors(&mut self, boat: &mut Boat) -> Result<(), CliError> {
         const SOURCES: Place = (BoatFile::Vessel, "sensor", "sources");
         let (shipped, mut sources) = (boat.clone(), Vec::new());

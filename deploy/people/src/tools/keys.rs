@@ -13,7 +13,6 @@ use serde::Serialize;
 use serde_json::json;
 use time::OffsetDateTime;
 
-/// Maximum number of certificates shown.
 const MAX_SHOWN: usize = 256;
 
 /// Certificates to make or show.

@@ -50,11 +50,9 @@ pub struct ReplayArgs {
 pub struct Laboratory<'a> {
     /// Law of a recorded baseline planner, which the drone does not carry.
     pub law: ForeignLaw<'a>,
-    /// Starts a plot of a log.
     pub plot: Option<BeginPlot<'a>>,
 }
 
-/// Starts a plot of a log in a file.
 pub type BeginPlot<'a> = &'a dyn Fn(&Path, &Log) -> Result<Box<dyn Plot>, CliError>;
 
 pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliError> {
@@ -136,7 +134,6 @@ fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
     Ok(Exit::of(first.is_none()))
 }
 
-/// Plot of a flight.
 fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plot>, CliError> {
     let begin = laboratory.plot.ok_or_else(|| {
         CliError(
@@ -148,7 +145,6 @@ fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plo
     begin(to, log)
 }
 
-/// Recording of a flight.
 fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
     let headers = shown(log);
     if headers.is_empty() {

@@ -10,7 +10,6 @@ use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
 use serde_json::json;
 
-/// Indentation of descriptions below their fields, columns.
 const INDENT: usize = 4;
 
 #[derive(Args, Debug)]

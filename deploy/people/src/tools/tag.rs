@@ -121,7 +121,6 @@ fn numbers(tags: &[DeckTag]) -> String {
     }
 }
 
-/// Line of a tag in the drone's configuration.
 pub fn row(t: &DeckTag) -> String {
     let DeckTag {
         id,
@@ -240,7 +239,6 @@ impl Sheets {
         let table = 5.0 * (tags.len() + 3) as f64;
         let room = [width - 2.0 * BORDER_MM, height - 3.0 * BORDER_MM - table];
         let scale = (room[0] / across_mm).min(room[1] / length_mm);
-        // Centre of the deck on the page.
         let (cx, cy) = (0.5 * width, height - 2.0 * BORDER_MM - 0.5 * length_mm * scale);
         let mut y = height - BORDER_MM;
         let title = format!(

@@ -202,7 +202,6 @@ fn reject(order: Option<PageOrder>) {
     }
 }
 
-/// Shared memory of a drone's processes.
 struct Ports {
     memory: Memory,
     feed: MemoryFeed<Memory>,

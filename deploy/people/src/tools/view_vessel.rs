@@ -19,12 +19,9 @@ use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
 use crate::view::server::PageOrder;
 
-/// Maximum number of changes of drones' states in the log.
 const LOG_LINES: usize = 12;
-/// Maximum number of drones whose changes are followed.
 const DRONES: usize = 32;
 
-/// Observer of the vessel's status.
 pub struct VesselObserver<'a> {
     computer: &'a VesselComputerConfig,
     aboard: InstanceFollower,
@@ -93,7 +90,6 @@ impl<'a> VesselObserver<'a> {
         // The viewer that gave the order may be gone.
         let _gone = order.reply.send(answer);
     }
-    /// Picture at `now_ns` of the steady clock.
     pub fn picture(&mut self, now_ns: i64) -> Picture {
         let Some((_, snapshot)) = self.aboard.poll() else {
             return Picture {
@@ -131,7 +127,6 @@ impl<'a> VesselObserver<'a> {
         })
     }
 
-    /// Takes new reports of the situation.
     fn take(&mut self, s: &ObservedSituation) {
         let (Some(process), Some((_, status))) = (s.process(ProcessKind::Vessel), s.vessel()) else {
             return;

@@ -22,12 +22,9 @@ use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, 
 use crate::view::scene::scene;
 use crate::view::track::GroundTrack;
 
-/// Maximum number of changes of state in the log.
 const LOG_LINES: usize = 12;
-/// Maximum number of flights.
 const FLIGHTS: usize = 8;
 
-/// Flight that ended.
 struct Ended {
     at: Time<TrueTime>,
     outcome: &'static str,
@@ -51,7 +48,6 @@ impl Ended {
     }
 }
 
-/// Messages of a flight.
 pub struct Board {
     pub situation: ObservedSituation,
     /// Roll, pitch (rad) and height (m) by the vessel's own estimate, with the time of reception.
@@ -78,7 +74,6 @@ pub struct Board {
 }
 
 impl Board {
-    /// Board without messages.
     pub fn new(known: ComputerReport) -> Board {
         Board {
             situation: ObservedSituation {
@@ -113,7 +108,6 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    /// Takes a step of the vessel.
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
         self.moved(t, o.vessel.estimate.as_ref().map(|e| motion(&e.eta)));
     }
@@ -190,7 +184,6 @@ impl Board {
         self.motion.add(t, sample);
     }
 
-    /// Drops the answer to an order of the previous flight.
     fn flight_begins(&mut self) {
         self.order.answer.clear();
     }
@@ -220,7 +213,6 @@ impl Board {
         }
     }
 
-    /// Picture at `t`.
     pub fn picture(&self, t: Time<TrueTime>) -> Picture {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();

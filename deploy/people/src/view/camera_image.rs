@@ -15,7 +15,6 @@ pub struct ShownImage {
 }
 
 impl ShownImage {
-    /// Description for the page at `t`.
     pub fn view(&self, t: Time<TrueTime>) -> CameraView {
         let age = (t - self.at).max(Span::ZERO);
         CameraView {
@@ -26,7 +25,6 @@ impl ShownImage {
     }
 }
 
-/// Text of the detections.
 fn describe([tags, outlines]: [u32; 2]) -> String {
     let tags = match tags {
         0 => return "no tag of the deck is detected".into(),

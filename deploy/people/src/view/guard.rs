@@ -29,7 +29,6 @@ const BACKLOG: u32 = 64;
 const SEND_BUFFER_BYTES: u32 = 32 << 10;
 /// Idle time after which a connection is closed, and limit for completing its first request.
 const IDLE: Duration = Duration::from_secs(30);
-/// Pause after a failure to accept a connection (no more files).
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
 pub struct Guard {
@@ -37,7 +36,6 @@ pub struct Guard {
     places: Vec<Place>,
 }
 
-/// Connection, as the guard sees it.
 struct Place {
     peer: Weak<State>,
     close: oneshot::Sender<()>,
@@ -67,7 +65,6 @@ impl Guard {
             let order = |p: &Place| p.peer.upgrade().map(|s| s.order());
             let all = self.places.iter().enumerate();
             if let Some((k, _)) = all.min_by_key(|(_, p)| order(p)) {
-                // A connection that ended meanwhile needs no closing.
                 let _ended = self.places.swap_remove(k).close.send(());
             }
         }
@@ -104,7 +101,6 @@ impl Listener for Guard {
     }
 }
 
-/// State of a viewer.
 #[derive(Debug, Default)]
 struct State {
     stalled: AtomicBool,
@@ -131,7 +127,6 @@ impl ViewerPeer {
     pub fn is_stalled(&self) -> bool {
         self.0.stalled.load(Ordering::Relaxed)
     }
-    /// Records that a request is complete.
     pub fn has_asked(&self) {
         self.0.asked.store(true, Ordering::Relaxed);
     }

@@ -8,7 +8,6 @@ use crate::view::picture::MotionView;
 
 /// Time between two samples, ms; a roll of 2 s has eight.
 const STEP_MS: i64 = 250;
-/// Number of samples in a minute.
 const SAMPLES: usize = 240;
 
 /// Roll and pitch (rad) and height (m, upwards), if known.
@@ -54,7 +53,6 @@ impl MotionHistory {
             self.samples.iter_mut().flatten().for_each(|s| s[2] += by);
         }
     }
-    /// Motion for the page.
     pub fn view(&self) -> MotionView {
         let known = self.samples.iter().flatten();
         let (sum, n) = known.fold((0.0, 0_u32), |(sum, n), s| (sum + s[2], n + 1));

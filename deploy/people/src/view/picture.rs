@@ -8,10 +8,8 @@ use crate::status::Status;
 /// m.
 pub type DeckPoint = [f64; 3];
 
-/// Drone next to the deck.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DroneView {
-    /// Centre of mass.
     pub at: DeckPoint,
     /// Rate at which its height above the deck's centre decreases, m/s.
     pub closing_mps: f64,
@@ -21,7 +19,6 @@ pub struct DroneView {
     pub stale: bool,
 }
 
-/// Planned contact.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ContactView {
     /// Time to the contact, s.
@@ -35,11 +32,9 @@ pub struct ContactView {
 /// Deck from above and from the side.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SceneView {
-    /// Length and width of the deck, m, if known.
     pub size_m: Option<[f64; 2]>,
     /// Roll and pitch of the deck, and its heading relative to the mean heading, deg.
     pub euler_deg: [f64; 3],
-    /// Mean heading of the vessel, deg.
     pub heading_deg: f64,
     /// Mean velocity of the vessel over ground, forward and to starboard, m/s.
     pub way_mps: [f64; 2],
@@ -49,7 +44,6 @@ pub struct SceneView {
     pub freeboard_m: Option<f64>,
     /// Clearance of the feet at which the flare begins, m, once the mission has named it.
     pub flare_m: Option<f64>,
-    /// Planned contact, if the plan has one.
     pub contact: Option<ContactView>,
     /// No recent forecast was received.
     pub forecast_stale: bool,
@@ -63,7 +57,6 @@ pub struct SceneView {
 /// Recent motion of the deck, oldest first; None if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MotionView {
-    /// Time between two samples, s.
     pub step_s: f64,
     /// Roll, deg.
     pub roll_deg: Vec<Option<f64>>,
@@ -82,7 +75,6 @@ pub struct TrackView {
     pub deck: Vec<Option<[f64; 2]>>,
 }
 
-/// Entry of the log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LogLine {
     /// Age, s.
@@ -90,7 +82,6 @@ pub struct LogLine {
     pub text: String,
 }
 
-/// Newest flight that ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResultView {
     /// Time since its end, s.
@@ -119,7 +110,6 @@ pub struct CameraView {
     pub number: i64,
     /// Time since the middle of its exposure, s.
     pub age_s: f64,
-    /// Detections in it.
     pub text: String,
 }
 
@@ -139,13 +129,10 @@ pub struct Picture {
     pub clock_s: f64,
     #[serde(flatten)]
     pub status: Status,
-    /// Deck and drone; None if unknown.
     pub scene: Option<SceneView>,
     /// Image of the drone's camera; None without a running camera.
     pub camera: Option<CameraView>,
-    /// Motion of the deck.
     pub motion: MotionView,
-    /// Track over ground.
     pub track: TrackView,
     /// Events of this run, the newest first.
     pub log: Vec<LogLine>,
@@ -153,6 +140,5 @@ pub struct Picture {
     pub flights: Vec<FlightLine>,
     /// Newest flight that ended while the server was running.
     pub result: Option<ResultView>,
-    /// Order that the page may give.
     pub order: OrderView,
 }

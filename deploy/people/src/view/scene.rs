@@ -85,7 +85,6 @@ fn path(plan: &Plan, forecast: &DeckForecast) -> Vec<DeckPoint> {
         .collect()
 }
 
-/// Planned contact, with the deck forecast for its time.
 fn contact(
     plan: &Plan,
     forecast: &DeckForecast,

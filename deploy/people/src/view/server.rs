@@ -38,9 +38,7 @@ const STALL_PAUSE: Duration = Duration::from_millis(100);
 #[derive(Clone, Debug)]
 pub struct Served {
     pub page: SocketAddr,
-    /// Address of Foxglove's protocol.
     pub foxglove: Option<SocketAddr>,
-    /// Name shown in Foxglove.
     pub name: String,
     /// The page may give the crew's order.
     pub may_order: bool,
@@ -64,14 +62,12 @@ pub struct Server {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Address at which it listens.
 #[derive(Clone, Copy, Debug)]
 struct Addresses {
     page: SocketAddr,
     foxglove: Option<SocketAddr>,
 }
 
-/// State shared by the handlers of requests.
 #[derive(Clone)]
 struct Shared {
     pictures: watch::Receiver<Bytes>,
@@ -81,7 +77,6 @@ struct Shared {
     may_order: bool,
 }
 
-/// Number of viewers in a browser.
 #[derive(Clone, Default)]
 struct Viewers(Arc<AtomicUsize>);
 
@@ -157,11 +152,9 @@ impl Server {
     pub fn is_watched(&self) -> bool {
         self.viewers.0.load(Ordering::Relaxed) > 0
     }
-    /// Order that the page gave.
     pub fn order(&self) -> Option<PageOrder> {
         self.orders.try_recv().ok()
     }
-    /// Channel of messages for Foxglove.
     pub fn context(&self) -> Option<&Arc<Context>> {
         self.context.as_ref()
     }
@@ -186,7 +179,6 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(stop) = self.stop.take() {
-            // A thread that ended needs no stop.
             let _ended = stop.send(());
         }
         if let Some(thread) = self.thread.take() {
@@ -227,7 +219,6 @@ fn run(
             Err(e) => drop(result.send(Err(e))),
         }
     });
-    // Open connections end with their tasks.
     runtime.shutdown_background();
 }
 

@@ -6,15 +6,12 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::TrackView;
 
-/// Time between two samples, s.
 const STEP_S: f64 = 2.0;
-/// Number of samples in five minutes.
 const SAMPLES: usize = 150;
 
 /// North and east in the drone's frame, m; None if unknown.
 type Ground = Option<[f64; 2]>;
 
-/// Positions at a fixed rate.
 #[derive(Debug, Default)]
 pub struct GroundTrack {
     samples: VecDeque<[Ground; 2]>,

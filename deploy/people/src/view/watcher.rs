@@ -19,14 +19,12 @@ use crate::view::live_sink::LiveSink;
 use crate::view::picture::Picture;
 use crate::view::server::{Served, Server};
 
-/// Time between two pictures, ns.
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
 /// Longest pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
 /// Time for which the last picture of a simulation stays available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
 
-/// Period of Foxglove's shapes, ms.
 const SCENE_MS: i64 = 1_000;
 
 struct Live {
@@ -38,11 +36,9 @@ struct Live {
 /// Observer of steps that serves viewers.
 pub struct Watcher {
     pub server: Server,
-    /// Newest messages.
     pub board: Board,
     live: Option<Live>,
     next_ns: i64,
-    /// Time of the newest step.
     newest: Time<TrueTime>,
     /// Time of steps minus the clock of the processes' reports.
     offset: Span,
@@ -104,7 +100,6 @@ impl Watcher {
             ..Picture::default()
         });
     }
-    /// Shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
         if t.nanos() >= self.next_ns {
@@ -182,7 +177,6 @@ impl Watcher {
 
 /// Slows steps that are computed faster than real time.
 enum Pace {
-    /// Steps in real time.
     Free,
     /// The drone has not appeared: there is nothing to show yet.
     Waiting,

@@ -22,7 +22,6 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::tools::check::facts::AutopilotReport;
 
-/// Period of reading the link.
 const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
 /// Reads of the link: 9 s, of which the timeout of a parameter that is never reported takes 5 s.
 const ROUNDS: u32 = 900;
@@ -30,7 +29,6 @@ const ROUNDS: u32 = 900;
 const ROUNDS_WITHOUT: u32 = 300;
 /// Reads during which other vehicles' heartbeats are awaited: one and a half usual periods.
 const ROUNDS_FOR_OTHERS: u32 = 150;
-/// Period of the heartbeats sent.
 const HEARTBEAT: Span = Span::from_millis(1000);
 
 /// Report of the autopilot; None without a heartbeat of one. `signatures` counts the frames by their signatures.
@@ -79,7 +77,6 @@ async fn received(
     inquiry.report()
 }
 
-/// Queries to an autopilot, and its replies.
 struct Inquiry<'a> {
     computer: &'a DroneComputerConfig,
     heartbeat: Periodic<DroneClock>,
@@ -166,7 +163,6 @@ impl Inquiry<'_> {
         messages
     }
 
-    /// Whether no further reply is expected.
     fn is_done(&self, round: u32) -> bool {
         match &self.found {
             Some((_, p)) => {
@@ -178,7 +174,6 @@ impl Inquiry<'_> {
         }
     }
 
-    /// Replies; None without a heartbeat of an autopilot.
     fn report(self) -> Option<AutopilotReport> {
         let report = self.report;
         self.found.map(|(_, p)| AutopilotReport {

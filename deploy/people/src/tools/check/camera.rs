@@ -87,7 +87,6 @@ fn show(
     Ok(())
 }
 
-/// Camera process's own report.
 pub fn reported(metrics: &[Metric]) -> CameraImages {
     let of = |name: MetricName| {
         let found = metrics.iter().find(|m| m.name == name)?;

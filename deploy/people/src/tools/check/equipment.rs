@@ -36,7 +36,6 @@ const TILT_DEG: f64 = 0.5;
 /// another image size. Chosen: makers keep it within some per cent; for images twice as wide it is half of the width.
 const OFF_MIDDLE: f64 = 0.2;
 
-/// Class of a vessel by its motion sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VesselClass {
     /// Inertial samples, and a receiver of some hertz.
@@ -71,7 +70,6 @@ impl VesselClass {
     }
 }
 
-/// Reason why a vessel belongs to no class.
 #[derive(Clone, Debug, PartialEq)]
 enum Gap {
     /// Quantity without which the estimator does not start.
@@ -329,7 +327,6 @@ fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) 
     })
 }
 
-/// Finding on images in which none of the deck's tags was detected.
 pub fn no_tag(topic: FindingTopic, view: &CameraImages, exposure: &str) -> Finding {
     let images = view.images;
     match view.stranger {
@@ -510,7 +507,6 @@ mod tests {
             found.len() == 1 && found[0].found.contains("[638.2, 358], 50 % of a side"),
             "{found:?}"
         );
-        // Without a camera there is no finding.
         drone.camera.source.clear();
         assert_eq!(lenses(&drone), []);
     }

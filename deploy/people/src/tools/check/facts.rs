@@ -34,30 +34,25 @@ pub struct Identity {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockSync {
-    /// Program that reports the synchronisation.
     pub source: &'static str,
     /// The clock follows a reference.
     pub synchronised: bool,
-    /// Estimated error, s.
     pub error_s: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
-    /// Configuration key.
     pub key: &'static str,
     /// Endpoint or address as configured.
     pub address: String,
     pub state: PortState,
 }
 
-/// Result of binding an address.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortState {
     Free,
     /// Another program listens there.
     Busy,
-    /// Error of the system.
     Unavailable(String),
     /// Not an address that can be tried here.
     Untried,
@@ -68,7 +63,6 @@ pub enum PortState {
 pub enum Reach {
     /// A connection was accepted.
     Answers,
-    /// Error of the system.
     Unreachable(String),
     /// Datagrams: there is a route, but no answer before the session.
     Routed,
@@ -81,13 +75,11 @@ pub struct SourceCheck {
     pub connect: String,
     /// Number of bytes received and their decoding status, or the reason why none can be received.
     pub received: Result<(usize, SourceStatus), String>,
-    /// Remarks on its bytes.
     pub remarks: Vec<Remark>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeckInputCheck {
-    /// Configuration key.
     pub key: &'static str,
     pub path: String,
     /// Whether the input is active, or the error of reading it.
@@ -118,7 +110,6 @@ pub enum ReceiverReport {
     },
 }
 
-/// Report of an autopilot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotReport {
     /// Parameters that a landing relies on and that are unsuitable or were not reported, with the reason.
@@ -131,10 +122,8 @@ pub struct AutopilotReport {
     pub several: Option<[u8; 2]>,
 }
 
-/// Signing on the autopilot's link.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SigningCheck {
-    /// Path of the key file, as configured; empty: none.
     pub path: String,
     /// Permissions of that file, or the reason why it holds no key.
     pub key: Result<u32, String>,
@@ -154,7 +143,6 @@ pub struct SharedMemory {
     pub directory: Result<PathBuf, String>,
 }
 
-/// Image statistics of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraImages {
     pub images: u64,
@@ -171,15 +159,11 @@ pub struct CameraImages {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraCheck {
-    /// Configuration table of the camera.
     pub key: &'static str,
-    /// Configuration table of its lens.
     pub lens: &'static str,
-    /// Source as configured.
     pub source: String,
     /// Error if the source cannot be read.
     pub there: Result<(), String>,
-    /// Whether the lens was calibrated.
     pub calibrated: bool,
     /// Image statistics, or the error of taking them; None if the camera cannot be examined.
     pub view: Option<Result<CameraImages, String>>,
@@ -187,13 +171,10 @@ pub struct CameraCheck {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckFacts {
-    /// Path of the configuration.
     pub config: PathBuf,
     /// Configuration, or the reason of its rejection.
     pub computer: Result<Computer, String>,
-    /// Alight is already running here.
     pub running: bool,
-    /// Certificates; None if the configuration names none.
     pub identity: Option<Identity>,
     /// Reason why Zenoh's own configuration file cannot be used.
     pub zenoh: Option<String>,
@@ -201,7 +182,6 @@ pub struct CheckFacts {
     pub clock_s: i64,
     /// Clock synchronisation; None if no program reports it.
     pub sync: Option<ClockSync>,
-    /// Shared memory, which the drone's processes need.
     pub memory: Option<SharedMemory>,
     /// Addresses to listen on.
     pub ports: Vec<Port>,
@@ -209,12 +189,10 @@ pub struct CheckFacts {
     pub dialled: Vec<(String, Reach)>,
     /// Address of the autopilot's link as configured, and whether it can be opened; None if not configured.
     pub autopilot: Option<(String, Result<Reach, String>)>,
-    /// MAVLink signing; None without a configured autopilot.
     pub signing: Option<SigningCheck>,
     /// Report of the autopilot, None without its heartbeat; outer None if another program holds the link or it cannot
     /// be opened.
     pub reported: Option<Option<AutopilotReport>>,
-    /// The drone's own GNSS receiver; None if not configured.
     pub receiver: Option<ReceiverCheck>,
     /// Origin of a running drone's frame and distance of the deck, m; None while nothing runs or is known.
     pub frame: Option<(Datum, Option<f64>)>,
@@ -223,15 +201,12 @@ pub struct CheckFacts {
     pub flown: Option<[f64; 2]>,
     /// Dimensions of the deck that the vessel publishes to running processes; None if not received.
     pub vessel_deck: Option<DeckDimensions>,
-    /// Configured cameras.
     pub cameras: Vec<CameraCheck>,
     /// Real sensors of the vessel that were received by this command.
     pub sources: Vec<SourceCheck>,
-    /// Statistics of the sensors in `sources`.
     pub measured: SensorStatistics,
     /// Sensors held by the running process, as it reports them.
     pub held_sources: Vec<SourceHealth>,
-    /// Configured digital inputs of the deck.
     pub deck_inputs: Vec<DeckInputCheck>,
     /// Frequency governor of each processor; empty without frequency scaling.
     pub governors: Vec<String>,

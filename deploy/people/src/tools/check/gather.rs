@@ -38,11 +38,9 @@ use crate::tools::check::facts::{
 use crate::tools::check::received::SensorStatistics;
 use crate::tools::check::{autopilot, camera, receiver, sources};
 
-/// Timeout of connections and of programs of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
 /// Time during which running processes are observed.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
-/// Maximum number of processors examined.
 const MAX_PROCESSORS: usize = 1024;
 
 /// Facts about this computer that concern the configuration in `path`, whose processes may run under another name.
@@ -85,7 +83,6 @@ pub fn gather(path: &Path, instance: Option<&str>) -> CheckFacts {
     facts
 }
 
-/// Configuration in `path`, which must not set keys of the method.
 fn configured(path: &Path) -> Result<Computer, CliError> {
     let computer = Computer::read(path)?;
     let text = fs::read_to_string(path).doing(format_args!("reading {}", path.display()))?;
@@ -183,7 +180,6 @@ fn is_pipe(name: &str) -> bool {
     fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
 }
 
-/// Whether a camera's source exists and is readable.
 fn readable(name: &str) -> Result<(), String> {
     if is_pipe(name) {
         return Ok(());
@@ -192,7 +188,6 @@ fn readable(name: &str) -> Result<(), String> {
 }
 
 impl CheckFacts {
-    /// Facts about the vessel's computer, whose configuration is in `path`.
     fn vessel(&mut self, path: &Path, v: &VesselComputerConfig) {
         let instance = Instance::new(&v.instance);
         self.running = instance.as_ref().is_ok_and(instance::is_running);
@@ -385,7 +380,6 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     Err(last)
 }
 
-/// Whether the autopilot's link can be opened.
 fn reach_autopilot(url: &LinkUrl) -> Reach {
     let bound = |tried: std::io::Result<()>| {
         tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
@@ -406,7 +400,6 @@ fn reach_autopilot(url: &LinkUrl) -> Reach {
 fn memory(instance: Result<Instance, String>) -> SharedMemory {
     let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
     let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
-    // A file that was not created need not be removed.
     let _none = fs::remove_file(&probe);
     let directory = instance.and_then(|i| {
         let path = i.directory();

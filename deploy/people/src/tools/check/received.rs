@@ -13,7 +13,6 @@ const SILENT_S: f64 = 1.5;
 /// Measurements of one kind, by the sensor that gave most of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KindStatistics {
-    /// Rate, Hz.
     pub rate_hz: f64,
     /// Median age at reception, s.
     pub age_s: f64,
@@ -25,7 +24,6 @@ pub struct KindStatistics {
     pub with_heave: bool,
 }
 
-/// Statistics of all sensors by kind; None without measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorStatistics {
     pub inertial: Option<KindStatistics>,
@@ -46,7 +44,6 @@ struct Sample {
 /// Measurements of one kind by sensor number.
 type Series = BTreeMap<u8, Vec<Sample>>;
 
-/// Received measurements.
 #[derive(Debug, Default)]
 pub struct MeasurementSeries {
     inertial: Series,
@@ -56,7 +53,6 @@ pub struct MeasurementSeries {
 }
 
 impl MeasurementSeries {
-    /// Adds measurements received at `now`.
     pub fn add(&mut self, now: Time<VesselClock>, readings: &[SensorReadings]) {
         let sample = |at: Time<VesselClock>, sd: f64| Sample {
             at_s: at.secs(),

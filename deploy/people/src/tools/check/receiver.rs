@@ -17,7 +17,6 @@ use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
 
 /// Time of reception: two periods of a receiver of 1 Hz, and the delay of a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);
-/// Remedy for a receiver whose messages lack a relative position.
 const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
 
 /// Facts about the receiver; None if none is configured or a process holds it without reporting.

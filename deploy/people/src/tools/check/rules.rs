@@ -33,7 +33,6 @@ const MIN_CONTRAST: f64 = 0.3;
 const MAX_SATURATION: f64 = 0.1;
 /// Permission bits that let users other than the owner read or write a file.
 const OTHERS: u32 = 0o077;
-/// Permission bit that lets the group read.
 const GROUP_READS: u32 = 0o040;
 
 /// Findings about `facts`, in the order in which an installer repairs them.
@@ -114,7 +113,6 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     all
 }
 
-/// Findings on sensors and switches of a vessel.
 fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> {
     let mut all: Vec<Finding> = v.sensor.sources.is_empty().then(no_sensor).into_iter().collect();
     all.extend(facts.held_sources.iter().flat_map(sources::of));
@@ -127,7 +125,6 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
                 .map(|r| remark(&found.name, &r.text, r.remedy.as_deref())),
         );
     }
-    // By the measurements of all sources.
     let listened = facts.held_sources.is_empty().then_some(&facts.sources);
     all.extend(listened.and_then(|s| equipment::vessel(s, &facts.measured)));
     all.extend(facts.deck_inputs.iter().map(deck_input));
@@ -140,7 +137,6 @@ const SLOW_RESPONSE_S: f64 = 0.45;
 /// Ratio of identified and configured time constants above which they differ.
 const LAG_RATIO: f64 = 1.5;
 
-/// Finding on the response of the attitude in the last flight.
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("response");
     let found = format!(

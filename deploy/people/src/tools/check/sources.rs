@@ -26,14 +26,11 @@ use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
 /// Time during which all sources are received, s: two periods of the slowest receivers, and the delay of a link that
 /// opens late.
 pub const LISTEN_S: f64 = 2.5;
-/// Minimum period of the node's steps.
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 
-/// Sources that were received.
 #[derive(Clone, Debug, Default)]
 pub struct ListenedSources {
     pub sources: Vec<SourceCheck>,
-    /// Statistics of all sources.
     pub measured: SensorStatistics,
 }
 
@@ -168,7 +165,6 @@ mod tests {
             ..Snapshot::default()
         };
         let names = |checked: &[SourceCheck]| checked.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
-        // The process runs with another file.
         let (held, listened) = of(&path, &computer, Some(&snapshot));
         assert!(held.is_empty());
         assert_eq!(names(&listened.sources), ["imu", "compass"]);
@@ -185,7 +181,6 @@ mod tests {
                 (number, report)
             })
             .collect();
-        // A source was added since the start.
         std::fs::write(&path, file(&["imu", "compass", "receiver"])).unwrap();
         let edited: VesselComputerConfig = config::load(&path).unwrap();
         let (held, listened) = of(&path, &edited, Some(&snapshot));

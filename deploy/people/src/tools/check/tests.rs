@@ -165,7 +165,6 @@ fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotR
         several: None,
     }))
 }
-/// Autopilots of two vehicles.
 fn several() -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {
@@ -173,7 +172,6 @@ fn several() -> Option<Option<AutopilotReport>> {
         ..all
     }))
 }
-/// Report with this origin and geoid height.
 fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
     let all = reported("none", 0.0)??;
     Some(Some(AutopilotReport {

@@ -39,24 +39,18 @@ fn time_of_poll(poll: u32) -> Time<SteadyClock> {
     Time::EPOCH + Span::from_secs(POLL_PERIOD.as_secs_f64()) * i64::from(poll)
 }
 
-/// State of an order at the terminal ashore.
 struct Ashore {
     order: Retransmission<SteadyClock, OperatorCommand<VesselClock>>,
-    /// Only the state is requested.
     asks_only: bool,
     /// A message of the vessel was received: the session is open.
     contact: bool,
-    /// The vessel's report on this order.
     receipt: Option<CommandProgress>,
-    /// Polls since the receipt.
     receipt_looks: u32,
     /// Number of the drone, once known: named by the operator, or the only one that the vessel knows.
     number: Option<u32>,
-    /// Drones that the vessel receives.
     drones: BTreeMap<u32, DroneStatus>,
     /// Drones for which the vessel reserves the deck or a place in the queue, silent or not.
     reserved: BTreeSet<u32>,
-    /// Polls since the vessel's first message.
     looks: u32,
     sent: u32,
 }
@@ -205,7 +199,6 @@ impl Ashore {
         }
         lines
     }
-    /// Result of the order, for the operator.
     fn outcome(&self) -> &'static str {
         let abort = self.order.message.kind == CommandKind::Abort;
         match self.receipt {

@@ -22,7 +22,6 @@ use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 /// tenth of it.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
-/// Default validity, s.
 const LASTS_S: u32 = 300;
 
 /// Latitude and longitude, deg, of the arguments of `deck-at`.

@@ -21,7 +21,6 @@ use clap::Args;
 
 use crate::tools::check::equipment::MIN_ATTITUDE_HZ;
 
-/// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
 
 /// Recording to estimate.
@@ -107,7 +106,6 @@ fn not_started(origin: &str, review: &Review) -> String {
     parts.join("; ")
 }
 
-/// Mounting of the recorded sensors.
 fn mount(named: Option<&VesselComputerConfig>, name: Option<&str>) -> Result<Mount, CliError> {
     let sources = named.map(|c| c.placed_sensors().sources).unwrap_or_default();
     match name {
@@ -125,7 +123,6 @@ fn mount(named: Option<&VesselComputerConfig>, name: Option<&str>) -> Result<Mou
     }
 }
 
-/// Bytes of the file, unless it is too large.
 fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let mut bytes = Vec::new();
@@ -155,7 +152,6 @@ fn recorded(
         .map_err(|e| CliError(e.to_string()))
 }
 
-/// Recording of the vessel's process.
 fn flown(path: &Path) -> Result<(SensorRecording, VesselNodeConfig), CliError> {
     let log = Log::open(path)?.only(&["vessel"]);
     let config = log.first("vessel")?.config::<VesselComputerConfig>()?.vessel;

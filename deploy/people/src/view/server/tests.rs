@@ -12,7 +12,6 @@ use alight_computer::record::observer::{NodeStep, StepObserver};
 
 use crate::view::watcher::Watcher;
 
-/// Timeout of every answer.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn served(may_order: bool) -> Served {
@@ -42,7 +41,6 @@ fn connect(to: SocketAddr) -> TcpStream {
     stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
-/// Sends a request and reads the complete answer.
 fn ask(to: SocketAddr, method: &str, path: &str, more: &str) -> String {
     let mut stream = connect(to);
     let request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n{more}\r\n");
@@ -51,7 +49,6 @@ fn ask(to: SocketAddr, method: &str, path: &str, more: &str) -> String {
     stream.read_to_string(&mut answer).unwrap();
     answer
 }
-/// Reads until `text` arrives.
 fn read_until(stream: &mut TcpStream, text: &str) -> String {
     let (mut all, mut part) = (String::new(), [0; 4096]);
     while !all.contains(text) {

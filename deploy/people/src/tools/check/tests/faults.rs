@@ -7,7 +7,6 @@ use crate::tools::check::facts::{DeckInputCheck, SourceCheck};
 
 /// Change that makes a fault, and a part of the finding's text.
 type Fault = (fn(&mut CheckFacts), &'static str);
-/// Faults of a computer, and the level of their findings.
 type FaultTable = (fn() -> CheckFacts, FindingLevel, &'static [Fault]);
 
 fn own(f: &mut CheckFacts) -> &mut Identity {
