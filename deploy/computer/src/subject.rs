@@ -122,7 +122,7 @@ pub fn commanded_drone(
         Some(drone) => Ok(drone),
         // An order to a wrong number is not taken; an abort is tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
-            "the processes {name} have no configuration in addition to their memory: name it with --config"
+            "the configuration of the processes {name} is not found: name it with --config"
         ))),
         None => Ok(unconfigured(name)),
     }

@@ -42,7 +42,7 @@ board name an address of this computer's network (or view.listen), where\n\
 everybody sees it: alight view --listen 192.168.7.1:7450\n\
 Foxglove: alight view --foxglove, then Open connection, Foxglove WebSocket,\n\
 ws://127.0.0.1:8765.\n\
-It ends by Ctrl-C, and nothing in a flight waits for it."
+Ctrl-C ends it; no flight waits for it."
 )]
 pub struct ViewCommand {
     #[command(flatten)]

@@ -224,7 +224,7 @@ fn run(
 
 async fn listen(served: &Served, context: Option<Arc<Context>>) -> Result<(Guard, Addresses), String> {
     use axum::serve::Listener;
-    let (address, other) = (served.page, "name another with --listen or view.listen");
+    let (address, other) = (served.page, "name another address with --listen or view.listen");
     let failed = |e: std::io::Error| format!("showing the page on {address}: {e}; {other}");
     let guard = Guard::listen(address).map_err(failed)?;
     let page = guard.local_addr().map_err(failed)?;
