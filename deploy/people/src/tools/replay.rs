@@ -187,7 +187,7 @@ fn recorded(path: &Path) -> Result<Log, CliError> {
             "{}: {}",
             path.display(),
             if below {
-                "holds flights and is none; name one of them (`alight flights` lists them)"
+                "holds flights but is not one; name one of them (`alight flights` lists them)"
             } else {
                 "no step is recorded there; `alight flights` lists the flights of this computer"
             }
