@@ -1,4 +1,4 @@
-//! `alight study`: one thing measured over many seeds.
+//! `alight study`: one quantity measured over many seeds.
 
 pub mod definition;
 pub mod envelope;
@@ -13,7 +13,6 @@ use alight_computer::terminal;
 
 use super::args::StudyArgs;
 
-/// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     let Some(name) = args.name.as_deref() else {
         return Err(CliError("STUDY is missing: alight help study names them".into()));
