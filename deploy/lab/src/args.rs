@@ -245,11 +245,10 @@ pub struct SceneArgs {
     /// Course of the vessel [default: drift]
     #[arg(long, value_enum)]
     pub vessel: Option<CourseArg>,
-    /// Speed of the vessel on a course under way, m/s, or with a unit: 5kn [default: 2]
+    /// Vessel's speed on a course under way, m/s, or with a unit: 5kn [default: 2]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true, value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// Mean wind with gusts, m/s, or with a unit: 15kn; auto: the wind that raises the given sea, along its waves
-    /// [default: 0]
+    /// Mean wind with gusts, m/s, or with a unit: 15kn; auto: wind that raises the sea, along its waves [default: 0]
     #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true,
           value_parser = offering(WindArg::from_str, ["auto"]))]
     pub wind: Option<WindArg>,
@@ -264,7 +263,7 @@ pub struct SceneArgs {
     /// Duration of the outage, s, or with a unit: 5min [default: for good]
     #[arg(long, value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
     pub outage_duration: Option<f64>,
-    /// Time after the landing at whose end the drone's position is judged, s
+    /// Time after the landing at which its position is judged, s
     #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub stay: Option<f64>,
     /// Descend at a random moment, regardless of the predicted probability: compares prediction and result
@@ -295,7 +294,7 @@ pub struct SceneArgs {
     /// Start of the trial in the recording, s [default: 0]
     #[arg(long, value_name = "TIME", requires = "deck_motion", value_parser = duration_s)]
     pub motion_start: Option<f64>,
-    /// Render the belly camera's images and detect the tag in them, instead of using its measurement model
+    /// Render the belly camera and detect the tag in its images, instead of its measurement model
     #[arg(long)]
     pub render_camera: bool,
     /// Keep the recording's mean tilt instead of removing it
@@ -349,16 +348,16 @@ impl SceneArgs {
 /// One landing, or many.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view the landing is held back to real time once the drone has appeared. It waits for\n\
-no viewer, and ends when it is over, or 10 s later while a viewer is connected."
+    after_help = "With --view the landing runs in real time once the drone has appeared. It waits for\n\
+no viewer, and ends with the flight, or 10 s later if a viewer is connected."
 )]
 pub struct TrialArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Seed of sea, noise and start, or the first seed of many landings: the same seed gives the same bits
+    /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
     #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
-    /// Fly this many landings, and print the success rate with its interval
+    /// Fly N landings, and print the success rate with its interval
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
           conflicts_with_all = ["plot", "record", "view"])]
     pub trials: Option<u32>,
@@ -395,7 +394,7 @@ pub struct Shard {
 impl FromStr for Shard {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
+        let wrong = || format!("`{text}` is not a shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
         let (i, n) = text.split_once('/').ok_or_else(wrong)?;
         let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
         if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
@@ -408,7 +407,7 @@ impl FromStr for Shard {
 /// Study to fly.
 #[derive(Args, Debug)]
 pub struct StudyArgs {
-    /// Name of a study, or a study's file (docs/commands.md)
+    /// Study by name, or a study file (docs/commands.md)
     #[arg(value_name = "STUDY|FILE.toml",
           value_parser = offering(StringValueParser::new(), definition::offered()))]
     pub name: Option<String>,
@@ -442,13 +441,13 @@ pub struct StudyArgs {
     /// Fly only this row, counted from 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub row: Option<u32>,
-    /// Print commands for this many seeds each, for a scheduler
+    /// Print commands of SEEDS seeds, for a scheduler
     ///
     /// Nothing is flown. Each line is a command of one row, for example for HyperQueue.
     #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
-    /// End a row once its rate is known to this many %
+    /// End a row once its rate is known to PERCENT %
     ///
     /// That is up and down. The interval is Wilson's of 95 %, computed every 20 trials; a row has --trials at most.
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
@@ -461,7 +460,7 @@ pub struct StudyArgs {
 /// Wind of an envelope, m/s; with the vessel's own speed it stays within the range of a scenario.
 fn wind_speed(text: &str) -> Result<f64, String> {
     let speed = speed_mps(text).ok().filter(|v| (0.5..=20.0).contains(v));
-    speed.ok_or_else(|| format!("`{text}` is no wind to fly in: give 0.5 to 20 m/s"))
+    speed.ok_or_else(|| format!("`{text}` is not a valid wind: give 0.5 to 20 m/s"))
 }
 
 /// Envelope to fly.
@@ -473,19 +472,19 @@ The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, -
 pub struct EnvelopeArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Fly a coarse grid of few landings: some ten minutes on two cores
+    /// Fly a coarse grid: some ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
     /// Relative winds, m/s, or with a unit: 10kn [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
-    /// Number of directions all round that the wind comes from [default: 12; with --quick 8]
+    /// Directions of the wind, all round [default: 12; with --quick 8]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
     pub directions: Option<u16>,
     /// Sea states (WMO code table 3700) [default: 1,2,3,4; with --quick 2,3,4]
     #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
     pub sea_states: Vec<u8>,
-    /// Landings per cell [default: the number needed to show --rate, 35 for 90 %; with --quick 5]
+    /// Landings per cell [default: enough to show --rate, 35 for 90 %; with --quick 5]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub trials: Option<u32>,
     /// Percentage of landings that must succeed up to the limit, by the lower end of the 95 % interval

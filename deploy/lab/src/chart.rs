@@ -146,7 +146,7 @@ pub fn can_write(path: &Path) -> Result<(), CliError> {
     let is_svg = |e: &OsStr| e.eq_ignore_ascii_case("svg");
     if !path.extension().is_some_and(is_svg) {
         return Err(CliError(format!(
-            "--plot {}: plots are written as SVG and in no other format; choose a name that ends in .svg",
+            "--plot {}: plots are written as SVG only; choose a name that ends in .svg",
             path.display()
         )));
     }

@@ -31,7 +31,7 @@ use storm::StormArgs;
 pub enum LabCommand {
     /// Fly one landing or many, faster than real time.
     Trial(Box<TrialArgs>),
-    /// Measure one quantity over many seeds.
+    /// Measure one thing over many seeds.
     Study(Box<StudiesArgs>),
     /// Land once in real time on simulated vehicles.
     Land(Box<LandArgs>),
@@ -115,7 +115,7 @@ impl LabCommand {
                 None => live::rehearse::run(&a.rehearsal),
             },
             LabCommand::Scene(_) => Err(CliError(
-                "the flags of a scene belong to trial, study and land; alight help scene prints them".into(),
+                "scene is not a command: its flags are for trial, study and land; alight help scene prints them".into(),
             )),
             LabCommand::Attach(a) => live::attach::run(a),
             LabCommand::World(a) => live::world::run(a),

@@ -109,7 +109,7 @@ fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -
     (args.drone_config.is_some() && flies != believed).then(|| {
         format!(
             "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config gives \
-             ({} kg): set both alike, unless the difference is meant",
+             ({} kg): set both alike, unless the difference is intended",
             flies.mass_kg, believed.mass_kg
         )
     })

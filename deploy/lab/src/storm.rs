@@ -50,7 +50,7 @@ pub struct StormArgs {
     /// Fly this list instead, and show the events.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["trials", "seconds", "seed0", "faults", "jobs", "save"])]
     list: Option<PathBuf>,
-    /// Directory for the shortest list of each violation, SEED.toml.
+    /// Directory for each violation's shortest list, SEED.toml.
     #[arg(long, value_name = "DIRECTORY")]
     save: Option<PathBuf>,
     /// Output format.

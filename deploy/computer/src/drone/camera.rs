@@ -242,6 +242,7 @@ impl<D: Detector> CameraEdge<D> {
 enum SourceEvent {
     /// Image, its number, and the exposure setting if known.
     Image(CameraFrame, u64, Option<Exposed>),
+    /// The device's own automatic exposure is in use, for this reason.
     Automatic(String),
     Failed(String),
     Finished,

@@ -30,6 +30,7 @@ pub struct ExposureControl {
     metering: Metering,
     /// Exposure and gain are metered; otherwise they are fixed.
     metered: bool,
+    /// Id of the gain's control, if there is one.
     gain: Option<u32>,
 }
 

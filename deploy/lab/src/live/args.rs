@@ -23,7 +23,7 @@ pub struct LandArgs {
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Rejected with a reference to the command that flies many landings.
+    /// Rejected: alight trial flies many.
     #[arg(long, hide = true)]
     pub trials: Option<u32>,
     /// Time before the order to land, s [default: 60]
@@ -58,7 +58,7 @@ pub struct LandArgs {
     /// Several may run at the same time.
     #[arg(long, value_name = "NAME", default_value = SIMULATED)]
     pub instance: String,
-    /// Let the firmware itself fly (docs/firmware.md)
+    /// Let the firmware fly (docs/firmware.md)
     ///
     /// It is that of --autopilot. The pilot starts it, and flies it from the pad.
     #[arg(long, requires = "autopilot")]
@@ -73,7 +73,7 @@ pub struct LandArgs {
     /// The keys are those of [firmware].
     #[arg(long, value_name = "FILE", requires = "external")]
     pub firmware: Option<PathBuf>,
-    /// Address of a ground station, such as 127.0.0.1:14550
+    /// Ground station, such as 127.0.0.1:14550
     ///
     /// It listens to UDP there, on another link of the simulated autopilot.
     #[arg(long, value_name = "UDP", conflicts_with = "external")]
@@ -142,7 +142,7 @@ pub struct WorldArgs {
     /// Flags of every process
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Autopilot of the drone [default: the configuration's]
+    /// Drone's autopilot [default: the configuration's]
     #[arg(long, value_enum)]
     pub autopilot: Option<AutopilotKind>,
 }

@@ -41,10 +41,10 @@ pub struct LinkArgs {
     /// Seed of losses and delays
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Name of the namespaces: alight-NAME-vessel (10.77.0.1) and alight-NAME-drone (10.77.0.2)
+    /// Name of the namespaces alight-NAME-vessel (10.77.0.1), alight-NAME-drone (10.77.0.2)
     #[arg(long, default_value = "link")]
     pub name: String,
-    /// Read everything from a file, as `alight land` writes it
+    /// Read all from a file, as `alight land` writes it
     #[arg(long, value_name = "FILE", hide = true)]
     pub config: Option<PathBuf>,
     /// End when standard input closes, and take orders from it

@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use alight_computer::exit::{CliError, Doing};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
+/// Addresses of vessel and drone.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
 /// Maximum packet size; the usual one, so that packets are fragmented as at sea.
 const MTU: u16 = 1500;

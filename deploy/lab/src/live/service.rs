@@ -27,6 +27,7 @@ const LAST_LINES: usize = 5;
 
 pub fn command(program: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
+    // A process group of its own: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
     command
         .args(arguments)
         .process_group(0)

@@ -138,7 +138,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     }
     let by = definition.pooled_by.as_deref().unwrap_or(BY_ROW);
     if by != BY_ROW && axes.clone().all(|a| a.name != by) {
-        let why = format!("pooled_by = \"{by}\" is no axis; name one, or \"{BY_ROW}\"");
+        let why = format!("pooled_by = \"{by}\" is not an axis; name one, or \"{BY_ROW}\"");
         return Err(CliError::because(doing(), why));
     }
     if definition.row.is_empty() && definition.grid.is_empty() {
@@ -176,7 +176,7 @@ pub(super) mod tests {
         for (text, why) in [
             ("title = \"x\"", "no scene"),
             ("title = \"x\"\nrows = []", "unknown field `rows`"),
-            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "no axis"),
+            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "not an axis"),
             (
                 "title = \"x\"\n[[grid]]\n[[grid.axis]]\nname = \"hull\"\nchoice = []",
                 "no choice",

@@ -31,7 +31,9 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
 /// Prints the commands that fly the study in parts.
 fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     if name == "merge" {
-        return Err(CliError("study merge flies nothing: it has no --tasks".into()));
+        return Err(CliError(
+            "--tasks cannot be used with study merge, which flies nothing".into(),
+        ));
     }
     let definition = definition::parse(&definition::text(name)?, name)?;
     let rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;

@@ -147,7 +147,7 @@ pub struct CommandArgs {
     /// Positions are in deg: alight command deck-at 59.3456 18.1234 --error 10.
     #[arg(value_name = "VALUE", num_args = 0..=2, allow_negative_numbers = true)]
     pub values: Vec<String>,
-    /// deck takeoff: clear every take-off until the deck is closed
+    /// deck takeoff: clear all take-offs until closed
     ///
     /// Clears every take-off of that drone until the deck is closed or a take-off is stopped there, not only those
     /// within two minutes.
@@ -164,12 +164,12 @@ pub struct CommandArgs {
     /// deck-at: the vessel's course, deg from north
     #[arg(long, value_name = "DEG", requires = "speed")]
     pub course: Option<f64>,
-    /// deck-at: the vessel's speed, m/s [default: stationary]
+    /// deck-at: speed, m/s [default: stationary]
     ///
     /// A unit may follow: 5kn.
     #[arg(long, value_name = "M/S", value_parser = speed_mps)]
     pub speed: Option<f64>,
-    /// deck-at: standard deviation of the position, m
+    /// deck-at: position's standard deviation, m
     ///
     /// 1 to 1000 m, each axis.
     #[arg(long, value_name = "M", default_value_t = 10.0)]

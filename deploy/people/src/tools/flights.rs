@@ -23,7 +23,7 @@ pub struct FlightsArgs {
     /// Directory of the flights (recorder.directory)
     #[arg(value_name = "DIR", default_value = "/var/lib/alight/flights")]
     pub directory: PathBuf,
-    /// Repair files that a kill or a power cut left without an end, so that viewers open them
+    /// Repair files left without an end by a kill or a power cut, for viewers
     #[arg(long)]
     pub mend: bool,
     /// Output format.

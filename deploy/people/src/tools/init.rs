@@ -24,12 +24,12 @@ use crate::tools::{check, tag};
 /// Directory of the files.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "An empty answer keeps what stands in brackets. The answers may come from a file, a line each:\n\
+    after_help = "An empty answer keeps the value in brackets. The answers may come from a file, a line each:\n\
 alight init --out boat < answers.txt\n\
-Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as certificates that are not made yet."
+Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as missing certificates."
 )]
 pub struct InitArgs {
-    /// Directory for vessel.toml and drone.toml; it is created if missing, and existing files are never overwritten
+    /// Directory of vessel.toml and drone.toml, made if missing; existing files are kept
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 }
@@ -313,7 +313,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         let n = self.answers.read_line(&mut line).doing(ASKING)?;
         if n == 0 {
             return Err(CliError(format!(
-                "the answers end before \"{question}\": nothing was written; an empty line keeps what stands in brackets"
+                "the answers end before \"{question}\": nothing was written; an empty line keeps the value in brackets"
             )));
         }
         Ok(line.trim().to_owned())

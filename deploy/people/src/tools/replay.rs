@@ -25,12 +25,11 @@ use crate::tools::view::start_viewer;
 /// Recording to compute again.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view a flight is held back to real time once the drone has appeared. It waits for no viewer,\n\
-and ends when it is over, or 10 s later while there is a viewer."
+    after_help = "With --view a flight runs in real time once the drone has appeared. It waits for no viewer,\n\
+and ends with the flight, or 10 s later if there is a viewer."
 )]
 pub struct ReplayArgs {
-    /// Recording (`alight trial --record FILE.mcap`), a flight of the recorder (`alight flights`), or one of a flight's
-    /// files
+    /// Recording (`alight trial --record FILE.mcap`), recorded flight (`alight flights`), or one of its files
     #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub path: PathBuf,
     /// Write the flight to one recording, for Foxglove, Lichtblick and Rerun

@@ -32,7 +32,7 @@ that of the newest recorded flight is shown. A flight begins with the value in t
 Exit codes: 0 identified, 1 not flown long enough, 2 bad input."
 )]
 pub struct DroneArgs {
-    /// Recording of the flight (MCAP) or directory of a recorded flight, instead of the running processes
+    /// Recording or directory of the flight, instead of the running processes
     #[arg(value_name = "FILE.mcap|FLIGHT")]
     pub recording: Option<PathBuf>,
     /// Configuration of the drone's computer (TOML)

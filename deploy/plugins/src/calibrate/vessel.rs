@@ -54,7 +54,7 @@ pub struct VesselArgs {
     /// Configuration of the vessel's computer (TOML) [default: the recording's, otherwise the program's defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Recording of the vessel at rest with a known weight on board, of any of these kinds
+    /// Recording at rest with a known weight on board, of any of these kinds
     #[arg(long, value_name = "FILE", requires = "weight")]
     pub loaded_log: Option<PathBuf>,
     /// Mass (kg) of that weight and its position from the vessel's reference point (m)

@@ -15,10 +15,10 @@ use crate::live::fault::FaultSpec;
 alight rehearse --vessel-config vessel.toml --drone-config drone.toml\n\n\
 Exit codes: 0 every step is OK, 1 one is not, 2 bad input.")]
 pub struct RehearseArgs {
-    /// Configuration of the vessel [default: as shipped]
+    /// Vessel's configuration [default: as shipped]
     #[arg(long, value_name = "FILE")]
     pub vessel_config: Option<PathBuf>,
-    /// Configuration of the drone [default: as shipped]
+    /// Drone's configuration [default: as shipped]
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
     /// Program to rehearse [default: this one]
@@ -38,14 +38,14 @@ pub struct RehearseArgs {
     /// whole service is killed and restarted as by systemd.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
-    /// Firmware that the simulated autopilot resembles [default: px4]
+    /// Simulated autopilot's firmware [default: px4]
     ///
     /// With --autopilot-at it is the firmware that flies.
     #[arg(long, value_name = "NAME", value_enum)]
     pub autopilot: Option<AutopilotArg>,
-    /// MAVLink of a maker's firmware that flies, such as udpin://127.0.0.1:14540 (docs/firmware.md)
+    /// MAVLink of a maker's firmware, such as udpin://127.0.0.1:14540 (docs/firmware.md)
     ///
-    /// The pilot starts it.
+    /// The firmware flies; the pilot starts it.
     #[arg(long, value_name = "URL")]
     pub autopilot_at: Option<String>,
     /// Motors, sensors and port of its plant (TOML)

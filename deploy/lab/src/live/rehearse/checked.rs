@@ -20,7 +20,7 @@ pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
         count("fine")
     );
     if later > 0 {
-        figure += &format!("; {later} of the firmware's parameters, looked at again before the landing");
+        figure += &format!("; {later} of the firmware's parameters, checked again before the landing");
     }
     (broken == later && !findings.is_empty(), figure)
 }
@@ -31,7 +31,7 @@ pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     match rejection {
         Some("") => (true, "its parameters suit a landing, and it has an origin".into()),
         Some(why) => (false, why.into()),
-        None => (false, "the link to it reports nothing".into()),
+        None => (false, "no report from the link to it".into()),
     }
 }
 

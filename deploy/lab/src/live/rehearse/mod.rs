@@ -81,13 +81,13 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
-        [] => "none: the files ask for none".into(),
+        [] => "not needed by these files".into(),
         names => names.join(", "),
     };
     list.add(list::CERTIFICATES, "certificates", true, names);
     let alike = plan.contradictions.join("; ");
     let both = if alike.is_empty() {
-        "both read, and agree".into()
+        "both read, and consistent".into()
     } else {
         alike
     };

@@ -31,8 +31,7 @@ pub struct EstimateArgs {
     /// MCAP, or a flight of the vessel's recorder; `python -m alight.convert FILE` makes the CSV of other recordings
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
-    /// Configuration of the vessel, as for `alight vessel` [default: that of the recording if it has one, otherwise the
-    /// program's]
+    /// Vessel's configuration, as for `alight vessel` [default: that of the recording, otherwise the program's]
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
     /// Source of [[sensor.sources]] with the mounting of the recorded sensors [default: the first]
