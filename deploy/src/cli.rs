@@ -145,7 +145,7 @@ fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
     command
 }
 
-/// Text of a range error in which the range is written in words: from "error: invalid value '6' for '--sea-state
+/// Text of a range error with a readable range: from "error: invalid value '6' for '--sea-state
 /// <1..5>': 6 is not in 1..=5".
 fn readable_range(text: &str) -> Option<String> {
     let (before, rest) = text.split_once(" is not in ")?;

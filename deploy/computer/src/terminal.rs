@@ -182,7 +182,7 @@ fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
 /// Columns of a text for users.
 pub const WIDTH: usize = 80;
 
-/// Appends `more` to a text, with a space before each word; a word that does not fit begins an indented line.
+/// Appends `more` to a text, with a space before each term; a term that does not fit begins an indented line.
 pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     for piece in more.split_whitespace() {
         let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());

@@ -118,17 +118,17 @@ fn pattern(text: &str) -> String {
     out
 }
 
-/// Lower-case words of a text.
+/// Terms of a text, in lower case.
 fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()
 }
-/// Words that carry the meaning: those longer than articles and prepositions.
+/// Terms that carry the meaning: those longer than articles and prepositions.
 fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// Message with this code, or the messages that share the most words with `query`, the closest and shortest first.
+/// Message with this code, or the messages that share the most terms with `query`, the closest and shortest first.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();
@@ -138,7 +138,7 @@ fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let wanted = content(query);
     let common = |e: &Explained| content(&e.text).intersection(&wanted).count();
     let most = all.iter().map(common).max().unwrap_or_default();
-    // A match of fewer than two thirds of the words is chance.
+    // A match of fewer than two thirds of the terms is chance.
     if most == 0 || 3 * most < 2 * wanted.len() {
         return Vec::new();
     }

@@ -33,7 +33,7 @@ const WARM_UP_S: f64 = 15.0;
 const CALIBRATION_S: u32 = 22;
 const STAY_S: f64 = 32.0;
 
-/// Program of one side with the words that precede it: from the environment, or this test's own.
+/// Program of one side with its prefix: from the environment, or this test's own.
 fn arguments(side: &str) -> Vec<String> {
     let mut arguments = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
     match std::env::var(format!("ALIGHT_{}", side.to_uppercase())) {
@@ -368,15 +368,15 @@ fn landing_of_the_shipped_configurations() {
 }
 
 /// Path of the radio's datagrams between a drone and the vessel.
-struct Air {
+struct RadioPath {
     silent: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
     ways: Vec<JoinHandle<()>>,
 }
 
-impl Air {
+impl RadioPath {
     /// Opens the path between the drone's port `from` and the vessel's endpoint.
-    fn open(from: u16, endpoint: &str) -> Air {
+    fn open(from: u16, endpoint: &str) -> RadioPath {
         let drone = UdpSocket::bind(("127.0.0.1", from)).expect("a socket");
         let vessel = UdpSocket::bind("127.0.0.1:0").expect("a socket");
         vessel
@@ -411,7 +411,7 @@ impl Air {
                 }
             })
         });
-        Air {
+        RadioPath {
             silent,
             end,
             ways: ways.into(),
@@ -422,7 +422,7 @@ impl Air {
     }
 }
 
-impl Drop for Air {
+impl Drop for RadioPath {
     fn drop(&mut self) {
         self.end.store(true, Ordering::Relaxed);
         for way in self.ways.drain(..) {
@@ -439,7 +439,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
         let connect = vec![format!("quic/127.0.0.1:{port}")];
         table(drone, "radio").insert("connect".into(), connect.into());
     });
-    let air = Air::open(port, &all.endpoint);
+    let radio_path = RadioPath::open(port, &all.endpoint);
     all.begin_landing();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let config = all.file("drone.toml");
@@ -447,7 +447,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
     all.assert_others_rejected();
-    air.silence(true);
+    radio_path.silence(true);
     // Each waits 12 s in vain for an answer.
     let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
     let landing = std::thread::spawn(|| run("drone", land));
@@ -461,7 +461,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     signal(vessel.expect("it runs"), "-KILL");
     all.stop("vessel");
     all.start_ready("vessel");
-    air.silence(false);
+    radio_path.silence(false);
     all.status_when("the abort acts", |s| s["mission"]["state"] == "GaveUp");
     all.status_when("the vessel has the answer", |_| {
         let aborts = &all.vessel_status()["vessel"]["deck"]["aborts"];

@@ -102,14 +102,14 @@ impl LiveReport {
     pub fn summary(&self, o: &Outcome) -> FlightSummary {
         let name = if o.success { "landed" } else { o.outcome.name() };
         let matched = self.matched();
-        let figures = [
+        let metrics = [
             ("landed", o.success.then_some(1.0)),
             ("landing_s", o.landing_time_s),
             ("off_centre_m", o.position_error_m),
             ("descents", Some(f64::from(o.attempts))),
             ("restarts", Some(f64::from(self.restarts))),
         ];
-        let figures = figures
+        let metrics = metrics
             .into_iter()
             .filter_map(|(name, v)| Some((name.to_owned(), v?)));
         FlightSummary {
@@ -118,7 +118,7 @@ impl LiveReport {
             outcome: matched.map_or(name, |_| "matched").into(),
             reason: matched.unwrap_or(&o.reason).into(),
             phases: self.phases.clone(),
-            figures: figures.collect(),
+            figures: metrics.collect(),
             ..FlightSummary::of("simulation")
         }
     }

@@ -51,7 +51,7 @@ pub struct Service {
 
 impl Service {
     /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which is its state directory and
-    /// receives its output. `program` may include preceding words.
+    /// receives its output. `program` may include a prefix.
     pub fn start<W: AsRef<OsStr>>(
         name: &'static str,
         program: &[W],

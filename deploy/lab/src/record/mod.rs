@@ -46,7 +46,7 @@ pub struct RecordingScene<'a> {
     pub seed: u64,
     /// Sea as named on the command line.
     pub sea: &'a str,
-    /// Its nodes are processes.
+    /// The nodes run as processes.
     pub live: bool,
 }
 

@@ -73,8 +73,7 @@ fn bow_text(from_bow_deg: f64) -> String {
     }
 }
 
-/// Direction that a wind comes from, deg from the bow, and its text. The direction is None when the wind is unknown or
-/// calm.
+/// Direction that a wind comes from, deg from the bow, and its text. An unknown wind or a calm has no direction.
 fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
     let Some(blows) = blows else {
         return (None, "wind unknown".into());
@@ -161,8 +160,7 @@ pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     )
 }
 
-/// Direction that the waves come from and the advised turn, deg from the bow; the turn is None if the course is already
-/// best.
+/// Direction that the waves come from and the advised turn, deg from the bow; no turn if the course is already best.
 fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);

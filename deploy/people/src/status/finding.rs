@@ -66,7 +66,7 @@ impl fmt::Display for Finding {
 }
 
 impl Finding {
-    /// Lines of `alight check`, of at most [`WIDTH`] columns unless a word is longer.
+    /// Lines of `alight check`, of at most [`WIDTH`] columns unless a term is longer.
     pub fn lines(&self) -> String {
         let mark = match self.level {
             FindingLevel::Fine => "fine",
@@ -135,7 +135,7 @@ mod tests {
         );
         let pieces = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
         assert!(pieces(&lines).join(" ").contains(found), "{lines}");
-        // A word that is longer than a line is not broken.
+        // A term that is longer than a line is not broken.
         let long = "x".repeat(100);
         assert!(FindingTopic("key").warning(&*long, "").lines().contains(&long));
     }

@@ -335,7 +335,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
             )));
         }
     };
-    let newest = order_aboard(args, "the deck is closed and opened", order)?;
+    let newest = order_aboard(args, "orders for the deck are given", order)?;
     let closed = newest.as_ref().is_some_and(|s| s.deck.closed.is_some());
     if args.json {
         terminal::line(json!({ "taken": newest.is_some(), "deck": newest.map(|s| s.deck) }));

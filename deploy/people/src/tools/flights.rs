@@ -111,7 +111,7 @@ pub fn earlier(directory: &str) -> Vec<FlightLine> {
         .take(MAX_ON_PAGE)
         .map(Row::of)
         .map(|row| FlightLine {
-            text: format!("{}; {}", row.summary.reason, row.figures()),
+            text: format!("{}; {}", row.summary.reason, row.metrics()),
             outcome: row.summary.outcome,
             when: row.begun,
         })
@@ -139,7 +139,7 @@ impl Row {
             summary: summary.unwrap_or_default(),
         }
     }
-    fn figures(&self) -> String {
+    fn metrics(&self) -> String {
         let of = |name: &str| self.summary.figures.get(name).copied();
         let counted = |name: &str, one: &str, more: &str| {
             of(name)
@@ -193,7 +193,7 @@ fn table(rows: &[Row]) -> String {
             row.files,
             row.summary.computer,
             outcome,
-            row.figures(),
+            row.metrics(),
         ]);
     }
     table.text()

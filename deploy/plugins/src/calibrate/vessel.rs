@@ -319,10 +319,10 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
     );
     let mut place = config.gnss.antenna_m;
     match &found.antenna_m {
-        Some(figures) => {
+        Some(antenna) => {
             for (axis, (f, slot)) in ["forward", "right", "down"]
                 .iter()
-                .zip(figures.iter().zip(&mut place))
+                .zip(antenna.iter().zip(&mut place))
             {
                 let known = f.sd <= USABLE_M;
                 let note = if known {

@@ -39,7 +39,7 @@ pub(super) struct Bans {
     ban: Vec<Ban>,
 }
 
-/// Word and the index of its line; an empty word marks an interruption of the text.
+/// Term and the index of its line; an empty term marks an interruption of the text.
 type Token = (String, usize);
 
 fn pieces(text: &str) -> Vec<String> {
@@ -47,7 +47,7 @@ fn pieces(text: &str) -> Vec<String> {
     all.filter(|p| !p.is_empty()).map(str::to_owned).collect()
 }
 
-/// Lower-case words, with those of `OneName` separated.
+/// Terms in lower case, with the parts of `OneName` separated.
 fn lower_pieces(text: &str) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     for piece in pieces(text) {

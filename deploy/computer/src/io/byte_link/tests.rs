@@ -77,12 +77,12 @@ async fn udp_link_whose_first_sender_speaks_another_language() {
 async fn connection_from_another_address() {
     let url = LinkUrl::TcpIn("127.0.0.1:0".into(), Some([10, 0, 0, 7].into()));
     let mut link = ByteLink::new(url).await.unwrap();
-    let mut stranger = TcpStream::connect(port(&link)).unwrap();
+    let mut intruder = TcpStream::connect(port(&link)).unwrap();
     link.read(|_| {}).await;
     let why = link.last_error().unwrap();
     assert!(why.contains("is rejected") && link.opened() == 0, "{why}");
     assert!(matches!(link.open, Some(Open::Listening(_))));
-    assert!(matches!(stranger.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
+    assert!(matches!(intruder.read(&mut [0; 1]), Ok(0) | Err(_)), "closed");
 }
 
 fn terminal() -> (std::os::fd::OwnedFd, String) {

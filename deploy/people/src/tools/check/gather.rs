@@ -95,8 +95,8 @@ fn flown(directory: &str) -> Option<[f64; 2]> {
     // Without a recorder no flight is recorded, and `alight flights` reports a directory that cannot be read.
     let flights = store::flights(Path::new(directory)).unwrap_or_default();
     flights.iter().rev().find_map(|f| {
-        let figures = f.summary()?.figures;
-        let of = |name: &str| figures.get(name).copied();
+        let metrics = f.summary()?.figures;
+        let of = |name: &str| metrics.get(name).copied();
         Some([of(ATTITUDE_DEAD_TIME)?, of(ATTITUDE_LAG)?])
     })
 }
