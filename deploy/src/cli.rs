@@ -497,7 +497,6 @@ mod tests {
         assert_eq!(shown, 20);
     }
 
-    /// Collects the commands below `command`, each with its name.
     fn all(command: &Clap, name: &str, found: &mut Vec<(String, Clap)>) {
         for inner in command.get_subcommands().filter(|c| !c.is_hide_set()) {
             let name = format!("{name} {}", inner.get_name());

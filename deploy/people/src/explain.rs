@@ -28,7 +28,6 @@ struct Explanations {
 static EXPLANATIONS: LazyLock<Explanations> =
     LazyLock::new(|| toml::from_str(include_str!("explain.toml")).unwrap_or_default());
 
-/// Message text with `…` in place of each figure, and its advice.
 #[derive(Debug, PartialEq)]
 struct Explained {
     code: String,
@@ -118,7 +117,6 @@ fn pattern(text: &str) -> String {
     out
 }
 
-/// Terms of a text, in lower case.
 fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()

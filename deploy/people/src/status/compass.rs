@@ -18,7 +18,6 @@ const ABOUT_DEG: f64 = 5.0;
 /// Directions clockwise from the bow, -180 to 180 deg; None if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Compass {
-    /// Mean heading of the vessel, deg from north.
     pub heading_deg: f64,
     pub wind_from_deg: Option<f64>,
     pub waves_from_deg: Option<f64>,
@@ -60,7 +59,6 @@ fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     (10.0 * turn).round() / 10.0
 }
 
-/// Text such as `40° to starboard of the bow`.
 fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };

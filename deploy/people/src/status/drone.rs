@@ -102,7 +102,6 @@ fn mission(s: &ObservedSituation, m: &MissionState) -> Vec<Finding> {
     all
 }
 
-/// Age and sender of the vessel's newest estimate.
 fn link(s: &ObservedSituation) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("link");
     let (Some(l), Some(age_s)) = (*s.snapshot.link, s.link_age_s()) else {
@@ -198,7 +197,6 @@ pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
 }
 
-/// Missing data that a landing needs.
 fn unknown(s: &ObservedSituation) -> Option<&'static str> {
     let snapshot = &s.snapshot;
     let Some(mission) = snapshot.mission.fresh(s.now_ns) else {
@@ -438,7 +436,6 @@ fn autopilot(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
 }
 
-/// Probabilities that a landing from here succeeds and that its contact is unsafe.
 fn likelihood(s: &ObservedSituation) -> Option<Figure> {
     let m = (*s.snapshot.mission)?;
     let value = format!("{:.0} %", (100.0 * m.likelihood?).floor());
@@ -448,7 +445,6 @@ fn likelihood(s: &ObservedSituation) -> Option<Figure> {
     Some(Figure::of("likelihood", value, note).stale(s.snapshot.mission.is_old(s.now_ns)))
 }
 
-/// Relative position by moving base, when a receiver measures it.
 fn relative(s: &ObservedSituation) -> Option<Figure> {
     let r = (*s.snapshot.forecast)?.relative?;
     let value = match r.solution {
@@ -528,7 +524,6 @@ fn mode(m: &MissionState, a: Option<&AutopilotState>) -> Option<Figure> {
     }
 }
 
-/// Set-point of the shadow, compared with the pilot's.
 fn shadow(s: &ShadowComparison) -> Figure {
     let [roll, pitch] = s.tilt.map(f64::to_degrees);
     let motors = if s.stops { "; would stop the motors" } else { "" };

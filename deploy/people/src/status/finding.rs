@@ -10,7 +10,6 @@ use serde::Serialize;
 pub enum FindingLevel {
     #[default]
     Fine,
-    /// Works with restrictions.
     Warning,
     Broken,
 }
@@ -47,7 +46,6 @@ impl FindingLevel {
 pub struct Finding {
     pub topic: &'static str,
     pub level: FindingLevel,
-    /// The finding prevents a landing.
     pub stops: bool,
     pub found: String,
     /// Action that removes the cause; empty when fine.
@@ -105,7 +103,6 @@ impl FindingTopic {
     pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         self.finding(FindingLevel::Warning, found, remedy)
     }
-    /// Warning that prevents a landing.
     pub fn stopping(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
             stops: true,

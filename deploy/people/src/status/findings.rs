@@ -25,7 +25,6 @@ fn unit(s: &ObservedSituation) -> &'static str {
     }
 }
 
-/// Findings on processes that are silent, late, do not record, or run with an outdated configuration.
 fn processes(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = Vec::new();
     let silent: Vec<String> = s

@@ -124,7 +124,6 @@ impl Go {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
     pub name: &'static str,
-    /// Progress of the landing relative to this stage.
     pub is: StageProgress,
 }
 

@@ -28,11 +28,9 @@ use vessel::DRONES;
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StateView {
     pub name: String,
-    /// Activity of the drone in this state.
     pub does: &'static str,
     /// Time in this state, s; 0 if the state has not changed since the mission began.
     pub since_s: f64,
-    /// Reason for entering the state; may be empty.
     pub entered: String,
     /// Condition of the next state, with figure and limit; may be empty.
     pub waiting: String,
@@ -96,7 +94,6 @@ pub fn course(course: Course) -> String {
     }
 }
 
-/// Situation of a computer and its assessment.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Status {
     pub title: String,
@@ -209,7 +206,6 @@ impl Status {
             ..Status::default()
         }
     }
-    /// Findings that are not fine, the worst first.
     pub fn alarms(&self) -> Vec<&Finding> {
         let mut all: Vec<&Finding> = self
             .findings

@@ -98,7 +98,6 @@ fn rejection(s: &SourceHealth) -> Option<String> {
     })
 }
 
-/// Components of an estimate that are too uncertain for a landing.
 fn uncertain(sd: [f64; 4]) -> Vec<String> {
     let [place, height, tilt, heading] = sd;
     let deg = f64::to_degrees;

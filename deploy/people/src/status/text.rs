@@ -6,7 +6,6 @@ use alight_computer::terminal::{WIDTH, wrap};
 use super::finding::FindingLevel;
 use super::{Figure, Status};
 
-/// Maximum lines of a status on standard output.
 const HEIGHT: usize = 20;
 const LABEL: usize = 11;
 /// Figures whose change counts as a change of the status.
@@ -19,7 +18,6 @@ pub struct StatusLine {
 }
 
 impl StatusLine {
-    /// Continuation lines have neither label nor colour.
     fn coloured(&self) -> String {
         if self.text.starts_with(' ') {
             return self.text.clone();
@@ -70,7 +68,6 @@ impl Status {
     fn title(&self) -> String {
         format!("{}: {}", self.title, self.headline)
     }
-    /// Progress of the mission, or the condition that is not met.
     fn mission(&self) -> Option<(&'static str, String)> {
         let state = self.state.as_ref()?;
         let waiting = state.waiting.as_str();
@@ -83,7 +80,6 @@ impl Status {
         }
         Some(("mission", text))
     }
-    /// Labelled texts of the figures.
     fn entries(&self) -> impl Iterator<Item = (&'static str, String)> {
         self.figures.iter().filter_map(|f| Some((f.name, f.text()?)))
     }

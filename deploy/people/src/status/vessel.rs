@@ -168,7 +168,6 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     all
 }
 
-/// Findings on the course that the helm states and the orders to the helm.
 fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("course");
     let stated = course(deck.course);
@@ -191,7 +190,6 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     all
 }
 
-/// Course that the helm may choose before a landing.
 fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
     FindingTopic("heading").fine(compass::advice(a, knots))
 }
@@ -199,7 +197,6 @@ fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
 /// Name of the figures of drones; each has a level of its own.
 pub const DRONES: &str = "drones";
 
-/// Finding on a drone's report of itself.
 pub fn drone(d: &DroneStatus) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("drones");
     let number = d.header.drone;
@@ -278,7 +275,6 @@ pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
     Go::of(findings, no_waves(status)).worse(foremost_go(status))
 }
 
-/// Text for unknown waves, which a landing needs.
 fn no_waves(status: &VesselStatus) -> Option<&'static str> {
     match status.estimator.waves {
         Some([_, quality]) => go::no_forecast(quality),

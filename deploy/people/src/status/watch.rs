@@ -52,7 +52,6 @@ fn show(
     Ok(())
 }
 
-/// Whether a quitting key was pressed since the last call.
 fn is_ended() -> Result<bool, CliError> {
     const READING: &str = "reading the terminal's keys";
     for _ in 0..MAX_EVENTS {

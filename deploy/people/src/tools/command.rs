@@ -33,7 +33,6 @@ const STEADY_S: u32 = 60;
 
 const MAX_LASTING_S: u32 = 3600;
 
-/// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum OrderArg {
     /// Land on the vessel.
@@ -110,7 +109,6 @@ pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
 }
 
 impl CommandArgs {
-    /// Command to a mission, if the order is one.
     fn kind(&self) -> Result<Option<CommandKind>, CliError> {
         Ok(match self.order {
             OrderArg::Land => Some(CommandKind::Land),
@@ -300,7 +298,6 @@ fn course(args: &CommandArgs, order: DeckOrder) -> Result<Exit, CliError> {
     Ok(Exit::of(newest.is_some()))
 }
 
-/// Effect of an accepted order about the course.
 fn stated(order: DeckOrder) -> &'static str {
     match order {
         DeckOrder::Steady(0) => "no course is stated",

@@ -34,7 +34,6 @@ pub struct FlightsArgs {
 #[derive(Debug, Serialize)]
 struct Row {
     path: PathBuf,
-    /// Start (UTC).
     begun: String,
     /// complete, running, cut off, or damaged.
     files: &'static str,

@@ -58,7 +58,6 @@ struct Question(&'static str, &'static [Place]);
 
 const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
 const CAMERA: Place = (BoatFile::Drone, "camera", "source");
-/// Follow-up question about the lens of a camera.
 const DISTORTION: Question = Question(
     "The lens's distortion k1, k2, p1, p2, k3",
     &[(BoatFile::Drone, "drone.camera.lens", "distortion")],
@@ -172,7 +171,6 @@ impl Boat {
     fn set(&mut self, (of, table, key): Place, value: &str) {
         self.replace((of, table, key), &format!("{key} = {value}"));
     }
-    /// Replaces a key and its value by lines.
     fn replace(&mut self, (of, table, key): Place, with: &str) {
         let text = self.file(of);
         let (mut all, mut replaced) = (String::new(), false);
@@ -268,7 +266,6 @@ fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     })
 }
 
-/// Converts an answer to a TOML value of the same kind as `before`.
 fn written(answer: &str, before: &str) -> Result<String, String> {
     let number = |text: &str| {
         let number = text.parse::<f64>().ok().filter(|x| x.is_finite());

@@ -52,7 +52,6 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Topics of the table, and the reports of processes.
 fn all() -> Vec<&'static Topic> {
     let reports = [&topics::PROCESS, &topics::VESSEL_PROCESS];
     topics::ALL.iter().chain(reports).collect()

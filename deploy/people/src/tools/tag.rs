@@ -130,7 +130,6 @@ pub fn row(t: &DeckTag) -> String {
     format!("  {{ id = {id}, side_m = {side_m:?}, centre_m = [{x:?}, {y:?}, {z:?}] }},\n")
 }
 
-/// Tags in the format of the drone's configuration.
 fn listed(tags: &[DeckTag]) -> String {
     let rows: String = tags.iter().map(row).collect();
     format!("[drone.deck]\ntags = [\n{rows}]")

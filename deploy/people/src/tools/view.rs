@@ -94,7 +94,6 @@ pub fn start_viewer(
     Ok((Box::new(watcher), lines))
 }
 
-/// Shows the computer until stopped.
 pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
     // The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);

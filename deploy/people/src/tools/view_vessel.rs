@@ -33,10 +33,8 @@ pub struct VesselObserver<'a> {
     log: VecDeque<(i64, String)>,
     /// Flights that had ended when the view began, as the vessel's own process lists them.
     earlier: Vec<FlightLine>,
-    /// Time, outcome and reason of the newest flight's end.
     result: Option<(i64, &'static str, String)>,
     order: OrderView,
-    /// Order of the page that is being carried out.
     given: Option<(OrderOnItsWay, PageOrder)>,
 }
 

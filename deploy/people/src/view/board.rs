@@ -58,12 +58,10 @@ pub struct Board {
     is_own: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
-    /// Start of the landing in progress.
     begun: Option<Time<TrueTime>>,
     shown: Option<State>,
     /// Flights of earlier runs, the newest first, as their recorder lists them.
     pub earlier: Vec<FlightLine>,
-    /// Order that the page may give, and its answer.
     pub order: OrderView,
     pub camera: Option<ShownImage>,
     /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at rest, m, if
@@ -111,7 +109,6 @@ impl Board {
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
         self.moved(t, o.vessel.estimate.as_ref().map(|e| motion(&e.eta)));
     }
-    /// Takes the vessel's broadcast as the bridge received it.
     pub fn received(&mut self, t: Time<TrueTime>, estimate: Option<&VesselEstimate<DroneClock>>) {
         self.moved(t, estimate.map(|e| motion(&e.eta)));
     }
@@ -260,7 +257,6 @@ impl Board {
     }
 }
 
-/// The state is part of a landing or a take-off.
 fn is_flight(state: State) -> bool {
     state.is_landing() || state.is_take_off()
 }
@@ -272,7 +268,6 @@ fn flare_m(m: &MissionState) -> Option<f64> {
     reasons.iter().find(|r| names(r.code)).map(|r| r.limit)
 }
 
-/// Roll, pitch and height of a vessel's estimate.
 fn motion(eta: &[f64; 6]) -> [f64; 3] {
     [eta[3], eta[4], -eta[2]]
 }

@@ -8,7 +8,6 @@ use jpeg_encoder::{ColorType, Encoder};
 use crate::view::camera_image::ShownImage;
 use crate::view::watcher::Watcher;
 
-/// Maximum size of an encoded image, bytes.
 const MAX_BYTES: usize = 20_000;
 /// JPEG qualities, of which the first that gives at most [`MAX_BYTES`] is used; only noise needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];

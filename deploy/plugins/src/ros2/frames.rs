@@ -92,7 +92,6 @@ impl BodyVelocity {
             rates_covariance: jacobian * squared(&sd) * jacobian.transpose(),
         }
     }
-    /// Velocity and rates in FLU.
     pub fn twist(&self, ned_from_frd: &UnitQuaternion<f64>) -> [RosVector; 2] {
         let [velocity, _] = self.velocity.map(Vector3::from);
         [flu(&(ned_from_frd.inverse() * velocity)), flu(&self.rates)]

@@ -8,7 +8,6 @@
 
 use serde::Serialize;
 
-/// Type of a message, for keys and tokens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RosType {
     pub name: &'static str,

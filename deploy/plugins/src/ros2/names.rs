@@ -75,13 +75,11 @@ impl Distro {
     }
 }
 
-/// Topic or service.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoint {
     /// Absolute name, such as `/alight/drone_1/odometry`.
     pub name: String,
     pub kind: RosType,
-    /// Kind of entity on this side.
     pub entity: Entity,
     /// Messages that a receiver is to keep (quality of service: reliable, volatile, keep last).
     pub depth: u32,

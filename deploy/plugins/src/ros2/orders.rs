@@ -35,7 +35,6 @@ pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
 
 const MAX_CALLERS: usize = 8;
 
-/// Order under way, and its clients.
 struct UnderWay<C> {
     command: Retransmission<SteadyClock, Command>,
     callers: Vec<C>,

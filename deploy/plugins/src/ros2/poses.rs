@@ -22,7 +22,6 @@ pub struct NewPoses {
 }
 
 impl NewPoses {
-    /// Pose of the deck alone.
     pub fn deck_pose(&self) -> Option<PoseWithCovarianceStamped> {
         self.deck.as_ref().map(|deck| PoseWithCovarianceStamped {
             header: deck.header.clone(),

@@ -118,7 +118,6 @@ struct Parts {
     is_apart: Arc<AtomicBool>,
 }
 
-/// Node, in a session or on its way into one.
 pub struct RosSession {
     parts: Parts,
     inbox: Receiver<Request>,
@@ -310,7 +309,6 @@ impl Open {
 }
 
 pub struct Request {
-    /// Order given by the service.
     pub kind: CommandKind,
     /// Time of sending, ns since 1970 by the client's clock.
     pub sent_ns: i64,

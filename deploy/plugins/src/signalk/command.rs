@@ -87,7 +87,6 @@ async fn wait(pause: Duration) {
     }
 }
 
-/// Time of the next attempt to reach a server, and the report of it.
 #[derive(Debug)]
 struct Retry {
     /// Newest report; None: the server accepts messages.
@@ -152,7 +151,6 @@ async fn publish(
     Ok(())
 }
 
-/// Observer of the computer's processes.
 struct ComputerObserver {
     configured: ComputerReport,
     follower: InstanceFollower,

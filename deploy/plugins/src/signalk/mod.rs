@@ -129,7 +129,6 @@ fn is_due((sent, at_ns): &SentValue, value: &Value, now_ns: i64) -> bool {
     value != sent && (!is_text || now_ns.saturating_sub(*at_ns) >= TEXT_NS)
 }
 
-/// Notification of the worst findings about a topic.
 fn notification(findings: &[Finding], topic: &str) -> Value {
     let all = || findings.iter().filter(|f| f.topic == topic);
     let worst = all().map(|f| f.level).max().unwrap_or_default();
@@ -150,7 +149,6 @@ fn notification(findings: &[Finding], topic: &str) -> Value {
     json!({"state": state, "method": method, "message": message})
 }
 
-/// Values by path, including the computer's `own`.
 fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     let s = &status.situation;
     let vessel = s.vessel().filter(|_| status.running);

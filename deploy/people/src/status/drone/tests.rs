@@ -280,7 +280,6 @@ fn relative_place_of_a_forecast() {
     assert_eq!(relative(&ObservedSituation::of(&flying(), NOW_NS)), None);
 }
 
-/// GO is shown only when an order may be given now.
 #[test]
 fn go_of_a_drone_by_what_is_known() {
     let wave = |confidence| WaveModel {

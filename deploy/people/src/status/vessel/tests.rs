@@ -12,7 +12,6 @@ use alight_computer::process::snapshot::{Newest, Snapshot};
 
 use crate::status::Status;
 
-/// Facts about a vessel at 100 s.
 struct Vessel {
     process: ProcessState,
     status: VesselStatus,
@@ -361,7 +360,6 @@ fn vessel_certificate_by_its_topic_alone() {
     assert!(found(&unreported, "certificate").is_empty());
 }
 
-/// Judgement of the vessel alone, and the worse of that and the drone's.
 #[test]
 fn go_of_a_vessel_and_of_its_drone() {
     let go = |change: Change<'_>| {

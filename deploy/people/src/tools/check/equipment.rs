@@ -229,7 +229,6 @@ pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimen
     }
 }
 
-/// Whether the deck's tags are valid and in view from every height.
 pub fn tags(drone: &DroneSettings) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("tags");
     let tags = drone.tags();
@@ -305,7 +304,6 @@ pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     found.into_iter().flatten().collect()
 }
 
-/// Finding on a principal point that is far from the middle of its image.
 fn lens(topic: &'static str, key: &str, size_px: [u32; 2], centre_px: [f64; 2]) -> Option<Finding> {
     let sides = size_px.map(f64::from);
     let parts = centre_px
@@ -464,7 +462,6 @@ mod tests {
                 .starts_with("attitude at 1.0 Hz: too slow for a rocking deck"),
             "{found}"
         );
-        // A source without data is a separate finding.
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
         // A source that sends RTCM only gives no measurements.
         let mut base = source([0; 4]);

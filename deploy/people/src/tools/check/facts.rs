@@ -15,14 +15,12 @@ use alight_usv::sensors::Remark;
 
 use crate::tools::check::received::SensorStatistics;
 
-/// The three files of the radio's tls section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identity {
     /// Certificate of the trusted authority, or the error of reading it.
     pub authority: Result<Certificate, String>,
     /// Own certificate, or the error of reading it.
     pub own: Result<Certificate, String>,
-    /// Error if the key is not readable.
     pub key: Result<(), String>,
     /// Permission bits of the key; None if it is missing.
     pub key_mode: Option<u32>,
@@ -35,7 +33,6 @@ pub struct Identity {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockSync {
     pub source: &'static str,
-    /// The clock follows a reference.
     pub synchronised: bool,
     pub error_s: Option<f64>,
 }
@@ -43,7 +40,6 @@ pub struct ClockSync {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Port {
     pub key: &'static str,
-    /// Endpoint or address as configured.
     pub address: String,
     pub state: PortState,
 }
@@ -51,7 +47,6 @@ pub struct Port {
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortState {
     Free,
-    /// Another program listens there.
     Busy,
     Unavailable(String),
     /// Not an address that can be tried here.
@@ -61,7 +56,6 @@ pub enum PortState {
 /// Whether the other end of a connection answers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reach {
-    /// A connection was accepted.
     Answers,
     Unreachable(String),
     /// Datagrams: there is a route, but no answer before the session.
@@ -95,7 +89,6 @@ pub struct ReceiverCheck {
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReceiverReport {
-    /// Reason why nothing can be received from it.
     Unreachable(String),
     Received {
         bytes: usize,
@@ -127,9 +120,7 @@ pub struct SigningCheck {
     pub path: String,
     /// Permissions of that file, or the reason why it holds no key.
     pub key: Result<u32, String>,
-    /// Received frames counted by their signatures.
     pub received: Signatures,
-    /// The autopilot's frames are admitted.
     pub admitted: bool,
 }
 
@@ -162,7 +153,6 @@ pub struct CameraCheck {
     pub key: &'static str,
     pub lens: &'static str,
     pub source: String,
-    /// Error if the source cannot be read.
     pub there: Result<(), String>,
     pub calibrated: bool,
     /// Image statistics, or the error of taking them; None if the camera cannot be examined.
@@ -172,18 +162,14 @@ pub struct CameraCheck {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckFacts {
     pub config: PathBuf,
-    /// Configuration, or the reason of its rejection.
     pub computer: Result<Computer, String>,
     pub running: bool,
     pub identity: Option<Identity>,
-    /// Reason why Zenoh's own configuration file cannot be used.
     pub zenoh: Option<String>,
-    /// System clock, s since 1970.
     pub clock_s: i64,
     /// Clock synchronisation; None if no program reports it.
     pub sync: Option<ClockSync>,
     pub memory: Option<SharedMemory>,
-    /// Addresses to listen on.
     pub ports: Vec<Port>,
     /// Addresses to dial, and whether they answer.
     pub dialled: Vec<(String, Reach)>,
@@ -199,7 +185,6 @@ pub struct CheckFacts {
     /// Dead time and time constant of the attitude, s, identified in the newest flight with a response; None without
     /// one.
     pub flown: Option<[f64; 2]>,
-    /// Dimensions of the deck that the vessel publishes to running processes; None if not received.
     pub vessel_deck: Option<DeckDimensions>,
     pub cameras: Vec<CameraCheck>,
     /// Real sensors of the vessel that were received by this command.

@@ -39,7 +39,6 @@ use crate::tools::check::received::SensorStatistics;
 use crate::tools::check::{autopilot, camera, receiver, sources};
 
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// Time during which running processes are observed.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);
 const MAX_PROCESSORS: usize = 1024;
 
@@ -370,7 +369,6 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     for _ in 0..3 {
         let read = socket.send(&hello).and_then(|_| socket.recv(&mut answer));
         match read {
-            // Version negotiation: a long header with version 0.
             Ok(n) if n >= 7 && answer[0] & 0x80 != 0 && answer[1..5] == [0; 4] => return Ok(()),
             Ok(_) => {}
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
@@ -424,7 +422,6 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
     }
 }
 
-/// Standard output of a system program; None if it is missing or fails.
 fn command_output(program: &str, args: &[&str]) -> Option<String> {
     let out = Command::new(program)
         .args(args)

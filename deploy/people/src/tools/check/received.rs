@@ -85,7 +85,6 @@ impl MeasurementSeries {
             }
         }
     }
-    /// Statistics of all measurements received until `now`.
     pub fn measured(&self, now: Time<VesselClock>) -> SensorStatistics {
         let best = |series: &Series| {
             let statistics = series

@@ -323,7 +323,6 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), facts: &CheckFacts)
     }
 }
 
-/// Finding on the signing of MAVLink frames, and on `orders` of a ground station.
 fn signing(check: &SigningCheck, orders: bool) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("signing");
     match (&check.key, check.received.finding(check.admitted)) {
@@ -356,7 +355,6 @@ fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     )
 }
 
-/// Finding on the origin of the drone's frame and its height above the ellipsoid.
 fn origin(reported: &AutopilotReport) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("origin");
     let Some(o) = &reported.origin else {
@@ -431,7 +429,6 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
     }
 }
 
-/// Finding on a camera's images and on the tag in them.
 fn camera_view(found: &CameraCheck) -> Option<Finding> {
     let (topic, source) = (FindingTopic(found.key), &found.source);
     let view = match found.view.as_ref()? {

@@ -196,7 +196,6 @@ fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCh
     }
 }
 
-/// Camera whose images were examined.
 fn looked(view: Result<CameraImages, &str>) -> CameraCheck {
     CameraCheck {
         view: Some(view.map_err(str::to_owned)),

@@ -176,7 +176,6 @@ impl Ashore {
     fn is_taken(&self) -> bool {
         self.receipt == Some(CommandProgress::Taken) || self.asks_only && self.drone().is_some()
     }
-    /// State of drone `number` and of the order, for the operator.
     fn lines(&self, number: u32) -> Vec<String> {
         let mut lines = match self.drone() {
             Some(status) => {
@@ -406,7 +405,6 @@ mod tests {
             "{why}"
         );
         assert!((0..MAX_POLLS_ASHORE).all(|k| several.due(k).is_none()));
-        // No drone: none is commanded.
         let (mut none, chosen) = unnamed(&[], MAX_POLLS_ASHORE);
         assert!(chosen.is_ok() && (0..MAX_POLLS_ASHORE).all(|k| none.due(k).is_none()));
     }

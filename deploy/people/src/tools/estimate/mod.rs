@@ -137,7 +137,6 @@ fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     Ok(bytes)
 }
 
-/// Content of the recording, and the configuration in it.
 fn recorded(
     path: &Path,
     origin: &str,

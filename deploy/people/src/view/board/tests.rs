@@ -303,7 +303,6 @@ fn board_of_an_old_answer() {
     assert_eq!(step(&mut board, 3.0, State::GaveUp, true), "abort taken: Gave up");
     assert_eq!(step(&mut board, 4.0, State::Hold, true), "");
     answers(&mut board);
-    // The landing continues.
     assert_ne!(step(&mut board, 5.0, State::Approach, true), "");
     assert_ne!(step(&mut board, 6.0, State::Idle, false), "");
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
