@@ -32,7 +32,6 @@ pub const KEY_FILE: &str = "key.pem";
 pub const RENEWAL_DAYS: i64 = 30;
 const MAX_ADDRESSES: usize = 16;
 
-/// Name in the certificate of a side.
 pub fn common_name(kind: &str, number: u32) -> String {
     format!("{kind}-{number}")
 }
@@ -155,7 +154,6 @@ pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
 }
 
 pub struct CertificateDetails {
-    /// Parts of it for display.
     pub certificate: Certificate,
     /// Public key, as in the certificate (SubjectPublicKeyInfo, DER).
     public_key: Vec<u8>,

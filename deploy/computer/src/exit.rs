@@ -35,14 +35,12 @@ impl fmt::Display for CliError {
 }
 
 impl CliError {
-    /// Error with the action that failed.
     pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
         CliError(format!("{doing}: {error}"))
     }
 }
 
 pub trait Doing<T> {
-    /// Error with the action `what`.
     fn doing(self, what: impl fmt::Display) -> Result<T, CliError>;
 }
 

@@ -42,7 +42,6 @@ pub fn duration_s(text: &str) -> Result<f64, String> {
     split(text, &TIMES).map(|(number, unit)| number * unit.unwrap_or(1.0))
 }
 
-/// Parser of a duration in whole seconds.
 pub fn seconds(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
     move |text| text.parse::<WrittenTime>()?.whole(SECOND, &range)
 }

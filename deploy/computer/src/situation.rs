@@ -65,7 +65,6 @@ impl ObservedSituation {
     pub fn since_s(&self, at_ns: i64) -> f64 {
         self.now_ns.saturating_sub(at_ns) as f64 * 1e-9
     }
-    /// Reports of a vessel's computer and of its process.
     pub fn vessel(&self) -> Option<(&VesselReport, &VesselStatus)> {
         let reported = self.snapshot.computer.as_ref()?;
         Some((reported.vessel.as_ref()?, self.snapshot.vessel.as_ref()?))

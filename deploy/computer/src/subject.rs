@@ -43,7 +43,6 @@ impl Computer {
             ))),
         }
     }
-    /// Name of the set of processes.
     pub fn instance(&self) -> &str {
         match self {
             Computer::Vessel(v) => &v.instance,

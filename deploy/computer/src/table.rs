@@ -48,7 +48,6 @@ impl Cell {
         self.note = note.to_string();
         self
     }
-    /// Marks the value as good or bad.
     pub fn judged(mut self, good: bool) -> Cell {
         self.quality = if good { Quality::Good } else { Quality::Bad };
         self
@@ -68,7 +67,6 @@ impl Cell {
     }
 }
 
-/// Cells of one row.
 #[macro_export]
 macro_rules! cells {
     ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from(&$value)),*] };
@@ -172,7 +170,6 @@ pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
     finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
 }
 
-/// Text escaped for HTML.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

@@ -40,7 +40,6 @@ impl Form {
     }
 }
 
-/// Prints a line on standard output.
 pub fn line(text: impl Display) {
     let Err(e) = writeln!(std::io::stdout().lock(), "{text}") else {
         return;
@@ -179,7 +178,6 @@ fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
     Ok(csv(rows)?.strip_suffix('\n').map(str::to_owned))
 }
 
-/// Columns of a text for users.
 pub const WIDTH: usize = 80;
 
 /// Appends `more` to a text, with a space before each term; a term that does not fit begins an indented line.

@@ -120,7 +120,6 @@ impl From<CourseArg> for vessel::VesselCourse {
     }
 }
 
-/// Names of the mission's phases on the command line.
 pub const PHASES: [(&str, State); 8] = [
     ("get-altitude", State::GetAltitude),
     ("approach", State::Approach),
@@ -158,7 +157,6 @@ impl fmt::Display for OutageAt {
     }
 }
 
-/// Sea by name or by amplitude and period.
 #[derive(Clone, Debug)]
 pub struct SeaArg {
     pub text: String,
@@ -190,7 +188,6 @@ pub fn sea() -> impl TypedValueParser<Value = SeaArg> {
     offering(SeaArg::from_str, SEAS)
 }
 
-/// Mean wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WindArg {
     /// Wind that raises the given sea, along its waves.

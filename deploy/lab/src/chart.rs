@@ -33,7 +33,6 @@ const MARK: RGBColor = RGBColor(120, 120, 120);
 const SAMPLE: i32 = 22;
 const ROW: i32 = 16;
 const LETTER: i32 = 7;
-/// Size of a chart of curves, px.
 const CURVES: (u32, u32) = (640, 300);
 /// Width of a chart of means, and height of one of its lines, px.
 const DOTS: (u32, u32) = (900, 32);
@@ -216,7 +215,6 @@ pub fn curves(caption: &str, places: &[String], curves: &[Curve]) -> Result<Char
     })
 }
 
-/// All charts of curves as one picture, one below the other.
 pub fn sheet(charts: &[Chart]) -> String {
     let (width, height) = CURVES;
     let cell = height + 30;

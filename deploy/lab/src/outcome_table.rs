@@ -6,7 +6,6 @@ use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::studies::statistics::{OddsBin, Summary, at_most_95, wilson};
 use serde_json::{Map, Value, json};
 
-/// Name, value, digits and description of a metric.
 type MetricRow = (&'static str, Option<f64>, usize, &'static str);
 
 /// Metrics of one trial; None for those that the landing did not reach.
@@ -101,7 +100,6 @@ pub fn outcome(o: &Outcome, matched: Option<&str>) -> String {
     )
 }
 
-/// Count and noun, in the plural except for one.
 fn plural(n: u32, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

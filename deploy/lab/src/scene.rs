@@ -19,7 +19,6 @@ use serde::de::DeserializeOwned;
 
 use crate::args::{AutopilotArg, SceneArgs, WindArg};
 
-/// Prints the simulated world's configuration with every default.
 pub fn print_defaults() -> Result<Exit, CliError> {
     let text = commented(&Scenario::default());
     let text = text.map_err(|e| CliError::because("writing the scenario as TOML", e))?;

@@ -58,7 +58,6 @@ pub struct StormArgs {
     form: Form,
 }
 
-/// Violation of a rule by a storm.
 #[derive(Serialize)]
 struct Broken {
     seed: u64,
@@ -151,7 +150,6 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
 }
 
-/// Number of storms flown so far.
 fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }

@@ -215,7 +215,6 @@ struct MavlinkEdge {
 }
 
 impl MavlinkEdge {
-    /// Opens the link to the autopilot at this address.
     async fn open(config: &AutopilotLinkConfig, url: LinkUrl) -> Result<MavlinkEdge, CliError> {
         let signing = mavlink_key::read("autopilot.signing_key", &config.signing_key)?;
         let speakers = Speakers::new(signing.as_ref());

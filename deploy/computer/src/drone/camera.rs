@@ -51,14 +51,12 @@ const LIGHT_MEMORY: Span = Span::from_millis(1000);
 /// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
-/// Node that detects objects in a camera's images.
 pub trait Detector: Installed + Node<In = CameraIn, Out: Recorded, Clock = DroneClock> {
     /// Source of the images, and their width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
     /// Times of the detections, each with its printed line.
     fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
-    /// Counts of images as metrics and as text.
     fn counted(&self) -> (Vec<Metric>, Value);
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
         None
@@ -71,7 +69,6 @@ pub trait Detector: Installed + Node<In = CameraIn, Out: Recorded, Clock = Drone
     fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
         None
     }
-    /// The images are displayed.
     const IS_SHOWN: bool = false;
 }
 
@@ -194,7 +191,6 @@ impl Shown {
 }
 
 enum Source {
-    /// The simulated world, through shared memory.
     Simulation(ImageSubscriber),
     /// Thread that waits for a device, a pipe or files; it receives the light of images by their number.
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
@@ -366,7 +362,6 @@ struct CameraEdge<D> {
     input: CameraIn,
     number: u64,
     over: bool,
-    /// Times the source was opened.
     opened: u32,
     light: LightRecord,
     /// Time from exposure to detection, s.
@@ -483,7 +478,6 @@ struct SourceThread {
     events: SyncSender<SourceEvent>,
     metered: Receiver<(u64, Light)>,
     number: u64,
-    /// The device's own automatic exposure was reported.
     automatic: bool,
 }
 
@@ -530,7 +524,6 @@ impl SourceThread {
     }
 }
 
-/// Prints a line for each image with the position of tag or deck, or without a detection.
 fn print(frames: &[CameraFrame], detections: &[(Time<DroneClock>, Value)]) {
     for frame in frames {
         let found = detections.iter().find(|(at, _)| *at == frame.at);

@@ -10,7 +10,6 @@ use crate::config::camera::CameraSource;
 /// Unit of the control exposure_time_absolute, s.
 const UNIT_S: f64 = 1e-4;
 
-/// Controls of a device, or of a test's stand-in.
 pub trait Controls {
     /// Type, range and value of a control.
     fn query(&self, id: u32) -> Result<CtrlData, Error>;
@@ -267,7 +266,6 @@ mod tests {
         };
         assert!(rejection(&WEBCAM[2..]).contains("has no control exposure_time_absolute"));
         assert!(rejection(&[(rscam::CID_EXPOSURE_ABSOLUTE, [50, 2047, 312])]).contains("5.0 ms at least"));
-        // Neither an automatic nor a gain.
         assert_eq!(rejection(&WEBCAM[1..2]), "");
     }
 }

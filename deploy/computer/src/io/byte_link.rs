@@ -17,7 +17,6 @@ use crate::io::peer::Speaks;
 
 /// First pause before a link is reopened; it doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
-/// Maximum pause.
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
 /// Maximum number of consecutive reads: a flood must not delay the set-points.
 const MAX_READS: usize = 16;
@@ -31,7 +30,6 @@ pub struct ByteLink {
     /// Filter for the peer of a UDP link.
     speaks: Option<Speaks>,
     open: Option<Open>,
-    /// Opening is under way.
     opening: Option<JoinHandle<io::Result<Open>>>,
     next_try: Instant,
     backoff: Duration,
@@ -208,7 +206,6 @@ impl ByteLink {
         }
     }
 
-    /// Reopens the link when it is due.
     async fn reopen(&mut self) {
         if self.opening.is_none() {
             sleep_until(self.next_try).await;

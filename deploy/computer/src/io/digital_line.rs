@@ -165,7 +165,6 @@ mod tests {
             assert!(Place::of(wrong).is_err(), "{wrong}");
             assert!(DigitalLine::new(wrong).read().unwrap_err().contains(":17"));
         }
-        // A missing chip.
         let mut line = DigitalLine::new("/dev/gpiochip250:1");
         assert!(line.is_exclusive() && line.read().is_err() && line.write(true).is_err());
     }

@@ -29,12 +29,10 @@ pub const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
 
 /// Open end. Descriptors are non-blocking; reads wait in tokio, writes do not wait.
 pub enum Open {
-    /// UDP socket and its peer.
     Udp {
         socket: AsyncFd<UdpSocket>,
         peer: LinkPeer,
     },
-    /// TCP listener without a connection.
     Listening(LinkListener),
     /// TCP connection, and the listener that accepted it, if any.
     Tcp(AsyncFd<TcpStream>, Option<LinkListener>),

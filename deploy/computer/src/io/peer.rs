@@ -40,7 +40,6 @@ pub struct LinkPeer {
 struct Ports {
     /// Ports that sent recently, the newest last.
     known: Vec<u16>,
-    /// Number of new ports in a row.
     new: usize,
     /// Number of dropped datagrams from these ports.
     left_out: u64,
@@ -92,11 +91,9 @@ impl LinkPeer {
     pub fn address(&self) -> Option<SocketAddr> {
         self.now.map(|(address, _)| address)
     }
-    /// Number of dropped datagrams.
     pub fn foreign(&self) -> u64 {
         self.foreign
     }
-    /// Newest sender of a dropped datagram.
     pub fn newest_foreign(&self) -> Option<SocketAddr> {
         self.newest
     }
@@ -219,7 +216,6 @@ mod tests {
         // Another computer is still another sender.
         let now = Instant::now();
         assert!(!peer.takes(now, at("10.0.0.8:5000"), b"$GPGGA") && peer.foreign() == 1);
-        // Three datagrams of each port.
         let (taken_all, peer) = taken((0..60).map(|k| 40_000 + k / 3));
         let left_out = taken_all.iter().filter(|taken| !**taken).count();
         assert_eq!((left_out, peer.foreign()), (3 * (NEW_PORTS - 2), 0));

@@ -74,7 +74,6 @@ pub fn remove(path: &Path) -> io::Result<()> {
 #[derive(Clone, Copy, Debug)]
 pub struct Holds {
     pub what: &'static str,
-    /// Effect of a failure to write it.
     pub lost: &'static str,
     /// An older file misleads the next start, and is removed if it cannot be replaced.
     pub misleads: bool,

@@ -26,10 +26,8 @@ const SILENT: Duration = Duration::from_secs(10);
 const MAX_REASON: usize = 120;
 const MAX_TOKEN: u64 = 4096;
 
-/// Values that a server sends without a request.
 #[derive(Clone, Copy, Debug)]
 pub enum Subscribe {
-    /// All values of its own vessel.
     Own,
     None,
 }

@@ -24,7 +24,6 @@ const LAYOUT: u32 = 7;
 /// First file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
 
-/// Owner of the file.
 fn owner(vessel: u32) -> String {
     format!("vessel {vessel}")
 }

@@ -15,7 +15,6 @@ use crate::process::supervisor::pause;
 const PERIOD: Duration = Duration::from_millis(500);
 /// Duration of a reading after which it is reported, ns: four periods, as for the arbiter.
 const MAX_READING_NS: i64 = 2_000_000_000;
-/// Remedy for an input that cannot be read.
 pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file (docs/operate.md), or clear the key in \
                           vessel.toml";
 /// Possible inputs, as key and path; an empty path is no input.
@@ -59,7 +58,6 @@ impl Input {
             }
         })
     }
-    /// Level, if it was read since the last call.
     fn poll(&mut self, now_ns: i64) -> Option<bool> {
         let newest = self.readings.try_iter().last().or_else(|| self.first.take());
         let error = match &newest {
@@ -90,7 +88,6 @@ impl InputFiles {
     pub fn start(deck: &DeckConfig, now_ns: i64) -> InputFiles {
         InputFiles(configured(deck).map(|input| Input::start(input, now_ns)))
     }
-    /// Levels that were read since the last call.
     pub fn poll(&mut self, now_ns: i64) -> DeckInputs {
         let [closed, occupied, turning] = self.0.each_mut().map(|i| i.as_mut().and_then(|i| i.poll(now_ns)));
         DeckInputs {

@@ -58,7 +58,6 @@ struct DeckEdge {
     deck_file: DeckFile,
     deck_inputs: InputFiles,
     helm_lamp: HelmLamp,
-    /// Checkpoint of the previous start.
     checkpoint: Option<VesselCheckpoint>,
     clock: ProcessClock,
     /// Time of the last wait, on the steady clock.
@@ -231,7 +230,6 @@ fn show_sources(node: &VesselNode) {
     }
 }
 
-/// Metrics of the process at `now`.
 fn metrics(
     node: &VesselComputer,
     radio: &VesselRadio,

@@ -13,11 +13,9 @@ use tracing::{info, warn};
 use crate::io::digital_line::DigitalLine;
 
 const PERIOD: Duration = Duration::from_millis(500);
-/// Remedy for a lamp that cannot be written.
 pub const REMEDY: &str = "it cannot signal the helm: give the user alight write access to the line or file \
                           (docs/operate.md), or clear deck.helm_lamp in vessel.toml";
 
-/// Lamp that its thread drives.
 pub struct HelmLamp {
     levels: Option<SyncSender<bool>>,
     writer: Option<JoinHandle<()>>,

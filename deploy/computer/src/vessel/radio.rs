@@ -28,7 +28,6 @@ pub struct VesselRadio {
     reports: u32,
     /// Number of time requests and commands that cannot be decoded, or that arrive when no command is permitted.
     pub undecoded: u64,
-    /// Number of drones' statuses that cannot be decoded.
     pub undecoded_statuses: u64,
 }
 

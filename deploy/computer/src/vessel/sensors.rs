@@ -204,7 +204,6 @@ impl Fault {
 /// Datagrams from others than a link's peer, and the newest sender.
 type Foreign = Option<(u64, SocketAddr)>;
 
-/// Remark on other senders to a source's port.
 pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
     let (count, from) = foreign?;
     Some(Remark::fault(

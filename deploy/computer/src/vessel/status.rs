@@ -13,13 +13,10 @@ const MOTION_PERIOD_NS: i64 = 90_000_000;
 /// Number of statuses covered by `lately`: 10 s.
 const LATELY: usize = 20;
 
-/// Errors of the crew's equipment.
 pub struct CrewDeviceErrors {
     /// The deck's state would be lost with the process.
     pub file: Option<String>,
-    /// Digital inputs that cannot be read.
     pub inputs: Vec<String>,
-    /// The lamp at the helm cannot be driven.
     pub lamp: Option<String>,
 }
 
@@ -36,7 +33,6 @@ pub struct VesselStatusReport {
 }
 
 impl VesselStatusReport {
-    /// Takes a step of the node at `now_ns` of the steady clock.
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
         let (input, out) = (input.vessel().readings, &out.vessel);

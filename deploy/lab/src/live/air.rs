@@ -33,7 +33,6 @@ pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
     outage: Option<Fault>,
-    /// Impairment of the messages that processes receive.
     pub impairment: Option<LinkImpairment>,
     pub listen: String,
     pub dial: String,
@@ -230,7 +229,6 @@ impl RadioWatch {
     }
 }
 
-/// Report on the link of a live landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RadioReport {
     /// Median age of the vessel's newest state at the drone, sampled ten times a second, s.
@@ -247,7 +245,6 @@ pub struct WayReport {
     pub packets: u64,
     /// Bytes per second, including IP headers.
     pub bytes_per_s: f64,
-    /// Fraction lost on the way.
     pub lost: f64,
     /// Packets that a full queue rejected.
     pub overflowed: u64,

@@ -76,7 +76,6 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Planner that runs a baseline.
 fn planner(baseline: &Baseline, drone: &DroneSettings, boot: u32) -> Planner {
     let (config, airframe) = (&drone.planner, &drone.airframe);
     Planner::with_law(

@@ -52,7 +52,6 @@ pub struct LinkArgs {
     pub supervised: bool,
 }
 
-/// Configuration of the emulator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Emulation {

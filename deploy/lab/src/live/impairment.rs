@@ -102,7 +102,6 @@ impl<T: Clone> Impaired<T> {
     }
 }
 
-/// Radio messages on their way into a process.
 pub struct Inbound {
     impaired: Impaired<Received>,
     ready: VecDeque<Received>,

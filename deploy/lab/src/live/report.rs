@@ -23,7 +23,6 @@ pub struct ProcessUsage {
     pub step_p99_s: f64,
 }
 
-/// Usage, delays and faults of a live landing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
     /// Starts of processes beyond the first.
@@ -53,7 +52,6 @@ pub struct LiveReport {
 /// Outcome and report of a live landing, as one JSON object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveOutcome {
-    /// Outcome, as of a trial.
     #[serde(flatten)]
     pub outcome: Outcome,
     pub live: LiveReport,
@@ -93,7 +91,6 @@ impl LiveReport {
             ..LiveReport::default()
         }
     }
-    /// Reason of a successful match.
     pub fn matched(&self) -> Option<&str> {
         let newest = self.phases.last().filter(|_| self.is_matched);
         newest.map(|p| p.reason.as_str())

@@ -119,7 +119,6 @@ impl Service {
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.lines.iter().flatten()
     }
-    /// Last lines of its standard error.
     pub fn complaints(&self) -> String {
         let text = std::fs::read_to_string(self.errors_file()).unwrap_or_default();
         let lines: Vec<&str> = text.lines().collect();

@@ -59,7 +59,6 @@ impl TruthSample {
             drone: drone.map(|(drone, wind)| (BodyTruth::of(drone), (*wind).into())),
         }
     }
-    /// State of the vessel's reference point.
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.vessel.state()
     }

@@ -38,7 +38,6 @@ pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, Cl
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
-/// Subject of the recording.
 #[derive(Clone, Copy)]
 pub struct RecordingScene<'a> {
     pub scenario: &'a Scenario,

@@ -17,7 +17,6 @@ pub enum Block {
     Lines(Vec<String>),
 }
 
-/// Drawing (SVG) and its caption.
 #[derive(Clone, Debug)]
 pub struct Chart {
     pub caption: String,

@@ -31,7 +31,6 @@ const SHIPPED: [(&str, &str); 12] = [
     ),
 ];
 
-/// Published values of a scene.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedResult {
@@ -67,7 +66,6 @@ pub struct Changes {
     pub flags: Table,
 }
 
-/// Quantity that a grid varies.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StudyAxis {
@@ -126,7 +124,6 @@ pub fn text(name: &str) -> Result<String, CliError> {
     std::fs::read_to_string(name).doing(format_args!("reading the study {name}"))
 }
 
-/// Parses a study; `origin` names the text in errors.
 pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
     let doing = || format!("reading the study {origin}");
     let definition: Definition = config::read(text, "the study").doing(doing())?;

@@ -7,7 +7,6 @@ use std::net::{TcpStream, UdpSocket};
 use std::path::Path;
 use tokio::time::timeout;
 
-/// Reads until at least `enough` bytes have arrived.
 async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
     let mut all = Vec::new();
     let reading = async {
@@ -19,7 +18,6 @@ async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {
     all
 }
 
-/// Reads until `of` is complete.
 async fn reading<F: Future>(link: &mut ByteLink, of: F) -> F::Output {
     let mut of = core::pin::pin!(of);
     loop {

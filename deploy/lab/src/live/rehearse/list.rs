@@ -23,7 +23,6 @@ pub struct CheckRow {
     pub figure: String,
 }
 
-/// Check list, shown line by line.
 #[derive(Debug, Default)]
 pub struct CheckList {
     alone: bool,

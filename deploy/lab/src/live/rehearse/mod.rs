@@ -304,7 +304,6 @@ impl<'a> Rehearsal<'a> {
         self.plan.directory.file(name).display().to_string()
     }
 
-    /// Waits until the simulated vehicles send.
     fn await_sensors(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let waited = self.until(list, WORLD_S, |r| r.sensing)?;
         if waited != Waited::Met {

@@ -74,7 +74,6 @@ impl Rehearsal<'_> {
         };
         list.add(list::VESSEL, "vessel's estimate", age_s < 1.0, figure);
     }
-    /// Shows the injected fault, and whether its process recovered.
     pub(super) fn show_fault(&mut self, list: &mut CheckList) {
         let Some(fault) = &self.fault else { return };
         let (process, report) = (fault.process(), fault.report.clone());
@@ -118,7 +117,6 @@ impl Rehearsal<'_> {
             figure,
         );
     }
-    /// Shows the detections of the tag.
     pub(super) fn show_vision(&self, list: &mut CheckList) {
         let camera = self
             .observer

@@ -26,7 +26,6 @@ pub struct EnvelopeGrid {
     pub rate: f64,
 }
 
-/// Class of a cell, shown by its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// No landing was unsafe, and the required rate was reached.
@@ -47,7 +46,6 @@ impl Class {
     }
 }
 
-/// Results in one wind and sea.
 #[derive(Clone, Debug)]
 pub struct EnvelopeCell {
     pub state: u8,
@@ -55,11 +53,9 @@ pub struct EnvelopeCell {
     /// Direction from which wind and waves come, clockwise from the bow, deg.
     pub from_deg: f64,
     pub trials: usize,
-    /// Landings at rest on the deck.
     pub landed: usize,
     /// Trials without a landing in time and without a contact beyond its limits.
     pub refused: usize,
-    /// Seeds of unsafe landings.
     pub unsafe_seeds: Vec<u64>,
     /// Most frequent reason of the trials that did not land.
     pub reason: String,
@@ -139,7 +135,6 @@ impl EnvelopeGrid {
             )
         })
     }
-    /// Sea state with its waves.
     pub fn sea_name(state: u8) -> String {
         let systems = SeaConfig::of_sea_state(state).unwrap_or_default().systems;
         let waves = systems
