@@ -457,7 +457,10 @@ pub enum ConfigCommand {
     /// The messages on Zenoh and iceoryx2, or the fields of one.
     Schema(schema::SchemaArgs),
     /// A script that completes these commands in a shell.
-    Completions { shell: Shell },
+    Completions {
+        /// Shell to complete for.
+        shell: Shell,
+    },
 }
 
 impl ConfigCommand {
