@@ -232,7 +232,7 @@ mod tests {
             assert!(of_first, "{senders}: {taken:?}");
             assert_eq!(peer.address().map(|a| a.port()), Some(40_000));
         }
-        // With more senders one datagram is mixed in, and one sender is accepted from then on.
+        // With more senders one foreign datagram is accepted; from then on only one sender is.
         for senders in NEW_PORTS as u16..=MAX_PORTS as u16 {
             let (taken, _) = taken((0..800).map(|k| 40_000 + k % senders));
             let later: Vec<bool> = taken.into_iter().skip(usize::from(2 * senders)).collect();

@@ -184,7 +184,7 @@ impl StoredFile {
                     discard(path);
                 }
             }
-            (None, Some(_)) => info!("{what} is in {} again", path.display()),
+            (None, Some(_)) => info!("{what} is saved in {} again", path.display()),
             (Some(_), Some(_)) | (None, None) => {}
         }
         self.unsaved = failed.is_some().then_some(state);

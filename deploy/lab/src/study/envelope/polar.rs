@@ -141,7 +141,7 @@ fn legend(
     if grid.too_few().is_some() {
         let needed = successes_to_show(grid.rate);
         lines.push(format!(
-            "no limit: {percent:.0} % needs {needed} landings a cell, flown were {}",
+            "no limit: {percent:.0} % needs {needed} landings a cell; only {} were flown",
             grid.trials
         ));
     }

@@ -266,7 +266,7 @@ fn viewers_order_without_leave_or_from_other_pages() {
         ),
         ("two origins", format!("{own}Origin: http://evil.example\r\n")),
         (
-            "a name that somebody lets lead here",
+            "a host name of others that leads here",
             format!("Host: evil.example:{port}\r\nOrigin: http://evil.example:{port}\r\n"),
         ),
         (
