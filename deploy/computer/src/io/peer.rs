@@ -136,8 +136,8 @@ impl LinkPeer {
         self.from.is_none_or(|from| from == sender.ip().to_canonical())
             && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram))
     }
-    /// Whether a sender at the peer's address is the peer using yet another port. Its messages there need not be of a
-    /// kind that is read.
+    /// Whether a sender at the peer's address is the peer using yet another port. From there it may send other
+    /// kinds of messages.
     fn is_own(&mut self, sender: SocketAddr, may: bool) -> bool {
         let before = self.ports.change();
         if may {
