@@ -1,4 +1,5 @@
-//! `alight replay --plot`: the last landing of a flight by the drone's own estimate: its truth is not recorded.
+//! `alight replay --plot`: draws the last landing of a flight by the drone's own estimate, because its truth is not
+//! recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,7 @@ use super::chart::{self, landing};
 /// Time between points, s: 10 MB for an hour.
 const STEP_S: f64 = 0.05;
 
-/// A plot of what the predictor is given and computes.
+/// Plot of the predictor's inputs and outputs.
 pub struct BeliefPlot {
     path: PathBuf,
     flight: PathBuf,
@@ -27,7 +28,6 @@ pub struct BeliefPlot {
     trace: Trace,
 }
 
-/// Begins the plot of a flight to `path`.
 pub fn begin(path: &Path, log: &Log) -> Result<Box<dyn Plot>, CliError> {
     chart::can_write(path)?;
     let drone = log
@@ -70,7 +70,7 @@ impl BeliefPlot {
     }
 }
 
-/// Drone and deck as they are believed to be now; none while the forecast is empty.
+/// Estimated drone and deck at `now`; None while the forecast is empty.
 fn point(
     t_s: f64,
     now: Time<DroneClock>,

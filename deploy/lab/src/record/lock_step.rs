@@ -24,12 +24,12 @@ use crate::live::truth::TruthSample;
 pub struct LockStepLog {
     directory: Scratch,
     starts: BTreeMap<(ProcessKind, u32), SimulatedRecorder>,
-    /// The configurations of the vessel's and the drone's computer.
+    /// Configurations of the vessel's and the drone's computer.
     configs: [String; 2],
 }
 
 impl LockStepLog {
-    /// Begins one in a directory of its own.
+    /// Begins a log in a directory of its own.
     pub fn begin(nodes: &NodeConfigs) -> Result<LockStepLog, CliError> {
         let vessel = VesselComputerConfig {
             vessel_id: VESSEL_ID,
@@ -55,7 +55,7 @@ impl LockStepLog {
             ],
         })
     }
-    /// Ends it; it is removed with what is returned.
+    /// Ends the log; its directory is removed when the returned value is dropped.
     pub fn finish(self) -> Result<Scratch, CliError> {
         let missing: u64 = self.starts.into_values().map(SimulatedRecorder::finish).sum();
         match missing {
@@ -106,12 +106,11 @@ impl Tap for LockStepLog {
     }
 }
 
-/// A directory that is removed with this.
+/// Directory that is removed when dropped.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
     fn new() -> Result<Scratch, CliError> {
-        /// Entries of this process.
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("alight-steps-{}-{number}", std::process::id()));
@@ -125,7 +124,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What stays is in the system's directory of temporary files.
+        // A directory that cannot be removed stays among temporary files.
         let _left = std::fs::remove_dir_all(&self.0);
     }
 }

@@ -1,4 +1,4 @@
-//! Recordings of simulated flights: the steps that a flight's directory holds, computed again, with the truth.
+//! Recordings of simulated flights: the steps in a flight's directory, computed again, with the truth.
 
 mod lock_step;
 mod truth;
@@ -32,26 +32,24 @@ struct BaselineFile {
     baseline: Option<Baseline>,
 }
 
-/// The law of a recorded baseline; a real flight has none.
+/// Law of a recorded baseline; a real flight has none.
 pub fn law(text: &str, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
     let BaselineFile { baseline } = toml::from_str(text).doing(format_args!("reading {BASELINE_FILE}"))?;
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
-/// Subject of the recording.
 #[derive(Clone, Copy)]
 pub struct RecordingScene<'a> {
     pub scenario: &'a Scenario,
     pub nodes: &'a NodeConfigs,
     pub seed: u64,
-    /// The sea as the person named it.
+    /// Sea as named on the command line.
     pub sea: &'a str,
-    /// Whether its nodes are processes.
+    /// The nodes run as processes.
     pub live: bool,
 }
 
 impl RecordingScene<'_> {
-    /// Metadata of the recording.
     fn about(&self) -> Result<About, CliError> {
         let doing = "writing the scene of a recording";
         let baseline = BaselineFile {
@@ -73,8 +71,8 @@ impl RecordingScene<'_> {
     }
 }
 
-/// Flies the subject's trial, records it to `path`, and shows it to who looks on. What the recording failed by stands
-/// in addition to the flight.
+/// Flies the subject's trial, records it to `path`, and shows it to `watch`. An error of the recording is returned in
+/// addition to the flight.
 pub fn fly(
     path: Option<&Path>,
     subject: &RecordingScene<'_>,
@@ -96,7 +94,7 @@ pub fn fly(
     Ok((flown, exported))
 }
 
-/// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to who looks on.
+/// Computes the flight of `directory` again, writes it to the recording `path`, and shows it to the observers.
 pub fn export(
     directory: &Path,
     subject: &RecordingScene<'_>,
@@ -127,7 +125,7 @@ pub fn export(
     if let Some(watcher) = watcher {
         watcher.linger();
     }
-    // What is recorded are the outputs of the computation, which have to be those of the flight.
+    // The recorded outputs are those of the new computation, which have to equal those of the flight.
     match replayed.iter().find_map(|r| Some((&r.node, r.differs_at_step?))) {
         Some((node, step)) => Err(CliError(format!(
             "recording {}: {node} computes another output at its step {step} than it had in flight; please report it",
@@ -137,16 +135,15 @@ pub fn export(
     }
 }
 
-/// Records a simulated flight.
 struct FlightRecorder {
     path: PathBuf,
-    /// None: it was ended.
+    /// None once ended.
     recorder: Option<Recorder>,
     truth: TruthViews,
 }
 
 impl FlightRecorder {
-    /// Creates the file of a log and writes what does not change.
+    /// Creates the file of a log and writes its constant parts.
     fn create(path: &Path, subject: &RecordingScene<'_>, log: &Log) -> Result<FlightRecorder, CliError> {
         let (recorder, truth) = Recorder::create(path, &shown(log), &log.about, |sink| {
             TruthViews::new(sink, &subject.scenario.drawn(subject.seed))
@@ -157,12 +154,12 @@ impl FlightRecorder {
             truth,
         })
     }
-    /// Ends the recording with what came out of the flight.
+    /// Ends the recording with the results of the flight.
     fn finish(mut self, ending: &[(&str, String)]) -> Result<(), CliError> {
         let recorder = self.recorder.take();
         recorder.map_or(Ok(()), |recorder| recorder.finish(&self.path, ending))
     }
-    /// Ends the process when it was asked to (Ctrl-C), with a recording that can be read up to now.
+    /// Ends the process if requested (Ctrl-C), with a recording that can be read up to now.
     fn end_when_asked(&mut self, t: Time<TrueTime>) {
         let Some(recorder) = self.recorder.take_if(|_| end_requested()) else {
             return;

@@ -1,4 +1,4 @@
-//! Board: situation of a running flight, its history, and the picture of both that the page shows.
+//! Board: situation and history of a running flight, from which it makes the page's picture.
 
 use std::collections::VecDeque;
 
@@ -22,12 +22,9 @@ use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, 
 use crate::view::scene::scene;
 use crate::view::track::GroundTrack;
 
-/// Changes of state that are kept.
 const LOG_LINES: usize = 12;
-/// Flights that are kept.
 const FLIGHTS: usize = 8;
 
-/// A flight that ended.
 struct Ended {
     at: Time<TrueTime>,
     outcome: &'static str,
@@ -51,35 +48,30 @@ impl Ended {
     }
 }
 
-/// Messages of a flight.
 pub struct Board {
-    /// Messages of the computer.
     pub situation: ObservedSituation,
-    /// Roll, pitch (rad) and height (m) by the vessel's own estimate, and when it came.
+    /// Roll, pitch (rad) and height (m) by the vessel's own estimate, with the time of reception.
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
     track: GroundTrack,
-    /// The newest motion is the vessel's own estimate of it.
+    /// The newest motion is the vessel's own estimate.
     is_own: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
-    /// When the landing was begun that goes on.
     begun: Option<Time<TrueTime>>,
     shown: Option<State>,
-    /// Flights of earlier runs, the newest first, from whoever keeps them.
+    /// Flights of earlier runs, the newest first, as their recorder lists them.
     pub earlier: Vec<FlightLine>,
-    /// The order that may be given, and its answer.
     pub order: OrderView,
-    /// The newest image of the drone's camera.
     pub camera: Option<ShownImage>,
-    /// The foot plane below the drone's centre of mass, and the deck above the water at rest, m, where they are known.
+    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at rest, m, if
+    /// known.
     pub heights_m: Option<[f64; 2]>,
-    /// The feet's clearance at which the flare begins, m, once the mission has named it.
+    /// Clearance of the feet at which the flare begins, m, once the mission has named it.
     flare_m: Option<f64>,
 }
 
 impl Board {
-    /// Nothing is known yet but this.
     pub fn new(known: ComputerReport) -> Board {
         Board {
             situation: ObservedSituation {
@@ -101,7 +93,7 @@ impl Board {
             flare_m: None,
         }
     }
-    /// Forgets what is known but for the flights that ended; observes again from `t` on.
+    /// Clears everything except the flights that ended; observes again from `t` on.
     pub fn reset(&mut self, t: Time<TrueTime>) {
         let known = core::mem::take(&mut self.situation.known);
         let flights = core::mem::take(&mut self.flights);
@@ -114,22 +106,18 @@ impl Board {
         };
         self.situation.snapshot.since_ns = t.nanos();
     }
-    /// A step of the vessel.
     pub fn vessel(&mut self, t: Time<TrueTime>, o: &ComputerOut) {
         self.moved(t, o.vessel.estimate.as_ref().map(|e| motion(&e.eta)));
     }
-    /// The vessel's broadcast as the bridge received it.
     pub fn received(&mut self, t: Time<TrueTime>, estimate: Option<&VesselEstimate<DroneClock>>) {
         self.moved(t, estimate.map(|e| motion(&e.eta)));
     }
-    /// A step of the bridge.
     pub fn bridge(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
         let snapshot = &mut self.situation.snapshot;
         snapshot.link.set(t.nanos(), o.link);
         snapshot.grant.set(t.nanos(), o.deck);
         snapshot.wave.set(t.nanos(), o.wave);
     }
-    /// A step of the predictor.
     pub fn predictor(&mut self, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
         self.situation.snapshot.drone.set(t.nanos(), i.drone);
         self.situation.snapshot.forecast.set(t.nanos(), o.forecast);
@@ -143,7 +131,6 @@ impl Board {
         }
         self.sample(t);
     }
-    /// A step of the mission.
     pub fn mission(&mut self, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
         let was_armed = self.situation.snapshot.autopilot.map(|a| a.armed);
         if was_armed == Some(false) && i.autopilot.is_some_and(|a| a.armed) {
@@ -156,23 +143,19 @@ impl Board {
         }
         self.situation.snapshot.mission.set(t.nanos(), o.state);
     }
-    /// A step of the planner.
     pub fn planner(&mut self, t: Time<TrueTime>, o: &PlannerOut) {
         self.situation.snapshot.plan.set(t.nanos(), o.plan);
     }
-    /// A step of the pilot.
     pub fn pilot(&mut self, o: &PilotOut) {
         let newest = o.set_point.map(|s| s.response);
         self.situation.snapshot.response = newest.or(self.situation.snapshot.response);
     }
-    /// Report of the computer about itself.
     pub fn reported(&mut self, report: Option<ComputerReport>) {
         if let Some(report) = report {
             self.situation.known = report;
             self.situation.snapshot.computer = report.into();
         }
     }
-    /// Reports of processes.
     pub fn processes(&mut self, reports: Vec<ProcessState>) {
         let reports = reports.into_iter().map(|p| (p.kind, p));
         self.situation.snapshot.processes.extend(reports);
@@ -182,7 +165,7 @@ impl Board {
         self.own_motion = motion.map(|m| (t, m)).or(self.own_motion);
         self.sample(t);
     }
-    /// The motion by the vessel's own estimate; by the drone's forecast where that does not come.
+    /// Samples the motion of the vessel's own estimate, or of the drone's forecast if that is missing.
     fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
@@ -191,18 +174,17 @@ impl Board {
         let own = self.own_motion.filter(fresh).map(|(_, motion)| motion);
         let sample = own.or(of_forecast);
         if own.is_some() != self.is_own {
-            // They count heights from levels of their own.
+            // The two sources measure heights from different levels.
             self.is_own = own.is_some();
             self.motion.relevel(sample);
         }
         self.motion.add(t, sample);
     }
 
-    /// Drops the answer to an order of the flight before.
     fn flight_begins(&mut self) {
         self.order.answer.clear();
     }
-    /// Keeps a change of state, and what it ends.
+    /// Logs a change of state, and the flight that it ends.
     fn entered(&mut self, t: Time<TrueTime>, m: &MissionState) {
         let before = self.shown.replace(m.state);
         if before == Some(m.state) {
@@ -215,7 +197,7 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // Who looks on since the drone stood on the deck has observed no flight.
+        // A view that began when the drone was already on the deck has observed no flight.
         if let (Some(outcome), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
@@ -228,7 +210,6 @@ impl Board {
         }
     }
 
-    /// The picture at `t`.
     pub fn picture(&self, t: Time<TrueTime>) -> Picture {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();
@@ -276,19 +257,17 @@ impl Board {
     }
 }
 
-/// A landing or a take-off goes on in a state.
 fn is_flight(state: State) -> bool {
     state.is_landing() || state.is_take_off()
 }
 
-/// The clearance of the flare, m, where a reason of the mission names it.
+/// Clearance of the flare, m, if a reason of the mission names it.
 fn flare_m(m: &MissionState) -> Option<f64> {
     let names = |code| matches!(code, ReasonCode::Descending | ReasonCode::FlareHeight);
     let reasons = [m.waiting, m.entered];
     reasons.iter().find(|r| names(r.code)).map(|r| r.limit)
 }
 
-/// Roll, pitch, height of a vessel's estimate.
 fn motion(eta: &[f64; 6]) -> [f64; 3] {
     [eta[3], eta[4], -eta[2]]
 }

@@ -19,7 +19,7 @@ use alight_uav::predictor::{PredictorIn, PredictorOut};
 use crate::view::watcher::Watcher;
 
 readers! {
-    /// Reads all that a viewer shows.
+    /// Reader of all messages that a viewer shows.
     pub struct MemoryFeed {
         computer: ComputerReport,
         processes: ProcessState,
@@ -41,7 +41,7 @@ readers! {
 }
 
 impl MemoryFeed<Memory> {
-    /// Shows `watcher` what is new; the mission's newest state, if it is.
+    /// Passes new messages to `watcher`. Returns the mission's state if it is new.
     pub fn poll(
         &mut self,
         t: Time<TrueTime>,

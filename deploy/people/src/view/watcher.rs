@@ -1,4 +1,4 @@
-//! Watcher: messages of the nodes into the board, the board to the viewers.
+//! Watcher: puts messages of the nodes on the board and shows the board to the viewers.
 
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
@@ -19,39 +19,34 @@ use crate::view::live_sink::LiveSink;
 use crate::view::picture::Picture;
 use crate::view::server::{Served, Server};
 
-/// Time between two pictures, ns.
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
-/// Longest step in which a flight that is computed faster than real time is held back.
+/// Longest pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
-/// After the end of what was computed somebody may still look at its last picture for so long.
+/// Time for which the last picture of a simulation stays available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
 
-/// Period of Foxglove's shapes, ms.
 const SCENE_MS: i64 = 1_000;
 
-/// Messages for Foxglove.
 struct Live {
     sink: LiveSink,
     views: Views,
     scenery: Option<Scenery>,
 }
 
-/// Looks on, and shows.
+/// Observer of steps that serves viewers.
 pub struct Watcher {
     pub server: Server,
-    /// The newest messages.
     pub board: Board,
     live: Option<Live>,
     next_ns: i64,
-    /// The newest step's time.
     newest: Time<TrueTime>,
-    /// The time of steps less the clock of the processes' reports.
+    /// Time of steps minus the clock of the processes' reports.
     offset: Span,
     pace: Pace,
 }
 
 impl Watcher {
-    /// Starts the server; `paced`: what is looked at is computed, and held back to real time.
+    /// Starts the server; `paced` slows simulated steps to real time.
     pub fn start(
         served: Served,
         known: ComputerReport,
@@ -84,8 +79,8 @@ impl Watcher {
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Forgets what was known but for the flights that ended: another set of processes runs, whose steps come on a clock
-    /// that is by `offset` ahead of their reports'.
+    /// Clears the board except for the flights that ended, when another set of processes runs. The clock of its steps
+    /// is ahead of that of its reports by `offset`.
     pub fn reset(&mut self, offset: Span) {
         self.offset = offset;
         self.board.reset(Time::from_nanos(steady_ns()));
@@ -95,7 +90,7 @@ impl Watcher {
     pub fn board_time(&self, t: Time<TrueTime>) -> Time<TrueTime> {
         t - self.offset
     }
-    /// Shows at `t` this in place of a status, and the flights that ended.
+    /// Shows `status` at `t`, with the flights that ended and no other data.
     pub fn show_nothing(&self, t: Time<TrueTime>, status: Status) {
         let Picture { flights, result, .. } = self.board.picture(t - self.offset);
         self.server.show(Picture {
@@ -105,7 +100,6 @@ impl Watcher {
             ..Picture::default()
         });
     }
-    /// Shows a picture when one is due.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
         if t.nanos() >= self.next_ns {
@@ -119,7 +113,7 @@ impl Viewer for Watcher {
     fn linger(&self) {
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {
-            // A page that receives nothing for a second shows no data, and not the result.
+            // A page that receives nothing for a second shows no data, and no result.
             self.server.show(self.board.picture(self.newest - self.offset));
             pause(4 * MAX_PAUSE);
         }
@@ -160,7 +154,7 @@ impl Live {
         let NodeStep::Predictor(_, i, o) = step else {
             return views.step(sink, t, step);
         };
-        // It is where it reports: its NED is the scene's, but for the water's level.
+        // The drone's position in the scene is the reported one, except for the water level.
         let at = i.drone.map(|d| d.position);
         let at = at.map(|at| scenery.as_ref().map_or(at, |s| s.in_scene(at)));
         views.true_drone = at.or(views.true_drone);
@@ -172,7 +166,7 @@ impl Live {
 }
 
 impl Watcher {
-    /// The vessel's broadcast as the bridge received it, where the vessel herself is not looked at.
+    /// Takes the vessel's broadcast as the bridge received it, when the vessel itself is not observed.
     pub fn received(&mut self, t: Time<TrueTime>, o: &BridgeOut) {
         self.board.received(t - self.offset, o.estimate.as_ref());
         if let Some(live) = &mut self.live {
@@ -181,13 +175,12 @@ impl Watcher {
     }
 }
 
-/// Holds back what is computed faster than real time.
+/// Slows steps that are computed faster than real time.
 enum Pace {
-    /// It is real time.
     Free,
     /// The drone has not appeared: there is nothing to show yet.
     Waiting,
-    /// Steady clock less the world's time at which the drone appeared, ns.
+    /// Steady clock minus the world's time at which the drone appeared, ns.
     From(i64),
 }
 
@@ -204,7 +197,7 @@ impl Pace {
             pause(Duration::from_nanos(ahead().unsigned_abs()).min(MAX_PAUSE));
         }
         if ahead() < -1_000_000_000 {
-            // This computer is slower than real time: what is behind is not caught up with.
+            // A computer slower than real time does not catch up.
             *self = Pace::From(steady_ns() - t.nanos());
         }
     }

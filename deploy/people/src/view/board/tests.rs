@@ -8,7 +8,7 @@ use super::*;
 use crate::status::finding::FindingLevel;
 use crate::status::{Figure, StateView};
 
-/// The vessel heads east; the deck is at north 10, east 20, one metre above the sea.
+/// Forecast of a vessel that heads east, with the deck at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {
     let stage = |k: usize| DeckStage {
         position: [10.0, 20.0 + 0.1 * k as f64, -1.0],
@@ -113,7 +113,7 @@ fn board_places_of_drone_and_plan() {
     assert_eq!((scene.contact, scene.flare_m), (None, None));
     assert_eq!((scene.heading_deg, scene.euler_deg), (90.0, [5.7, -2.9, 0.0]));
     assert_eq!(named(&picture, "distance").value.as_deref(), Some("5.0 m"));
-    // What blows to the south comes from the north.
+    // A wind that blows to the south comes from the north.
     let wind = named(&picture, "wind");
     assert_eq!(
         (wind.value.as_deref(), wind.note.as_str()),
@@ -123,7 +123,7 @@ fn board_places_of_drone_and_plan() {
     assert!(later.forecast_stale && later.plan_stale && later.drone.unwrap().stale);
 }
 
-/// Northwards at 3 m/s the plan follows the deck's forecast and ends on the deck, however old both are.
+/// At 3 m/s to the north the plan follows the deck's forecast and ends on the deck, however old both are.
 #[test]
 fn board_of_a_plan_under_way() {
     const STEP_S: f64 = 0.05;
@@ -199,7 +199,7 @@ fn board_of_a_plan_under_way() {
         (contact.in_s, contact.tilt_deg, contact.rise_m),
         (1.1, Some([0.0, 1.1]), Some(0.22))
     );
-    // A forecast that has ended rolls on: the deck stays at the origin, and old plans are not drawn.
+    // After the end of the forecast the deck stays at the origin, and old plans are not drawn.
     let later = board.picture(at(7.0)).scene.unwrap();
     assert_eq!((later.contact, later.plan.len()), (None, 0));
 }
@@ -286,7 +286,7 @@ fn board_of_ended_flights() {
     assert_eq!((after.flights.len(), after.status.state), (FLIGHTS, None));
 }
 
-/// The answer to an abort stays until the next flight begins: by a landing, or by the motors.
+/// The answer to an abort stays until the next flight begins with a landing or with the motors.
 #[test]
 fn board_of_an_old_answer() {
     let mut board = Board::new(ComputerReport::default());
@@ -303,13 +303,12 @@ fn board_of_an_old_answer() {
     assert_eq!(step(&mut board, 3.0, State::GaveUp, true), "abort taken: Gave up");
     assert_eq!(step(&mut board, 4.0, State::Hold, true), "");
     answers(&mut board);
-    // The landing goes on.
     assert_ne!(step(&mut board, 5.0, State::Approach, true), "");
     assert_ne!(step(&mut board, 6.0, State::Idle, false), "");
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
 }
 
-/// The situations in which `deploy/scripts/page` looks at the page are pictures of today.
+/// The situations of `deploy/scripts/page` have the fields of today's pictures.
 #[test]
 fn recorded_situations_of_the_page() {
     use serde_json::Value;
