@@ -1,7 +1,8 @@
 //! GNSS and heading: late, compared with the state rolled back to their time of validity.
 
+use alight_shared::estimation::AidSource;
 use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
@@ -97,10 +98,10 @@ impl VesselFilter {
             let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
             self.correct_history(axis, eta - before[0], nu - before[1]);
         }
-        self.rejected_fixes = if rejected > 2 { self.rejected_fixes + 1 } else { 0 };
-        if self.rejected_fixes > MAX_REJECTED {
+        self.fixes.record(fix.header.at, 0.0, rejected <= 2);
+        if self.fixes.rejections > MAX_REJECTED {
             // The receiver's frame has jumped, or the filter has diverged.
-            self.rejected_fixes = 0;
+            self.fixes = AidSource::default();
             self.history.clear();
             let arm = self.tilt().rotation() * arm_body;
             for axis in [SURGE, SWAY] {
@@ -171,7 +172,7 @@ impl VesselFilter {
         let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
-        self.count(axis, ETA, update.fused());
+        self.rows[ETA][axis].record(fix.header.at, innovation, update.fused());
         // Components that are not measured do not count.
         if fix.position_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Position, update);
@@ -199,18 +200,17 @@ impl VesselFilter {
         }
         let innovation = velocity - (then.nu[axis] + spin.cross(&arm)[axis]);
         let r = fix.velocity_sd[axis].powi(2);
-        if axis == HEAVE && self.rejected_rows[NU][axis] >= MAX_REJECTED_VELOCITIES {
+        let source = &self.rows[NU][axis];
+        if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
             // Or the accelerometer is off by as much for as long: along the vertical no tilt explains it.
-            let bias = innovation / (fix.header.at - self.sank_at).secs().max(STEP_S);
+            let since = source.fused_at.unwrap_or(self.started);
+            let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);
         }
         let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
         let update = self.belief.update(&row, innovation, r, gate);
         self.row = row;
-        self.count(axis, NU, update.fused());
-        if axis == HEAVE && update.fused() {
-            self.sank_at = fix.header.at;
-        }
+        self.rows[NU][axis].record(fix.header.at, innovation, update.fused());
         if fix.velocity_sd[axis] < NOT_MEASURED_SD {
             self.consistency.observe(InnovationChannel::Velocity, update);
         }
@@ -237,20 +237,16 @@ impl VesselFilter {
     /// with the state's variance raised to the squared innovation. A jump in height is the receiver's bias, because
     /// the water holds the hull.
     fn gate(&mut self, axis: usize, slot: usize, max_rejected: u32, innovation: f64) -> f64 {
-        if self.rejected_rows[slot][axis] < max_rejected {
-            return GATE;
+        let gate = self.rows[slot][axis].gate(GATE, max_rejected);
+        if gate.is_infinite() {
+            let state = if (axis, slot) == (HEAVE, ETA) {
+                GNSS_BIAS
+            } else {
+                slot
+            };
+            self.belief.inflate(axis, state, innovation * innovation);
         }
-        let state = if (axis, slot) == (HEAVE, ETA) {
-            GNSS_BIAS
-        } else {
-            slot
-        };
-        self.belief.inflate(axis, state, innovation * innovation);
-        f64::INFINITY
-    }
-    fn count(&mut self, axis: usize, slot: usize, fused: bool) {
-        let n = &mut self.rejected_rows[slot][axis];
-        *n = if fused { 0 } else { *n + 1 };
+        gate
     }
 
     /// Fuses a heading; false when it was rejected.
@@ -266,6 +262,8 @@ impl VesselFilter {
         ];
         let innovation = wrap_angle(fix.heading - predicted);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
+        let source = usize::from(fix.source).min(MAX_SOURCES - 1);
+        self.headings[source].record(fix.header.at, innovation, update.fused());
         self.consistency.observe(InnovationChannel::Heading, update);
         // A gyroscope measures the rate of turn better.
         if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {

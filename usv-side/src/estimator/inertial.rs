@@ -13,7 +13,7 @@ use crate::VesselNodeConfig;
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
 /// After this many steps with a rejection in a row the covariance is opened (half a second).
-const MAX_REJECTED: u32 = 25;
+const MAX_REJECTED: u32 = 26;
 /// Error of the model of specific force (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
@@ -118,18 +118,16 @@ impl VesselFilter {
         n: f64,
         offset: f64,
     ) -> u64 {
-        let gate = if self.rejected_imu > MAX_REJECTED {
+        let gate = self.imu.gate(GATE, MAX_REJECTED);
+        if gate.is_infinite() {
             self.open();
-            self.rejected_imu = 0;
-            f64::INFINITY
-        } else {
-            GATE
-        };
+        }
         let rates = config.imu.gyro_sd_radps.powi(2) / n;
         let forces = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
         let mut rejected = self.fuse_rates((gyro, apart.map(|a| a.0)), rates, offset, gate);
         rejected += self.fuse_force(&config.model, (force, apart.map(|a| a.1)), forces, gate);
-        self.rejected_imu = if rejected > 0 { self.rejected_imu + 1 } else { 0 };
+        let at = self.imu.measured_at.unwrap_or(self.at);
+        self.imu.record(at, 0.0, rejected == 0);
         rejected
     }
 

@@ -18,10 +18,11 @@ mod speed_gain;
 mod tilt;
 mod velocity_lag;
 
+use alight_shared::estimation::AidSource;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::motion_model::{MeasuredErrors, MotionModel};
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
     Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
@@ -64,8 +65,6 @@ pub struct Estimator {
     gated: Gated,
     /// First measurements, before the filter runs.
     start: Start,
-    /// Consecutive fixes of which the gates rejected most.
-    lost_fixes: u32,
     filter: Option<VesselFilter>,
     /// Consistency of filters before the last restart.
     consistency: Consistency,
@@ -111,18 +110,14 @@ pub(crate) struct VesselFilter {
     velocity_lags: velocity_lag::VelocityLags,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
-    last_imu: Time<VesselClock>,
-    /// An inertial sample has arrived.
-    inertial: bool,
-    last_attitude: Option<Time<VesselClock>>,
+    started: Time<VesselClock>,
+    imu: AidSource<VesselClock>,
+    attitude: AidSource<VesselClock>,
+    fixes: AidSource<VesselClock>,
+    /// Position and velocity, per axis.
+    rows: [[AidSource<VesselClock>; 3]; 2],
+    headings: [AidSource<VesselClock>; MAX_SOURCES],
     consistency: Consistency,
-    rejected_imu: u32,
-    rejected_fixes: u32,
-    /// Consecutive rejections of position and velocity, per axis.
-    rejected_rows: [[u32; 3]; 2],
-    /// When a vertical velocity was last fused.
-    sank_at: Time<VesselClock>,
-    rejected_attitudes: u32,
     row: Vec<Term>,
 }
 
@@ -161,7 +156,7 @@ impl SlowMotion {
 
 /// A fix with this many of its six values rejected is lost.
 const LOST_ROWS: u64 = 4;
-/// After this many lost fixes in a row (2 s) the filter is wrong, not the receiver: it restarts.
+/// With a lost fix after this many rejected ones in a row (2 s) the filter is wrong, not the receiver: it restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
@@ -171,7 +166,6 @@ impl Estimator {
             config: config.clone(),
             gated: Gated::default(),
             start: Start::default(),
-            lost_fixes: 0,
             filter: None,
             consistency: Consistency::default(),
             motion: MotionModel::default(),
@@ -200,9 +194,8 @@ impl Estimator {
             self.try_start(sample.header.at);
             return;
         };
-        let period = (sample.header.at - f.last_imu).secs().clamp(0.0, STEP_S);
-        f.last_imu = sample.header.at;
-        f.inertial = true;
+        let last = f.imu.measured_at.replace(sample.header.at).unwrap_or(f.started);
+        let period = (sample.header.at - last).secs().clamp(0.0, STEP_S);
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
         if f.pending.3 == 0 {
             f.first = (Vector3::from(sample.gyro), Vector3::from(sample.accelerometer));
@@ -240,12 +233,7 @@ impl Estimator {
             Some(f) => {
                 rejected = f.fuse_gnss(&self.config, fix);
                 self.gated.gnss += rejected;
-                self.lost_fixes = if rejected >= LOST_ROWS {
-                    self.lost_fixes + 1
-                } else {
-                    0
-                };
-                if self.lost_fixes >= LOST_FIXES {
+                if rejected >= LOST_ROWS && f.fixes.rejections >= LOST_FIXES {
                     self.restart();
                 }
             }
@@ -323,7 +311,6 @@ impl Estimator {
             self.motion = filter.motion;
         }
         self.start = Start::default();
-        self.lost_fixes = 0;
     }
     fn guard(&mut self) {
         // A NaN anywhere in a block spreads to its first state within a step.
@@ -425,15 +412,13 @@ impl VesselFilter {
             history: history::History::default(),
             velocity_lags: velocity_lag::VelocityLags::default(),
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
-            last_imu: at,
-            inertial: false,
-            last_attitude: None,
+            started: at,
+            imu: AidSource::default(),
+            attitude: AidSource::default(),
+            fixes: AidSource::default(),
+            rows: Default::default(),
+            headings: Default::default(),
             consistency: Consistency::default(),
-            rejected_imu: 0,
-            rejected_fixes: 0,
-            rejected_rows: [[0; 3]; 2],
-            sank_at: at,
-            rejected_attitudes: 0,
             row: Vec::with_capacity(64),
         }
     }
@@ -471,8 +456,8 @@ impl VesselFilter {
 
     /// Time since motion was last measured, by the inertial sensor or one that stands in for it, s.
     pub(crate) fn motion_age(&self, now: Time<VesselClock>) -> f64 {
-        let last = self.last_attitude.map_or(self.last_imu, |t| t.max(self.last_imu));
-        (now - last).secs()
+        let measured = self.imu.measured_at.max(self.attitude.measured_at);
+        (now - measured.unwrap_or(self.started)).secs()
     }
 
     pub(crate) fn tilt(&self) -> Tilt {
