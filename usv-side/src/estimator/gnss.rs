@@ -1,5 +1,7 @@
 //! GNSS and heading: late, compared with the state rolled back to their time of validity.
 
+use core::f64::consts::FRAC_PI_2;
+
 use alight_shared::estimation::AidSource;
 use alight_shared::frames::{VesselNed, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
@@ -21,6 +23,15 @@ const MAX_REJECTED: u32 = 20;
 /// a hull aside faster than the inertial gate passes, and errors of Doppler velocities are independent. Errors of
 /// positions last for seconds, so their limit is higher.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
+/// Slot, in yaw, of the compass's bias.
+const COMPASS: usize = HEAD + 1;
+/// Rejections of headings with consistent innovations that last for this long are no disturbance, s.
+const LASTING_S: f64 = 2.5;
+/// A compass bias within this many standard deviations of its spread leaves the heading without doubt.
+const USUAL_BIAS: f64 = 5.0;
+/// Standard deviation of the course against the heading by leeway and current, rad, of a vessel at this speed at least, m/s.
+const LEEWAY_SD: f64 = 0.1;
+const COURSE_MPS: f64 = 1.5;
 /// Standard deviation of a height that no receiver has measured, m: as far as the sea is from the ellipsoid, and more.
 const UNKNOWN_HEIGHT_SD: f64 = 200.0;
 /// The better of two height references is given up after this time without it, s.
@@ -98,6 +109,7 @@ impl VesselFilter {
             let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
             self.correct_history(axis, eta - before[0], nu - before[1]);
         }
+        self.weigh_course(config);
         self.fixes.record(fix.header.at, 0.0, rejected <= 2);
         if self.fixes.rejections > MAX_REJECTED {
             // The receiver's frame has jumped, or the filter has diverged.
@@ -251,22 +263,26 @@ impl VesselFilter {
 
     /// Fuses a heading; false when it was rejected.
     pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
-        let late = (self.at - fix.header.at).secs();
-        let compass = HEAD + 1;
-        let predicted =
-            self.belief.get(YAW, ETA) - late * self.belief.get(YAW, NU) + self.belief.get(YAW, compass);
+        let (at, late) = (fix.header.at, (self.at - fix.header.at).secs());
         let row = [
             Term::new(YAW, ETA, 1.0),
             Term::new(YAW, NU, -late),
-            Term::new(YAW, compass, 1.0),
+            Term::new(YAW, COMPASS, 1.0),
         ];
-        let innovation = wrap_angle(fix.heading - predicted);
-        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
         let source = usize::from(fix.source).min(MAX_SOURCES - 1);
-        self.headings[source].record(fix.header.at, innovation, update.fused());
+        // Next to half a turn off, innovations stay on one side.
+        let last = self.headings[source].innovation;
+        let innovation = last + wrap_angle(fix.heading - self.belief.predicted(&row) - last);
+        let (gate, of_state) = self.heading_gate(source, at, innovation);
+        let before = self.belief.get(YAW, ETA);
+        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
+        self.headings[source].record(at, innovation, update.fused());
+        if of_state {
+            self.turn_means(self.belief.get(YAW, ETA) - before);
+        }
         self.consistency.observe(InnovationChannel::Heading, update);
         // A gyroscope measures the rate of turn better.
-        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
+        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(at)) {
             let innovation =
                 rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
             let update = self
@@ -275,5 +291,64 @@ impl VesselFilter {
             self.consistency.observe(InnovationChannel::Rate, update);
         }
         update.fused()
+    }
+
+    /// The gate of a heading: open after lasting rejections with consistent innovations, unless another source of headings
+    /// contradicts it, with the variance of what is wrong raised to the squared innovation. That is the state, which it
+    /// gives, when no gyroscope carried it, when it was accepted for less time than it has been rejected, when the
+    /// innovation grows, or when another source agrees; otherwise the compass.
+    fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
+        let own = self.headings[source];
+        let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
+        let (lasted_s, growth) = own.contradiction();
+        if lasted_s < LASTING_S || others().any(|(_, other)| other.age_s(at) < LASTING_S) {
+            return (GATE, false);
+        }
+        let accepted_s = own.fused_at.map_or(0.0, |t| (t - self.started).secs());
+        let grows = growth.abs() > 0.5 * (innovation - growth).abs();
+        let agrees = |other: &AidSource<VesselClock>| {
+            let apart = wrap_angle(other.innovation - innovation);
+            other.contradiction().0 >= LASTING_S && apart.abs() < 0.5 * innovation.abs()
+        };
+        let of_state = grows
+            || accepted_s < lasted_s
+            || !self.has_inertial(at)
+            || others().any(|(_, other)| agrees(other));
+        if grows {
+            self.belief.inflate(YAW, HEAD, (growth / lasted_s).powi(2));
+        }
+        let state = if of_state { ETA } else { COMPASS };
+        self.belief.inflate(YAW, state, innovation * innovation);
+        (f64::INFINITY, of_state)
+    }
+    /// The heading was wrong by `by` (rad): the mean motion stays where it goes.
+    fn turn_means(&mut self, by: f64) {
+        self.mean_heading = wrap_angle(self.mean_heading + by);
+        self.slow.turn(by);
+    }
+
+    /// Doubt of the heading, a standard deviation, rad: a compass bias beyond what is usual may be an error of the heading.
+    pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
+        let bias = self.belief.get(YAW, COMPASS).abs();
+        if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {
+            0.5 * bias
+        } else {
+            0.0
+        }
+    }
+    /// Lets the course over ground of a vessel under way decide between heading and compass while the heading is in doubt.
+    fn weigh_course(&mut self, config: &VesselNodeConfig) {
+        let (doubt, [north, east]) = (self.heading_doubt(config), self.mean_velocity.into());
+        let apart = wrap_angle(f64::atan2(east, north) - self.mean_heading);
+        // The course of a vessel that goes astern is no witness.
+        if doubt < LEEWAY_SD || north.hypot(east) < COURSE_MPS || apart.abs() > FRAC_PI_2 {
+            return;
+        }
+        let (heading, bias) = (self.belief.get(YAW, ETA), self.belief.get(YAW, COMPASS));
+        let share = doubt * doubt / (doubt * doubt + LEEWAY_SD * LEEWAY_SD);
+        let by = (share * apart).clamp(bias.min(0.0), bias.max(0.0));
+        self.belief.set(YAW, ETA, heading + by);
+        self.belief.set(YAW, COMPASS, bias - by);
+        self.turn_means(by);
     }
 }

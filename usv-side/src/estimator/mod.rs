@@ -148,6 +148,11 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
+    /// The heading was wrong by `by` (rad), the velocity in NED was not.
+    fn turn(&mut self, by: f64) {
+        self.heading = wrap_angle(self.heading + by);
+        self.velocity = Rotation2::new(-by) * self.velocity;
+    }
     /// Error of a heading, rad.
     pub(crate) fn off(&self, heading: f64) -> f64 {
         wrap_angle(heading - self.heading)
