@@ -102,10 +102,7 @@ pub(crate) struct VesselFilter {
     /// Slow motion that the waves are relative to.
     pub(crate) slow: SlowMotion,
     step: BeliefStep,
-    /// Sum of the samples since the last step, and how many.
-    pending: (Vector3<f64>, Vector3<f64>, f64, u32),
-    /// The first of them.
-    first: (Vector3<f64>, Vector3<f64>),
+    window: inertial::ImuWindow,
     history: history::History,
     velocity_lags: velocity_lag::VelocityLags,
     /// Place of the inertial sensor in the vessel's body frame, m.
@@ -202,19 +199,12 @@ impl Estimator {
         let last = f.imu.measured_at.replace(sample.header.at).unwrap_or(f.started);
         let period = (sample.header.at - last).secs().clamp(0.0, STEP_S);
         f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
-        if f.pending.3 == 0 {
-            f.first = (Vector3::from(sample.gyro), Vector3::from(sample.accelerometer));
-        }
-        let p = &mut f.pending;
-        p.0 += Vector3::from(sample.gyro);
-        p.1 += Vector3::from(sample.accelerometer);
-        p.2 += (sample.header.at - f.at).secs();
-        p.3 += 1;
+        let ahead = (sample.header.at - f.at).secs();
+        f.window.push(sample, ahead, period);
         // A step ends with the sample that is nearest to its end.
-        if (sample.header.at - f.at).secs() + 0.5 * period >= STEP_S {
-            let n = f64::from(p.3);
-            let (gyro, force, ahead) = (p.0 / n, p.1 / n, p.2 / n);
-            f.pending = Default::default();
+        if ahead + 0.5 * period >= STEP_S {
+            let window = core::mem::take(&mut f.window);
+            let ahead = window.mean().ahead;
             if ahead > MAX_GAP_S {
                 self.restart();
                 return;
@@ -222,9 +212,7 @@ impl Estimator {
             let from = f.at;
             f.step_before(ahead);
             let offset = ahead - (f.at - from).secs();
-            // One sample a step does not distinguish an outlier from an impulsive disturbance.
-            let apart = (n > 1.0).then(|| (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1)));
-            self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
+            self.gated.imu += f.fuse_inertial(&self.config, &window, offset);
             f.end_step();
         }
         self.guard();
@@ -412,8 +400,7 @@ impl VesselFilter {
             course_errors: MeasuredErrors::default(),
             slow: SlowMotion::default(),
             step,
-            pending: Default::default(),
-            first: Default::default(),
+            window: Default::default(),
             history: history::History::default(),
             velocity_lags: velocity_lag::VelocityLags::default(),
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
@@ -450,7 +437,7 @@ impl VesselFilter {
     }
     /// Carries the state to within half a step of `to` by the model alone.
     fn coast(&mut self, to: Time<VesselClock>) {
-        self.pending = Default::default();
+        self.window = Default::default();
         let ahead = (to - self.at).secs();
         let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
