@@ -270,13 +270,14 @@ impl VesselFilter {
             Term::new(YAW, COMPASS, 1.0),
         ];
         let source = usize::from(fix.source).min(MAX_SOURCES - 1);
-        // Next to half a turn off, innovations stay on one side.
-        let last = self.headings[source].innovation;
-        let innovation = last + wrap_angle(fix.heading - self.belief.predicted(&row) - last);
+        let innovation = wrap_angle(fix.heading - self.belief.predicted(&row));
         let (gate, of_state) = self.heading_gate(source, at, innovation);
         let before = self.belief.get(YAW, ETA);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), gate);
-        self.headings[source].record(at, innovation, update.fused());
+        // Next to half a turn off, those of a run stay on one side.
+        let own = &mut self.headings[source];
+        let last = if own.rejections > 0 { own.innovation } else { 0.0 };
+        own.record(at, last + wrap_angle(innovation - last), update.fused());
         if of_state {
             self.turn_means(self.belief.get(YAW, ETA) - before);
         }
