@@ -82,7 +82,7 @@ const ATTITUDE: usize = 3;
 pub struct SourceCounts {
     /// Given to the filter.
     pub taken: u64,
-    /// Measurements of those with a component that the filter's gate rejected; inertial samples count in pairs.
+    /// Measurements of those with a component that the filter's gate rejected; inertial samples count by step.
     pub gated: u64,
     /// Not newer than the last one of the source: out of order or repeated.
     pub out_of_order: u64,

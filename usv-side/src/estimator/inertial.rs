@@ -284,6 +284,31 @@ mod tests {
         // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.
         assert!(is_impulse(0.4, 0.2, MAX_IMPULSE[0]) && is_impulse(-0.4, -0.2, MAX_IMPULSE[0]));
         assert!(!is_impulse(5.0, 0.1, MAX_IMPULSE[0]), "no hull turns like that");
+        // One sample of a fast sensor, wherever it is in the step.
+        for (rate_hz, wild) in [
+            (100, 0),
+            (100, 1),
+            (250, 2),
+            (400, 0),
+            (400, 3),
+            (400, 4),
+            (1000, 19),
+        ] {
+            let (mut window, period) = (ImuWindow::default(), 1.0 / f64::from(rate_hz));
+            for k in 0..rate_hz / 50 {
+                let gyro = [if k == wild { 2.0 } else { 0.0 }, 0.0, 0.0];
+                let sample = ImuSample {
+                    gyro,
+                    ..ImuSample::default()
+                };
+                window.push(&sample, f64::from(k + 1) * period, period);
+            }
+            let apart = window.apart().map_or(0.0, |a| a[0].x);
+            assert!(
+                !is_impulse(window.mean().gyro.x, apart, MAX_IMPULSE[0]),
+                "{rate_hz} Hz: {wild}"
+            );
+        }
         assert!(!is_impulse(f64::NAN, 0.0, MAX_IMPULSE[0]) && !is_impulse(1.0, f64::NAN, MAX_IMPULSE[0]));
     }
 }
